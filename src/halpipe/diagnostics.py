@@ -1,0 +1,213 @@
+"""What halpipe tells its user: coded diagnostics with file, line, element and what to do.
+
+A `Code` is declared once, beside the code that reports it, and registers itself; the reference page of
+all codes is generated from that register. Calling a `Code` makes a `Diagnostic`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class Severity(StrEnum):
+    """How much a diagnostic weighs: only an error stops the work."""
+
+    ERROR = "error"
+    WARNING = "warning"
+    NOTE = "note"
+
+
+class Exit(IntEnum):
+    """The exit codes of the command line; one table, see docs/reference/exit-codes.md."""
+
+    OK = 0
+    FINDINGS = 1
+    USAGE = 2
+    NOT_FOUND = 3
+    INFEASIBLE = 4
+    UNSUPPORTED = 5
+    INTERNAL = 70
+    INTERRUPTED = 130
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """A place in an input file; line 0 means the file as a whole."""
+
+    file: str = ""
+    line: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}" if self.line else self.file
+
+
+NOWHERE = Location()
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """A kind of diagnostic: its number, weight, one-line title and a paragraph for the reference page."""
+
+    id: str
+    severity: Severity
+    title: str
+    explanation: str = ""
+
+    def __post_init__(self) -> None:
+        if REGISTER.setdefault(self.id, self) != self:
+            raise ValueError(f"diagnostic code {self.id} is declared twice")
+
+    def __call__(
+        self,
+        message: str,
+        *,
+        at: Location = NOWHERE,
+        path: str = "",
+        help: str = "",
+        severity: Severity | None = None,
+    ) -> Diagnostic:
+        """Make the diagnostic: what is wrong, where, on which element, and what to do about it."""
+        return Diagnostic(self.id, severity or self.severity, at, path, message, help)
+
+
+REGISTER: dict[str, Code] = {}
+
+
+def error(id: str, title: str, explanation: str = "") -> Code:
+    """Declare a code that stops the work."""
+    return Code(id, Severity.ERROR, title, explanation)
+
+
+def warning(id: str, title: str, explanation: str = "") -> Code:
+    """Declare a code that the user should look at."""
+    return Code(id, Severity.WARNING, title, explanation)
+
+
+def note(id: str, title: str, explanation: str = "") -> Code:
+    """Declare a code that says what was done or assumed."""
+    return Code(id, Severity.NOTE, title, explanation)
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnostic:
+    """One finding: `path` names the element inside the file, `help` says what to do."""
+
+    code: str
+    severity: Severity
+    at: Location
+    path: str
+    message: str
+    help: str = ""
+
+    @property
+    def is_error(self) -> bool:
+        """Whether this finding stops the work."""
+        return self.severity is Severity.ERROR
+
+
+class HalpipeError(Exception):
+    """Work that cannot go on; carries the diagnostics to show and the exit code to leave with."""
+
+    def __init__(self, *diagnostics: Diagnostic, exit: Exit = Exit.FINDINGS) -> None:
+        super().__init__("; ".join(d.message for d in diagnostics))
+        self.diagnostics = diagnostics
+        self.exit = exit
+
+
+@dataclass(slots=True)
+class Findings:
+    """Collects diagnostics while work goes on, so that all are reported and not only the first."""
+
+    items: list[Diagnostic] = field(default_factory=list)
+
+    def add(self, diagnostic: Diagnostic) -> None:
+        """Keep one more finding."""
+        self.items.append(diagnostic)
+
+    def extend(self, diagnostics: Iterable[Diagnostic]) -> None:
+        """Keep several findings."""
+        self.items.extend(diagnostics)
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether any finding so far is an error."""
+        return any(d.is_error for d in self.items)
+
+    def stop_on_errors(self) -> None:
+        """Raise `HalpipeError` with everything collected if any of it is an error."""
+        if self.has_errors:
+            raise HalpipeError(*self.items)
+
+
+def sort_diagnostics(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Order by file, line, code and text, without duplicates, so that output never depends on discovery order."""
+    return sorted(set(diagnostics), key=lambda d: (d.at.file, d.at.line, d.code, d.path, d.message, d.help))
+
+
+def render_text(diagnostic: Diagnostic, source_line: str = "") -> str:
+    """Print as ``file:line: error[HAL0201] path: message``, then the source line and the help."""
+    place = f"{diagnostic.at}: " if diagnostic.at.file else ""
+    path = f"{diagnostic.path}: " if diagnostic.path else ""
+    lines = [f"{place}{diagnostic.severity}[{diagnostic.code}] {path}{diagnostic.message}"]
+    if source_line.strip():
+        lines.append(f"    | {source_line.strip()}")
+    if diagnostic.help:
+        lines.append(f"    help: {diagnostic.help}")
+    return "\n".join(lines)
+
+
+def render_json(diagnostics: Iterable[Diagnostic]) -> str:
+    """Print as a JSON array of objects, one per diagnostic."""
+    return json.dumps(
+        [
+            {
+                "code": d.code,
+                "severity": str(d.severity),
+                "file": d.at.file,
+                "line": d.at.line,
+                "path": d.path,
+                "message": d.message,
+                "help": d.help,
+            }
+            for d in diagnostics
+        ],
+        indent=2,
+        ensure_ascii=False,
+    )
+
+
+def render_sarif(diagnostics: Iterable[Diagnostic], version: str) -> str:
+    """Print as a SARIF 2.1.0 log, the form that code review systems read."""
+    found = list(diagnostics)
+    rules = [
+        {"id": code, "shortDescription": {"text": REGISTER[code].title if code in REGISTER else code}}
+        for code in sorted({d.code for d in found})
+    ]
+    driver = {"name": "halpipe", "version": version, "rules": rules}
+    log = {
+        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
+        "version": "2.1.0",
+        "runs": [{"tool": {"driver": driver}, "results": [_sarif_result(d) for d in found]}],
+    }
+    return json.dumps(log, indent=2, ensure_ascii=False)
+
+
+def _sarif_result(diagnostic: Diagnostic) -> dict[str, Any]:
+    text = f"{diagnostic.path}: {diagnostic.message}" if diagnostic.path else diagnostic.message
+    result: dict[str, Any] = {
+        "ruleId": diagnostic.code,
+        "level": str(diagnostic.severity),
+        "message": {"text": f"{text}\n{diagnostic.help}".strip()},
+    }
+    if diagnostic.at.file:
+        place: dict[str, Any] = {"artifactLocation": {"uri": diagnostic.at.file}}
+        if diagnostic.at.line:
+            place["region"] = {"startLine": diagnostic.at.line}
+        result["locations"] = [{"physicalLocation": place}]
+    return result

@@ -1,0 +1,151 @@
+"""Exact time: parse, print, compare and convert to solver ticks.
+
+Every instant and duration of a model is an exact non-negative rational (MODEL: Q+). It is held in
+nanoseconds; this module is the only place that knows the units' names and sizes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from fractions import Fraction
+from functools import total_ordering
+from typing import TYPE_CHECKING, overload
+
+from halpipe.quantities import format_rational, parse_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_TEXT = re.compile(r"(?P<number>[0-9./]+)\s*(?P<unit>ns|us|ms|s)")
+_FORM = "write a number and a unit, such as 25ms, 0.5ms, 40us, 100/3ms or 1/30s"
+
+
+@total_ordering
+class Duration:
+    """An exact span of time in nanoseconds: an integer where possible, else a ``Fraction``."""
+
+    __slots__ = ("_ns",)
+    _ns: int | Fraction
+
+    def __init__(self, ns: int | Fraction) -> None:
+        if isinstance(ns, Fraction) and ns.denominator == 1:
+            ns = ns.numerator
+        self._ns = ns
+
+    @staticmethod
+    def parse(text: str) -> Duration:
+        """Read ``25ms``, ``0.5ms``, ``100/3ms``, ``1/30s``; raise ``ValueError`` that says what is wrong."""
+        match = _TEXT.fullmatch(text.strip())
+        if match is None:
+            raise ValueError(f"{text!r} is not a duration; {_FORM}")
+        scale = _UNITS_NS[match["unit"]]
+        number = match["number"]
+        if number.isdigit() and len(number) <= 30:
+            return Duration(int(number) * scale)
+        try:
+            return Duration(parse_rational(number) * scale)
+        except ValueError as error:
+            raise ValueError(f"{text!r} is not a duration: {error}; {_FORM}") from None
+
+    @property
+    def ns(self) -> int | Fraction:
+        """The value in nanoseconds, exact."""
+        return self._ns
+
+    @property
+    def fraction(self) -> Fraction:
+        """The value in nanoseconds as a ``Fraction``."""
+        return Fraction(self._ns)
+
+    def in_unit(self, unit: str) -> Fraction:
+        """Return the value counted in ``ns``, ``us``, ``ms`` or ``s``, exact."""
+        return Fraction(self._ns, _UNITS_NS[unit])
+
+    def __str__(self) -> str:
+        if self._ns == 0:
+            return "0ms"
+        magnitude = abs(self._ns)
+        unit = next((u for u, size in _UNITS_NS.items() if magnitude >= size), "ns")
+        return format_rational(self.in_unit(unit)) + unit
+
+    def __repr__(self) -> str:
+        return f"Duration({str(self)!r})"
+
+    def __hash__(self) -> int:
+        return hash(self._ns)
+
+    def __eq__(self, other: object) -> bool:
+        return self._ns == other._ns if isinstance(other, Duration) else NotImplemented
+
+    def __lt__(self, other: Duration) -> bool:
+        return self._ns < other._ns
+
+    def __bool__(self) -> bool:
+        return self._ns != 0
+
+    def __add__(self, other: Duration) -> Duration:
+        return Duration(self._ns + other._ns)
+
+    def __sub__(self, other: Duration) -> Duration:
+        return Duration(self._ns - other._ns)
+
+    def __neg__(self) -> Duration:
+        return Duration(-self._ns)
+
+    def __mul__(self, factor: int | Fraction) -> Duration:
+        return Duration(self._ns * factor)
+
+    __rmul__ = __mul__
+
+    @overload
+    def __truediv__(self, other: Duration) -> Fraction: ...
+    @overload
+    def __truediv__(self, other: int | Fraction) -> Duration: ...
+    def __truediv__(self, other: Duration | int | Fraction) -> Fraction | Duration:
+        if isinstance(other, Duration):
+            return Fraction(self._ns) / other._ns
+        return Duration(Fraction(self._ns) / other)
+
+    def __floordiv__(self, other: Duration) -> int:
+        return int(self._ns // other._ns)
+
+    def __mod__(self, other: Duration) -> Duration:
+        return Duration(self._ns % other._ns)
+
+
+ZERO = Duration(0)
+
+
+def seconds(value: int | Fraction) -> Duration:
+    """Return `value` seconds as an exact duration."""
+    return Duration(Fraction(value) * _UNITS_NS["s"])
+
+
+def milliseconds(value: int | Fraction) -> Duration:
+    """Return `value` milliseconds as an exact duration."""
+    return Duration(Fraction(value) * _UNITS_NS["ms"])
+
+
+def greatest_common_divisor(durations: Iterable[Duration]) -> Duration:
+    """Return the largest duration that divides every one given; zero when all are zero or none is given."""
+    numerator, denominator = 0, 1
+    for duration in durations:
+        value = duration.fraction
+        common = math.lcm(denominator, value.denominator)
+        numerator = math.gcd(
+            numerator * (common // denominator), value.numerator * (common // value.denominator)
+        )
+        denominator = common
+    return Duration(Fraction(numerator, denominator))
+
+
+def least_common_multiple(durations: Iterable[Duration]) -> Duration:
+    """Return the smallest positive duration that every (positive) one given divides: the hyperperiod t_P."""
+    numerator, denominator = 1, 0
+    for duration in durations:
+        value = duration.fraction
+        numerator = math.lcm(numerator, value.numerator)
+        denominator = math.gcd(denominator, value.denominator)
+    return Duration(Fraction(numerator, denominator)) if denominator else ZERO

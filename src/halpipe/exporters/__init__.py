@@ -1,0 +1,1 @@
+"""Writers: a model or a schedule in, files out. They decide nothing."""

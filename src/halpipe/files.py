@@ -1,0 +1,339 @@
+"""Everything that touches the file system: hostile input in, atomic output out.
+
+Input is read within size limits; XML is parsed without DTD, entities or network, and YAML without objects,
+with aliases bounded. Output goes to a temporary file beside its target, is synced, and then renamed over it,
+so that a failed or killed run leaves the old file whole.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import Diagnostic, HalpipeError, Location, error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from lxml import etree
+
+STDIO = "-"
+MAX_INPUT_BYTES = 256 * 2**20
+MAX_YAML_NODES = 2_000_000
+MAX_YAML_DEPTH = 64
+MAX_SYNTAX_ERRORS = 20
+
+CANNOT_READ = error(
+    "HAL0001",
+    "File cannot be read",
+    "The file does not exist, is a directory, or the system refuses to read it.",
+)
+TOO_LARGE = error(
+    "HAL0002",
+    "File is too large",
+    f"Input files may have up to {MAX_INPUT_BYTES // 2**20} MiB. Split the file, or import only the parts needed.",
+)
+CANNOT_WRITE = error(
+    "HAL0003",
+    "File cannot be written",
+    "The system refused to write the output; whatever stood there before is untouched.",
+)
+BROKEN_XML = error(
+    "HAL0010",
+    "XML is not well-formed",
+    "The file is not XML, or ends too early, or nests deeper than 256 elements.",
+)
+HAS_DOCTYPE = error(
+    "HAL0011",
+    "XML has a DOCTYPE",
+    "Document type declarations can read other files and expand without bound, and no format that halpipe "
+    "reads needs one. Files with a DOCTYPE are refused.",
+)
+BROKEN_YAML = error(
+    "HAL0020",
+    "YAML is malformed",
+    "The file is not YAML, repeats a key, nests too deep, or expands its aliases beyond the limit.",
+)
+
+
+# ------------------------------------------------------------------------------------------------ reading
+
+
+def read_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Read a whole input file (``-`` is standard input), refusing what is too large or unreadable."""
+    name = os.fspath(path)
+    try:
+        if name == STDIO:
+            data = sys.stdin.buffer.read(MAX_INPUT_BYTES + 1)
+        else:
+            with open(name, "rb") as stream:
+                data = stream.read(MAX_INPUT_BYTES + 1)
+    except (OSError, ValueError) as failure:
+        raise HalpipeError(CANNOT_READ(_reason(failure), at=Location(name))) from None
+    if len(data) > MAX_INPUT_BYTES:
+        raise HalpipeError(
+            TOO_LARGE(f"has more than {MAX_INPUT_BYTES // 2**20} MiB", at=Location(name), help="split the file")
+        )
+    return data
+
+
+def sha256(data: bytes) -> str:
+    """Return the SHA-256 of `data` in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def parse_xml(data: bytes, name: str) -> etree._Element:
+    """Parse hostile XML and return its root; raise `HalpipeError` with every syntax error and its line."""
+    from lxml import etree
+
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False
+    )
+    try:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, ValueError) as failure:
+        raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
+    doctype = root.getroottree().docinfo.doctype
+    if doctype:
+        raise HalpipeError(
+            HAS_DOCTYPE("declares a DOCTYPE", at=Location(name, 1), help="remove the <!DOCTYPE ...> declaration")
+        )
+    return root
+
+
+def _syntax_errors(parser: Any, failure: Exception, name: str) -> list[Diagnostic]:
+    entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
+    unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
+    return [
+        BROKEN_XML(message.strip() or "empty document", at=Location(name, line), help="repair the file")
+        for line, message in unique
+    ]
+
+
+class YamlMap(dict[str, Any]):
+    """A YAML mapping with the line it starts on and the line of every key."""
+
+    def __init__(self, line: int) -> None:
+        super().__init__()
+        self.line = line
+        self.lines: dict[str, int] = {}
+
+    def line_of(self, key: str) -> int:
+        """Return the line of `key`, or of the mapping when the key is absent."""
+        return self.lines.get(key, self.line)
+
+
+class YamlList(list[Any]):
+    """A YAML sequence with the line it starts on and the line of every item."""
+
+    def __init__(self, line: int) -> None:
+        super().__init__()
+        self.line = line
+        self.lines: list[int] = []
+
+
+def parse_yaml(data: bytes, name: str) -> Any:
+    """Parse YAML into `YamlMap`, `YamlList`, ``bool``, ``None`` and text.
+
+    Numbers stay text, exactly as written, because the readers need exact values: ``0.35`` must not become a
+    binary float on its way. Raise `HalpipeError` with the line of what is wrong.
+    """
+    import yaml
+
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        node = yaml.compose(data, Loader=loader)
+    except yaml.MarkedYAMLError as failure:
+        mark = failure.problem_mark or failure.context_mark
+        line = mark.line + 1 if mark else 0
+        text = " ".join(part for part in (failure.context, failure.problem) if part)
+        raise HalpipeError(BROKEN_YAML(text or "malformed", at=Location(name, line))) from None
+    except (yaml.YAMLError, ValueError, RecursionError) as failure:
+        text = " ".join(str(failure).split())
+        raise HalpipeError(BROKEN_YAML(text or "malformed", at=Location(name))) from None
+    return None if node is None else _YamlBuilder(name).build(node, 0)
+
+
+class _YamlBuilder:
+    """Turns composed YAML nodes into values with lines, within bounds on depth and on alias expansion."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._count = 0
+
+    def build(self, node: Any, depth: int) -> Any:
+        line = node.start_mark.line + 1
+        self._count += 1
+        if depth > MAX_YAML_DEPTH or self._count > MAX_YAML_NODES:
+            raise self._error(line, "nests too deep or expands to too many values")
+        kind = node.id
+        if kind == "scalar":
+            return self._scalar(node)
+        if kind == "sequence":
+            items = YamlList(line)
+            for child in node.value:
+                items.append(self.build(child, depth + 1))
+                items.lines.append(child.start_mark.line + 1)
+            return items
+        return self._mapping(node, line, depth)
+
+    def _mapping(self, node: Any, line: int, depth: int) -> YamlMap:
+        mapping = YamlMap(line)
+        for key_node, value_node in node.value:
+            key_line = key_node.start_mark.line + 1
+            if key_node.id != "scalar":
+                raise self._error(key_line, "has a key that is not plain text")
+            key = key_node.value
+            if key in mapping:
+                raise self._error(key_line, f'repeats the key "{key}"')
+            mapping[key] = self.build(value_node, depth + 1)
+            mapping.lines[key] = key_line
+        return mapping
+
+    def _scalar(self, node: Any) -> Any:
+        if node.tag == "tag:yaml.org,2002:null":
+            return None
+        if node.tag == "tag:yaml.org,2002:bool":
+            return node.value.lower() in ("true", "yes", "on", "y")
+        return node.value
+
+    def _error(self, line: int, text: str) -> HalpipeError:
+        return HalpipeError(BROKEN_YAML(text, at=Location(self._name, line)))
+
+
+@dataclass(slots=True)
+class SourceLines:
+    """Gives the text of a line of an input file, for messages; empty where it cannot be had."""
+
+    _cache: dict[str, list[bytes]]
+
+    def __init__(self) -> None:
+        self._cache = {}
+
+    def __call__(self, at: Location) -> str:
+        """Return the line that `at` points to, without its indentation and at most 160 characters of it."""
+        if not at.line or at.file in ("", STDIO):
+            return ""
+        if at.file not in self._cache:
+            try:
+                self._cache[at.file] = read_bytes(at.file).splitlines()
+            except HalpipeError:
+                self._cache[at.file] = []
+        lines = self._cache[at.file]
+        if at.line > len(lines):
+            return ""
+        return lines[at.line - 1].decode("utf-8", "replace").strip()[:160]
+
+
+def find_inputs(paths: Iterable[str], suffixes: tuple[str, ...]) -> Iterator[str]:
+    """Yield files as given, and for every directory its files with one of `suffixes`, recursively, in name order."""
+    for path in paths:
+        if path != STDIO and os.path.isdir(path):
+            found = (p for p in Path(path).rglob("*") if p.suffix.lower() in suffixes and p.is_file())
+            yield from sorted(str(p) for p in found)
+        else:
+            yield path
+
+
+# ------------------------------------------------------------------------------------------------ writing
+
+
+def write_output(path: str | os.PathLike[str], data: bytes | str) -> None:
+    """Write one output atomically, or to standard output for ``-``."""
+    name = os.fspath(path)
+    content = data.encode() if isinstance(data, str) else data
+    if name == STDIO:
+        sys.stdout.buffer.write(content)
+        sys.stdout.buffer.flush()
+    else:
+        write_outputs({name: content})
+
+
+def write_outputs(contents: Mapping[str, bytes]) -> None:
+    """Write several files so that, up to the renames at the end, either none of them changes or all are ready."""
+    staged: list[tuple[str, str]] = []
+    target = ""
+    try:
+        for target, content in contents.items():
+            if os.path.exists(target) and not os.path.isfile(target):
+                _write_through(target, content)
+            else:
+                staged.append(_stage(os.path.realpath(target), content))
+        while staged:
+            temporary, target = staged[0]
+            os.replace(temporary, target)
+            staged.pop(0)
+            _sync_directory(os.path.dirname(target))
+    except (OSError, ValueError) as failure:
+        raise HalpipeError(CANNOT_WRITE(_reason(failure), at=Location(target))) from None
+    finally:
+        for temporary, _ in staged:
+            with contextlib.suppress(OSError):
+                os.unlink(temporary)
+
+
+def _write_through(target: str, content: bytes) -> None:
+    """Write to a device or pipe, which cannot be renamed over."""
+    with open(target, "wb") as stream:
+        stream.write(content)
+
+
+def _stage(target: str, content: bytes) -> tuple[str, str]:
+    """Write `content` to a synced temporary file beside `target` and return both names."""
+    directory, base = os.path.split(target)
+    os.makedirs(directory, exist_ok=True)
+    _sweep(directory, base)
+    temporary = os.path.join(directory, f".{base[:200]}.{os.getpid()}.halpipe-tmp")
+    mode = os.stat(target).st_mode & 0o777 if os.path.exists(target) else None
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    try:
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            if mode is not None:
+                os.fchmod(stream.fileno(), mode)
+            os.fsync(stream.fileno())
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(temporary)
+        raise
+    return temporary, target
+
+
+def _sweep(directory: str, base: str) -> None:
+    """Remove temporary files that a killed run left for the same target."""
+    prefix, suffix = f".{base[:200]}.", ".halpipe-tmp"
+    for entry in os.listdir(directory):
+        owner = entry[len(prefix) : -len(suffix)]
+        if entry.startswith(prefix) and entry.endswith(suffix) and owner.isdigit() and not _is_alive(int(owner)):
+            with contextlib.suppress(OSError):
+                os.unlink(os.path.join(directory, entry))
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
+def _sync_directory(directory: str) -> None:
+    with contextlib.suppress(OSError):
+        descriptor = os.open(directory or ".", os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def _reason(failure: Exception) -> str:
+    return (failure.strerror if isinstance(failure, OSError) else None) or str(failure)

@@ -1,0 +1,99 @@
+"""What every importer shares: its options, its result, and the account of every element it met."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+from halpipe.diagnostics import NOWHERE, Location
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.importers.overlay import OverlayUse
+    from halpipe.models import TaskModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportOptions:
+    """What the user may choose: `overlay` adds what the source lacks, `granularity` is for ARXML only."""
+
+    name: str = ""
+    overlay: OverlayUse | None = None
+    granularity: str = "runnable"
+    strict: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Ignored:
+    """An element of the source that has no effect on the model, and why."""
+
+    kind: str
+    name: str
+    reason: str
+    at: Location = NOWHERE
+
+
+@dataclass(frozen=True, slots=True)
+class Defaulted:
+    """A value that the source does not state and that the importer chose."""
+
+    element: str
+    what: str
+    value: str
+    at: Location = NOWHERE
+
+
+@dataclass(slots=True)
+class Coverage:
+    """The account of an import: for every kind of element, read = mapped + ignored, always.
+
+    Call exactly one of `mapped` and `ignored` for every element read.
+    """
+
+    mapped_counts: Counter[str] = field(default_factory=Counter)
+    ignored_elements: list[Ignored] = field(default_factory=list)
+    defaulted_values: list[Defaulted] = field(default_factory=list)
+
+    def mapped(self, kind: str, count: int = 1) -> None:
+        """Account for `count` elements of `kind` that shaped the model."""
+        self.mapped_counts[kind] += count
+
+    def ignored(self, kind: str, name: str, reason: str, at: Location = NOWHERE) -> None:
+        """Account for one element of `kind` that did not."""
+        self.ignored_elements.append(Ignored(kind, name, reason, at))
+
+    def defaulted(self, element: str, what: str, value: str, at: Location = NOWHERE) -> None:
+        """Record a value that was assumed."""
+        self.defaulted_values.append(Defaulted(element, what, value, at))
+
+    def rows(self) -> list[tuple[str, int, int, int]]:
+        """Return (kind, read, mapped, ignored) for every kind met, by name."""
+        ignored = Counter(element.kind for element in self.ignored_elements)
+        kinds = sorted(set(self.mapped_counts) | set(ignored))
+        return [
+            (kind, self.mapped_counts[kind] + ignored[kind], self.mapped_counts[kind], ignored[kind])
+            for kind in kinds
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """The result of an import: the model, what to tell the user, and the account of every element."""
+
+    model: TaskModel
+    diagnostics: tuple[Diagnostic, ...]
+    coverage: Coverage
+
+
+class Importer(Protocol):
+    """The door through which a source format comes in; registered as entry point ``halpipe.importers``."""
+
+    name: str
+    summary: str
+
+    def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
+        """Read `paths` into one model; raise `HalpipeError` when nothing usable is in them."""
+        ...

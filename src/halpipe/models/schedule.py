@@ -1,0 +1,128 @@
+"""The schedule of a system: for every mode one table of jobs (theta, lambda, phi), and the tables between modes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import NOWHERE, Location
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from halpipe.durations import Duration
+
+
+class Status(StrEnum):
+    """What the author of a table claims of it; only verify decides."""
+
+    VALID = "valid"
+    NOT_FOUND = "not-found"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """Job `index` of a task: start theta in [0, t_P), end = start + WCET (may pass t_P), version lambda, units phi."""
+
+    task: str
+    index: int
+    start: Duration
+    end: Duration
+    version: str
+    units: tuple[str, ...]
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CostTerms:
+    """The terms of the cost function F (paper, section III; MODEL 4), exact.
+
+    `overlap` and `precedence` are times in ticks, `access` in ticks times share of the resource, `unit` a count
+    of jobs, `occupancy` and `timeliness` shares in [0, 1]. F = `total` is at most 0 exactly when the mode is valid.
+    """
+
+    total: Fraction
+    overlap: Fraction
+    access: Fraction
+    precedence: Fraction
+    unit: Fraction
+    occupancy: Fraction
+    timeliness: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnitLoad:
+    """Busy time of a unit in one hyperperiod, and its share of it."""
+
+    unit: str
+    busy: Duration
+    share: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResourceLoad:
+    """Highest and mean sum of the bounds in force on a resource over one hyperperiod."""
+
+    resource: str
+    peak: Fraction
+    mean: Fraction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainLatency:
+    """Worst reaction time and data age of a chain (MODEL 3); None where no instance ever gets through."""
+
+    name: str
+    reaction: Duration | None
+    age: Duration | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeSchedule:
+    """The cyclic schedule of one mode."""
+
+    name: str
+    hyperperiod: Duration
+    status: Status
+    jobs: tuple[Job, ...]
+    cost: CostTerms | None = None
+    unit_loads: tuple[UnitLoad, ...] = ()
+    resource_loads: tuple[ResourceLoad, ...] = ()
+    chains: tuple[ChainLatency, ...] = ()
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransitionTable:
+    """The jobs started between the last hyperperiod of `source` and the first of `target` (MODEL 5)."""
+
+    source: str
+    target: str
+    length: Duration
+    worst_latency: Duration
+    status: Status
+    jobs: tuple[Job, ...] = ()
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """Schedules of all modes of one model, tied to it by `model` (its name) and `model_sha256` (its file)."""
+
+    model: str
+    model_sha256: str
+    generator: str = ""
+    solver: str = ""
+    seed: int | None = None
+    tick: Duration | None = None
+    modes: tuple[ModeSchedule, ...] = ()
+    transitions: tuple[TransitionTable, ...] = ()
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def mode(self, name: str) -> ModeSchedule:
+        """Return the schedule of the mode called `name`; raise ``KeyError`` if there is none."""
+        for mode in self.modes:
+            if mode.name == name:
+                return mode
+        raise KeyError(name)

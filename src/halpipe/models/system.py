@@ -1,0 +1,235 @@
+"""The task model of a system (paper, Table I): units U, resources R, tasks T with versions, modes M_n.
+
+Every element has `at`, the place in the model file it was read from (not part of its value), and may have
+an `origin`, the place in the OEM's file it was imported from (part of its value).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import NOWHERE, Location
+from halpipe.durations import ZERO
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.durations import Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where an element was imported from: file name, line, and the element's own path in that file."""
+
+    file: str = ""
+    line: int = 0
+    path: str = ""
+
+    @property
+    def location(self) -> Location:
+        """The origin as a place that a diagnostic can point to."""
+        return Location(self.file, self.line)
+
+
+class AccessKind(StrEnum):
+    """What an access phase does on its resource."""
+
+    LOAD = "load"
+    READ = "read"
+    WRITE = "write"
+
+
+class Anchor(StrEnum):
+    """The instant of the predecessor job from which a precedence window counts."""
+
+    START = "start"
+    END = "end"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """An execution unit u of U."""
+
+    name: str
+    type: str = ""
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resource:
+    """A shared resource r of R; `bandwidth` is its peak in bytes per second, for the exporters."""
+
+    name: str
+    bandwidth: int | None = None
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transfer:
+    """Data moved in an access phase between a buffer in main memory and a symbol of the task; `size` in bytes."""
+
+    buffer: str
+    symbol: str
+    size: int
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Access:
+    """An access phase of A_i^v with its bound B_i^v: in force on [start, end) from the job's start."""
+
+    resource: str
+    start: Duration
+    end: Duration
+    bound: Fraction = Fraction(1)
+    kind: AccessKind | None = None
+    transfers: tuple[Transfer, ...] = ()
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Precedence:
+    """A constraint of P_i^v: some job of `task` starts (or ends) between `min` and `max` before this job starts."""
+
+    task: str
+    min: Duration = ZERO
+    max: Duration
+    anchor: Anchor = Anchor.START
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """The C sources of a version, for deployment: files, entry function, preprocessor definitions."""
+
+    files: tuple[str, ...]
+    entry: str
+    defines: tuple[str, ...] = ()
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Version:
+    """A version v of a task: WCET C, valid units U, gang size, access phases, precedence constraints, sources.
+
+    `wcet` is None while no source has stated it: an imported model may be stored so, but not scheduled.
+    """
+
+    name: str
+    wcet: Duration | None = None
+    units: tuple[str, ...] = ()
+    gang: int = 1
+    accesses: tuple[Access, ...] = ()
+    precedences: tuple[Precedence, ...] = ()
+    source: Source | None = None
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """A task tau of T: period D (None: on demand), slack gamma, optional offset and deadline, versions."""
+
+    name: str
+    period: Duration | None = None
+    slack: Fraction = Fraction(0)
+    offset: Duration | None = None
+    deadline: Duration | None = None
+    versions: tuple[Version, ...] = ()
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def version(self, name: str) -> Version:
+        """Return the version called `name`; raise ``KeyError`` if there is none."""
+        for version in self.versions:
+            if version.name == name:
+                return version
+        raise KeyError(name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Chain:
+    """A cause-effect chain: tasks in order, with optional limits on reaction time and data age."""
+
+    name: str
+    tasks: tuple[str, ...]
+    max_reaction: Duration | None = None
+    max_age: Duration | None = None
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """A task that runs in a mode, with the versions available there."""
+
+    task: str
+    versions: tuple[str, ...]
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mode:
+    """An execution mode M_n; a task without a run is not scheduled in it."""
+
+    name: str
+    runs: tuple[Run, ...]
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Transition:
+    """An ordered pair of modes that may be switched, optionally within a maximum length of the table."""
+
+    source: str
+    target: str
+    max_length: Duration | None = None
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskModel:
+    """A whole system. `digest` is the SHA-256 of the file it was read from (hexadecimal, empty if none)."""
+
+    name: str
+    units: tuple[Unit, ...] = ()
+    resources: tuple[Resource, ...] = ()
+    tasks: tuple[Task, ...] = ()
+    chains: tuple[Chain, ...] = ()
+    modes: tuple[Mode, ...] = ()
+    transitions: tuple[Transition, ...] = ()
+    origin: Origin | None = None
+    digest: str = field(default="", compare=False, repr=False)
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def task(self, name: str) -> Task:
+        """Return the task called `name`; raise ``KeyError`` if there is none."""
+        for task in self.tasks:
+            if task.name == name:
+                return task
+        raise KeyError(name)
+
+    def mode(self, name: str) -> Mode:
+        """Return the mode called `name`; raise ``KeyError`` if there is none."""
+        for mode in self.modes:
+            if mode.name == name:
+                return mode
+        raise KeyError(name)
+
+    def allowed_transitions(self) -> Iterator[Transition]:
+        """Yield the mode pairs that may be switched: those listed, or every ordered pair when none is (MODEL 2)."""
+        if self.transitions:
+            yield from self.transitions
+            return
+        for source in self.modes:
+            for target in self.modes:
+                if source.name != target.name:
+                    yield Transition(source=source.name, target=target.name)

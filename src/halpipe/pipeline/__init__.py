@@ -1,0 +1,1 @@
+"""Stages between reading and writing: validation, scheduling, verification."""

@@ -1,0 +1,74 @@
+"""Exact numbers other than time: rationals, shares, sizes in bytes and bandwidths in bytes per second."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+_RATIONAL = re.compile(r"[0-9]{1,30}(?:\.[0-9]{1,30})?|[0-9]{1,30}/[0-9]{1,30}")
+_SIZE = re.compile(r"(?P<number>[0-9]{1,30}(?:\.[0-9]{1,30})?)\s*(?P<unit>[kMG]?B|[KMG]iB)")
+_BYTES = {"GiB": 2**30, "GB": 10**9, "MiB": 2**20, "MB": 10**6, "KiB": 2**10, "kB": 10**3, "B": 1}
+
+
+def parse_rational(text: str) -> Fraction:
+    """Read a non-negative ``12``, ``0.35`` or ``1/3`` exactly; raise ``ValueError`` that says what is wrong."""
+    stripped = text.strip()
+    if _RATIONAL.fullmatch(stripped) is None:
+        raise ValueError(f"{text!r} is not a number; write it as 0.35, 1/3 or 1")
+    try:
+        return Fraction(stripped)
+    except ZeroDivisionError:
+        raise ValueError(f"{text!r} divides by zero") from None
+
+
+def format_rational(value: Fraction) -> str:
+    """Print a rational as an integer, a terminating decimal, or ``n/d`` where no decimal terminates."""
+    if value.denominator == 1:
+        return str(value.numerator)
+    twos = fives = 0
+    rest = value.denominator
+    while rest % 2 == 0:
+        rest, twos = rest // 2, twos + 1
+    while rest % 5 == 0:
+        rest, fives = rest // 5, fives + 1
+    digits = max(twos, fives)
+    if rest != 1 or digits > 30:
+        return f"{value.numerator}/{value.denominator}"
+    scaled = abs(value.numerator) * 10**digits // value.denominator
+    sign = "-" if value < 0 else ""
+    return f"{sign}{scaled // 10**digits}.{scaled % 10**digits:0{digits}d}"
+
+
+def parse_size(text: str) -> int:
+    """Read a size such as ``4320B`` or ``64KiB`` into whole bytes."""
+    return _whole_bytes(text, text.strip(), "a size; write it as 4320B, 64KiB or 1.5MB")
+
+
+def parse_bandwidth(text: str) -> int:
+    """Read a bandwidth such as ``19.2GB/s`` into whole bytes per second."""
+    stripped = text.strip()
+    what = "a bandwidth; write it as 400MB/s or 19.2GB/s"
+    if not stripped.endswith("/s"):
+        raise ValueError(f"{text!r} is not {what}")
+    return _whole_bytes(text, stripped[:-2], what)
+
+
+def _whole_bytes(text: str, stripped: str, what: str) -> int:
+    match = _SIZE.fullmatch(stripped)
+    if match is None:
+        raise ValueError(f"{text!r} is not {what}")
+    value = Fraction(match["number"]) * _BYTES[match["unit"]]
+    if value.denominator != 1:
+        raise ValueError(f"{text!r} is not a whole number of bytes")
+    return value.numerator
+
+
+def format_size(value: int) -> str:
+    """Print whole bytes in the largest unit that needs at most one decimal; `parse_size` gives them back."""
+    unit = next((u for u, size in _BYTES.items() if value >= size and value * 10 % size == 0), "B")
+    return format_rational(Fraction(value, _BYTES[unit])) + unit
+
+
+def format_bandwidth(value: int) -> str:
+    """Print bytes per second so that `parse_bandwidth` gives them back."""
+    return format_size(value) + "/s"

@@ -1,0 +1,1 @@
+"""XML schemas, one per artefact."""
