@@ -90,7 +90,12 @@ def job(system, task_name, index, start, units, version_name=None):
     chosen = owner.version(version_name) if version_name else owner.versions[0]
     begin = ms(start)
     return Job(
-        task=task_name, index=index, start=begin, end=begin + chosen.wcet, version=chosen.name, units=tuple(units.split())
+        task=task_name,
+        index=index,
+        start=begin,
+        end=begin + chosen.wcet,
+        version=chosen.name,
+        units=tuple(units.split()),
     )
 
 

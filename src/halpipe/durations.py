@@ -42,8 +42,6 @@ class Duration:
             raise ValueError(f"{text!r} is not a duration; {_FORM}")
         scale = _UNITS_NS[match["unit"]]
         number = match["number"]
-        if number.isdigit() and len(number) <= 30:
-            return Duration(int(number) * scale)
         try:
             return Duration(parse_rational(number) * scale)
         except ValueError as error:
@@ -66,7 +64,7 @@ class Duration:
     def __str__(self) -> str:
         if self._ns == 0:
             return "0ms"
-        magnitude = abs(self._ns)
+        magnitude = abs(self.fraction)
         unit = next((u for u, size in _UNITS_NS.items() if magnitude >= size), "ns")
         return format_rational(self.in_unit(unit)) + unit
 
@@ -134,9 +132,7 @@ def greatest_common_divisor(durations: Iterable[Duration]) -> Duration:
     for duration in durations:
         value = duration.fraction
         common = math.lcm(denominator, value.denominator)
-        numerator = math.gcd(
-            numerator * (common // denominator), value.numerator * (common // value.denominator)
-        )
+        numerator = math.gcd(numerator * (common // denominator), value.numerator * (common // value.denominator))
         denominator = common
     return Duration(Fraction(numerator, denominator))
 

@@ -11,7 +11,6 @@ import contextlib
 import hashlib
 import os
 import sys
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Mapping
 
     from lxml import etree
 
@@ -99,8 +98,8 @@ def parse_xml(data: bytes, name: str) -> etree._Element:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as failure:
         raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
-    doctype = root.getroottree().docinfo.doctype
-    if doctype:
+    docinfo: Any = root.getroottree().docinfo
+    if docinfo.doctype:
         raise HalpipeError(
             HAS_DOCTYPE("declares a DOCTYPE", at=Location(name, 1), help="remove the <!DOCTYPE ...> declaration")
         )
