@@ -1,0 +1,36 @@
+"""The diagnostics of the report, the graph and the trace: HAL0801 to HAL0899."""
+
+from halpipe.diagnostics import error
+
+NEEDS_SCHEDULE = error(
+    "HAL0801",
+    "Export needs a schedule",
+    "The format shows when jobs run, so the model alone is not enough. Make a schedule first.",
+)
+UNKNOWN_MODE = error(
+    "HAL0802",
+    "Mode to export does not exist",
+    "The mode named in the options is not one that the model (or the schedule) has.",
+)
+FOREIGN_SCHEDULE = error(
+    "HAL0803",
+    "Schedule does not fit the model",
+    "The schedule names a task, version, unit or mode that the model lacks: it was made for another model, or the "
+    "model changed since.",
+)
+UNDRAWABLE_TIME = error(
+    "HAL0804",
+    "Schedule has times that cannot be drawn",
+    "A hyperperiod is zero, a job starts outside the hyperperiod, ends before it starts, or lasts longer than the "
+    "hyperperiod. A schedule that verifies has none of these.",
+)
+DOT_MISSING = error(
+    "HAL0805",
+    "Graphviz is not installed",
+    "The graph is written as DOT without any tool; drawing it as SVG needs the program `dot` of Graphviz.",
+)
+DOT_FAILED = error(
+    "HAL0806",
+    "Graphviz cannot draw the graph",
+    "The program `dot` was found but refused the graph or failed on it.",
+)
