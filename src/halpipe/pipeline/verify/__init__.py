@@ -1,0 +1,71 @@
+"""The independent check: decides from model and schedule alone whether the schedule is valid (MODEL 3, 5, 7).
+
+It shares no code with the solver or the exporters, computes with exact numbers only, trusts nothing in the schedule,
+and reports every violation with job, rule, amount and instant.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import Findings, sort_diagnostics
+from halpipe.pipeline.verify import codes, reading
+from halpipe.pipeline.verify.assignment import UNIT, VERSION
+from halpipe.pipeline.verify.chains import CHAIN
+from halpipe.pipeline.verify.complete import COMPLETE
+from halpipe.pipeline.verify.metrics import FIGURES
+from halpipe.pipeline.verify.periodic import DEADLINE, PERIODIC
+from halpipe.pipeline.verify.precedence import PRECEDENCE
+from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.sharing import ACCESS, EXCLUSIVE
+from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable
+from halpipe.pipeline.verify.transitions import SWITCH_RULES
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Schedule, TaskModel
+
+__all__ = ["RULES", "Rule", "verify"]
+
+MODE_RULES: tuple[Rule[ModeTable], ...] = (
+    COMPLETE,
+    VERSION,
+    UNIT,
+    PERIODIC,
+    DEADLINE,
+    EXCLUSIVE,
+    ACCESS,
+    PRECEDENCE,
+    CHAIN,
+)
+
+RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES)
+"""Every rule with its sentence, in the order of checking; the manual's list is made from it."""
+
+
+def verify(model: TaskModel, schedule: Schedule) -> tuple[Diagnostic, ...]:
+    """Return every finding about `schedule`; it is valid for `model` if and only if none of them is an error.
+
+    Never raises on any model or schedule: a model that gives "valid" no meaning is itself reported.
+    """
+    found = Findings()
+    found.extend(reading.header(model, schedule))
+    clock = reading.make_clock(model, schedule)
+    if clock is None:
+        text = f"the common denominator of all durations has more than {MAX_BITS} bits"
+        found.add(codes.TOO_FINE(text, at=schedule.at, path="schedule", help="use coarser times"))
+        return tuple(sort_diagnostics(found.items))
+    modes = reading.active_modes(model, clock, found)
+    tables = reading.mode_tables(model, schedule, modes, clock, found)
+    sound = not any(d.code == codes.MODEL_FAULT.id for d in found.items)
+    for table in tables.values():
+        table.sound = sound
+        for rule in MODE_RULES:
+            violations = tuple(rule.check(table))
+            found.extend(violations)
+            table.broken.update([rule.name] if violations else [])
+        found.extend(FIGURES.check(table))
+    for switch in reading.switches(model, schedule, tables, clock, found):
+        for switch_rule in SWITCH_RULES:
+            found.extend(switch_rule.check(switch))
+    return tuple(sort_diagnostics(found.items))

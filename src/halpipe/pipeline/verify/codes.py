@@ -1,0 +1,178 @@
+"""The diagnostic codes of verify: HAL03xx."""
+
+from halpipe.diagnostics import error, note, warning
+
+# ---------------------------------------------------------------------------- the file as a whole
+
+WRONG_MODEL = error(
+    "HAL0301",
+    "Schedule of another model",
+    "The schedule names a model other than the one it is checked against.",
+)
+MODEL_CHANGED = error(
+    "HAL0302",
+    "Model changed since the schedule was made",
+    "The schedule carries the SHA-256 of the model file it was made from, and that is not the hash of this model. "
+    "Schedule the model again; the old schedule may still be valid, but nothing says so.",
+)
+MODEL_FAULT = error(
+    "HAL0303",
+    "The model cannot be scheduled",
+    "The model lacks something that the meaning of a schedule depends on: a WCET, a period, a name that is defined "
+    "once, an acyclic predecessor relation. `halpipe validate` explains the model in full.",
+)
+TOO_FINE = error(
+    "HAL0304",
+    "Exact numbers out of reach",
+    "The common denominator of the durations (or of the bounds of a resource, or the hyperperiod itself) has more than "
+    "4096 bits. Such a schedule is refused, because it can be neither compared exactly nor executed.",
+)
+UNKNOWN_MODE = error(
+    "HAL0305",
+    "Table of an unknown mode",
+    "The schedule has a table for a mode that the model does not have.",
+)
+REPEATED_TABLE = error(
+    "HAL0306",
+    "Table given twice",
+    "The schedule has two tables for one mode, or for one switch of modes. Only the first is checked further.",
+)
+MISSING_MODE = error(
+    "HAL0307",
+    "Mode without a table",
+    "Every mode of the model needs a table in the schedule.",
+)
+MODE_NOT_FOUND = error(
+    "HAL0308",
+    "No schedule was found for a mode",
+    "The author of the schedule found no valid table for this mode; the jobs given are the best attempt, and the rules "
+    "they break are reported as well.",
+)
+WRONG_HYPERPERIOD = error(
+    "HAL0309",
+    "Wrong hyperperiod",
+    "The hyperperiod of a mode is the least common multiple of the periods of the tasks that run in it.",
+)
+
+# ---------------------------------------------------------------------------- what a job says
+
+UNKNOWN_TASK = error("HAL0310", "Job of an unknown task", "The model has no task of this name.")
+NOT_IN_MODE = error(
+    "HAL0311",
+    "Job of a task that does not run in the mode",
+    "The task has no version available in this mode, so it must not be started in it.",
+)
+BAD_START = error(
+    "HAL0312",
+    "Start outside the table",
+    "Starts lie in [0, hyperperiod) in the table of a mode and in [0, length) in the table of a switch.",
+)
+WRONG_END = error(
+    "HAL0313",
+    "End is not start plus WCET",
+    "A job occupies its units from its start for the WCET of its version, also where that passes the hyperperiod.",
+)
+
+# ---------------------------------------------------------------------------- the rules of a mode
+
+MISSING_JOB = error(
+    "HAL0320",
+    "Job is missing",
+    "A periodic task has one job for each of its periods in the hyperperiod; a task on demand has one job for each "
+    "demand that arises.",
+)
+SURPLUS_JOB = error(
+    "HAL0321",
+    "Job too many",
+    "The index of a periodic job lies beyond the number of its jobs, or no demand arises for a job on demand.",
+)
+REPEATED_JOB = error("HAL0322", "Job given twice", "Two jobs of one task have the same index.")
+WRONG_VERSION = error(
+    "HAL0323",
+    "Version is not available",
+    "The job uses a version that its task does not have, or that is not available in the mode.",
+)
+WRONG_UNIT = error(
+    "HAL0324",
+    "Wrong execution units",
+    "A job needs exactly as many distinct units as the gang size of its version, all of them valid for the version.",
+)
+NOT_PERIODIC = error(
+    "HAL0325",
+    "Job outside its slack",
+    "No phase puts every job of the task between its release and its release plus slack times period.",
+)
+LATE = error(
+    "HAL0326",
+    "Deadline missed",
+    "The job ends later after its release than its deadline allows.",
+)
+OVERLAP = error(
+    "HAL0327",
+    "Unit used twice at a time",
+    "Two jobs occupy one unit at the same time, possibly round the end of the hyperperiod.",
+)
+OVERLOAD = error(
+    "HAL0328",
+    "Resource overloaded",
+    "The bounds of the access phases in force on a resource sum to more than 1.",
+)
+OUT_OF_WINDOW = error(
+    "HAL0329",
+    "Precedence constraint broken",
+    "No job of the predecessor starts (or ends) as long before the job as the constraint demands.",
+)
+CHAIN_LIMIT = error(
+    "HAL0330",
+    "Chain exceeds its limit",
+    "The worst reaction time or data age of a cause-effect chain is longer than the model allows.",
+)
+WRONG_FIGURE = error(
+    "HAL0340",
+    "Reported figure contradicts the jobs",
+    "The schedule reports a cost, load or latency that does not follow from its own jobs.",
+)
+
+# ---------------------------------------------------------------------------- switches of modes
+
+NOT_ALLOWED = error(
+    "HAL0350",
+    "Switch is not allowed",
+    "The schedule has a table for a switch of modes that the model does not list.",
+)
+TOO_LONG = error(
+    "HAL0351",
+    "Switch takes too long",
+    "The table of a switch must have a length of at least zero and at most the length that the model allows.",
+)
+NO_TABLE = note(
+    "HAL0352",
+    "No table for this switch",
+    "The model allows the switch, the schedule has no table for it; the switch must not be performed.",
+)
+SWITCH_NOT_FOUND = warning(
+    "HAL0353",
+    "No table was found for a switch",
+    "The author of the schedule found no table for this switch; it must not be performed. The modes themselves are "
+    "unaffected.",
+)
+STARVED = error(
+    "HAL0354",
+    "Task starved across a switch",
+    "Consecutive starts of a task that runs in both modes may be at most (1 + slack) periods apart.",
+)
+AGAINST_ITSELF = error(
+    "HAL0355",
+    "Task runs against itself across a switch",
+    "A task that runs in both modes is started before its job from before has ended.",
+)
+STARTED_AFTER_LEAVING = error(
+    "HAL0356",
+    "Task started after leaving",
+    "A task that does not run in the mode to come is started during the switch.",
+)
+STARTED_EARLY = error(
+    "HAL0357",
+    "Task started early without need",
+    "A task that enters with the new mode is started during the switch, but no constraint needs that job.",
+)

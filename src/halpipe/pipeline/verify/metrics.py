@@ -1,0 +1,157 @@
+"""Rule figures: what the schedule reports about itself must follow from its jobs."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify.chains import age, reaction
+from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.sharing import Shared, resource_claims, unit_claims
+from halpipe.pipeline.verify.sweep import excesses, wrap
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import CostTerms
+    from halpipe.pipeline.verify.recurrence import Found
+    from halpipe.pipeline.verify.sweep import Claim
+    from halpipe.pipeline.verify.tables import Clock, ModeTable
+
+
+def check_figures(table: ModeTable) -> Iterator[Diagnostic]:
+    """Recompute every figure reported; figures that are not reported are not missed (D)."""
+    if table.schedule.cost is not None:
+        yield from _cost(table, table.schedule.cost)
+    yield from _unit_loads(table)
+    yield from _resource_loads(table)
+    yield from _chain_latencies(table)
+
+
+def _wrong(table: ModeTable, element: str, text: str) -> Diagnostic:
+    help = "have the report made again from the jobs"
+    return codes.WRONG_FIGURE(text, at=table.at, path=f"{table.path()} {element}", help=help)
+
+
+_PENALTIES: Mapping[str, frozenset[str]] = {
+    "overlap": frozenset({"exclusive"}),
+    "access": frozenset({"access"}),
+    "unit": frozenset({"unit"}),
+}
+
+
+def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
+    """Check F <= 0 iff valid, that a penalty is zero iff its rule holds, and the shares (MODEL 4).
+
+    (D) The weights are the solver's own, so the sum itself is not checked. The precedence penalty also covers chains,
+    and may cover releases and deadlines.
+    """
+    broken = ", ".join(sorted(table.broken))
+    if cost.total <= 0 and broken:
+        yield _wrong(table, "cost", f"the total {_number(cost.total)} claims a valid schedule, but it breaks: {broken}")
+    if cost.total > 0 and not broken and table.sound:
+        yield _wrong(
+            table, "cost", f"the total {_number(cost.total)} claims an invalid schedule, but no rule is broken"
+        )
+    for name, rules in _PENALTIES.items():
+        yield from _penalty(table, name, getattr(cost, name), rules, rules)
+    timing = frozenset({"precedence", "chain"})
+    yield from _penalty(table, "precedence", cost.precedence, timing, timing | {"periodic", "deadline"})
+    units = [unit.name for unit in table.model.units]
+    used = {unit for placed in table.jobs for unit in placed.job.units}
+    empty = Fraction(sum(unit not in used for unit in units), len(units) or 1)
+    if cost.occupancy != empty:
+        yield _wrong(
+            table, "cost", f"occupancy {_number(cost.occupancy)}, the share of empty units is {_number(empty)}"
+        )
+    if not 0 <= cost.timeliness <= 1:
+        yield _wrong(table, "cost", f"timeliness {_number(cost.timeliness)} is not between 0 and 1")
+
+
+def _penalty(
+    table: ModeTable, name: str, value: Fraction, certain: frozenset[str], possible: frozenset[str]
+) -> Iterator[Diagnostic]:
+    if value < 0:
+        yield _wrong(table, "cost", f"{name} {_number(value)} is below zero")
+    if value <= 0 and certain & table.broken:
+        rules = ", ".join(sorted(certain & table.broken))
+        yield _wrong(table, "cost", f"{name} {_number(value)}, but the schedule breaks: {rules}")
+    if value > 0 and not possible & table.broken and table.sound:
+        yield _wrong(table, "cost", f"{name} {_number(value)}, but no rule of that kind is broken")
+
+
+def _unit_loads(table: ModeTable) -> Iterator[Diagnostic]:
+    claims = unit_claims(table.jobs)
+    units = {unit.name for unit in table.model.units}
+    for load in table.schedule.unit_loads:
+        if load.unit not in units:
+            yield _wrong(table, f'unit-load "{load.unit}"', "the unit does not exist")
+            continue
+        busy = sum(end - start for start, end, _, _ in claims.get(load.unit, ()))
+        share = Fraction(busy, table.period)
+        if load.busy * table.clock.scale != Duration(busy) or load.share != share:
+            text = f"busy {load.busy}, share {_number(load.share)}; the jobs make {table.clock.text(busy)}, "
+            yield _wrong(table, f'unit-load "{load.unit}"', text + f"share {_number(share)}")
+
+
+def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
+    claimed = resource_claims(table.jobs, table.clock) if table.schedule.resource_loads else {}
+    resources = {resource.name for resource in table.model.resources}
+    for load in table.schedule.resource_loads:
+        if load.resource not in resources:
+            yield _wrong(table, f'resource-load "{load.resource}"', "the resource does not exist")
+            continue
+        shared = claimed.get(load.resource, Shared(1, []))
+        if shared.scale is None:
+            continue  # rule access has said that these bounds are out of reach
+        claims = list(wrap(shared.claims, table.period))
+        peak = Fraction(_peak(claims), shared.scale)
+        mean = Fraction(sum((end - start) * weight for start, end, weight, _ in claims), shared.scale * table.period)
+        if (load.peak, load.mean) != (peak, mean):
+            text = f"peak {_number(load.peak)}, mean {_number(load.mean)}; the jobs make peak {_number(peak)}, "
+            yield _wrong(table, f'resource-load "{load.resource}"', text + f"mean {_number(mean)}")
+
+
+def _peak(claims: list[Claim]) -> int:
+    return max((excess.peak for excess in excesses(claims, 0)), default=0)
+
+
+def _chain_latencies(table: ModeTable) -> Iterator[Diagnostic]:
+    chains = {chain.name: chain for chain in table.chains()}
+    for given in table.schedule.chains:
+        element = f'chain "{given.name}"'
+        chain = chains.get(given.name)
+        if chain is None:
+            yield _wrong(table, element, "the mode has no such chain")
+            continue
+        worst = reaction(table, chain), age(table, chain)
+        for what, reported, found in zip(("reaction", "age"), (given.reaction, given.age), worst, strict=True):
+            if not _same(reported, found, table.clock):
+                text = f"{what} {_time(reported)}, the jobs make {table.clock.text(found[0]) if found else 'none'}"
+                yield _wrong(table, element, text)
+
+
+def _same(reported: Duration | None, found: Found, clock: Clock) -> bool:
+    if reported is None or found is None:
+        return (reported is None) == (found is None)
+    return reported * clock.scale == Duration(found[0])
+
+
+def _time(reported: Duration | None) -> str:
+    return "none" if reported is None else str(reported or ZERO)
+
+
+def _number(value: Fraction) -> str:
+    return format_rational(Fraction(value))
+
+
+FIGURES = Rule(
+    "figures",
+    "Every cost, load and latency that the schedule reports follows from its jobs; the cost is at most 0 if and only "
+    "if no rule is broken.",
+    check_figures,
+)

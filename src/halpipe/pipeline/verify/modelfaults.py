@@ -1,0 +1,115 @@
+"""What must hold of the model for "valid" to have a meaning at all; `halpipe validate` says much more about it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from graphlib import CycleError, TopologicalSorter
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.verify.codes import MODEL_FAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.diagnostics import Diagnostic, Location
+    from halpipe.models import Access, Mode, Task, TaskModel, Version
+    from halpipe.pipeline.verify.tables import ActiveTask
+
+
+def _fault(path: str, message: str, at: Location) -> Diagnostic:
+    return MODEL_FAULT(message, at=at, path=path, help="correct the model; `halpipe validate` explains it in full")
+
+
+def repeated_names(model: TaskModel) -> Iterator[Diagnostic]:
+    """Names must be defined once."""
+    kinds: tuple[tuple[str, list[str]], ...] = (
+        ("unit", [u.name for u in model.units]),
+        ("resource", [r.name for r in model.resources]),
+        ("task", [t.name for t in model.tasks]),
+        ("chain", [c.name for c in model.chains]),
+        ("mode", [m.name for m in model.modes]),
+    )
+    for kind, names in kinds:
+        yield from (_fault(f'{kind} "{name}"', "is defined more than once", model.at) for name in _repeated(names))
+    for task in model.tasks:
+        for name in _repeated(v.name for v in task.versions):
+            yield _fault(f'task "{task.name}" version "{name}"', "is defined more than once", task.at)
+
+
+def _repeated(names: Iterable[str]) -> list[str]:
+    return [name for name, count in Counter(names).items() if count > 1]
+
+
+def unknown_names(model: TaskModel) -> Iterator[Diagnostic]:
+    """Modes, chains and transitions must name what exists."""
+    versions = {task.name: {v.name for v in task.versions} for task in model.tasks}
+    for mode in model.modes:
+        yield from _mode_names(mode, versions)
+    for chain in model.chains:
+        for name in sorted(set(chain.tasks) - versions.keys()):
+            yield _fault(f'chain "{chain.name}"', f'names task "{name}", which does not exist', chain.at)
+    modes = {mode.name for mode in model.modes}
+    for transition in model.transitions:
+        for name in sorted({transition.source, transition.target} - modes):
+            path = f'transition "{transition.source}" to "{transition.target}"'
+            yield _fault(path, f'names mode "{name}", which does not exist', transition.at)
+
+
+def _mode_names(mode: Mode, versions: dict[str, set[str]]) -> Iterator[Diagnostic]:
+    path = f'mode "{mode.name}"'
+    for name in _repeated(run.task for run in mode.runs):
+        yield _fault(path, f'runs task "{name}" more than once', mode.at)
+    for run in mode.runs:
+        if run.task not in versions:
+            yield _fault(path, f'runs task "{run.task}", which does not exist', run.at)
+            continue
+        for name in sorted(set(run.versions) - versions[run.task]):
+            yield _fault(path, f'runs version "{name}" of task "{run.task}", which does not exist', run.at)
+
+
+def timing(task: Task) -> Iterator[Diagnostic]:
+    """A period is positive, a slack is a share."""
+    path = f'task "{task.name}"'
+    if task.period is not None and task.period <= ZERO:
+        yield _fault(path, f"has the period {task.period}; it must be positive", task.at)
+    if not 0 <= task.slack <= 1:
+        yield _fault(path, f"has the slack {task.slack}; it must lie between 0 and 1", task.at)
+
+
+def version(task: Task, version: Version) -> Iterator[Diagnostic]:
+    """A version that is available in a mode states a WCET, a gang, windows and access phases that make sense."""
+    path = f'task "{task.name}" version "{version.name}"'
+    if version.wcet is None:
+        yield _fault(path, "has no WCET, so nothing can be said about its jobs", version.at)
+    elif version.wcet < ZERO:
+        yield _fault(path, f"has the negative WCET {version.wcet}", version.at)
+    if version.gang < 1:
+        yield _fault(path, f"has the gang size {version.gang}; it must be at least 1", version.at)
+    for precedence in version.precedences:
+        if precedence.min < ZERO:
+            yield _fault(path, f'has a window after "{precedence.task}" that begins below zero', precedence.at)
+    for access in version.accesses:
+        if not is_phase(access, version):
+            text = f'has an access to "{access.resource}" from {access.start} to {access.end} with bound {access.bound}'
+            yield _fault(path, f"{text}; it must lie within the WCET, with a bound above 0 and up to 1", access.at)
+
+
+def is_phase(access: Access, version: Version) -> bool:
+    """Tell whether 0 <= start < end <= C and 0 < bound <= 1."""
+    wcet = version.wcet
+    in_job = ZERO <= access.start < access.end and (wcet is None or access.end <= wcet)
+    return in_job and 0 < access.bound <= 1
+
+
+def cycle(mode: str, tasks: dict[str, ActiveTask], at: Location) -> Iterator[Diagnostic]:
+    """The predecessor relation of the versions available in a mode must be acyclic."""
+    graph = {
+        name: {p.task for v in active.versions.values() for p in v.precedences if p.task in tasks}
+        for name, active in tasks.items()
+    }
+    try:
+        TopologicalSorter({name: sorted(before) for name, before in graph.items()}).prepare()
+    except CycleError as failure:
+        names = " after ".join(f'"{name}"' for name in reversed(failure.args[1]))
+        yield _fault(f'mode "{mode}"', f"its precedence constraints form a cycle: {names}", at)

@@ -1,0 +1,142 @@
+"""Rules periodic and deadline: one phase s for all jobs of a task, and each job in time after its release (MODEL 3)."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from itertools import accumulate
+from math import floor
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify.rules import Rule
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.pipeline.verify.tables import ActiveTask, ModeTable, Placed
+
+
+def check_periodic(table: ModeTable) -> Iterator[Diagnostic]:
+    """Report the jobs that are outside their slack at the phase that suits most jobs of their task."""
+    for name, active in table.mode.tasks.items():
+        releases = _Releases(table, name, active)
+        for placed, delay in releases.delays():
+            if delay > releases.slack:
+                text = releases.blame(placed, delay, "its slack allows", releases.slack)
+                help = f"start it within the slack, or change the slack or offset of the task ({releases.phase_text()})"
+                yield codes.NOT_PERIODIC(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+def check_deadline(table: ModeTable) -> Iterator[Diagnostic]:
+    """Report the jobs that end after their deadline at the phase that suits most jobs of their task.
+
+    (D) The phase is the same for both rules: s must satisfy them together. A job outside its slack has no release, so
+    of its deadline only C <= deadline can be said. Jobs on demand have no release; their deadline is not checked.
+    """
+    clock = table.clock
+    for name, active in table.mode.tasks.items():
+        releases = _Releases(table, name, active)
+        for placed, delay in releases.delays():
+            if placed.wcet is None:
+                continue
+            delay = delay if delay <= releases.slack else 0
+            excess = delay + placed.wcet - releases.deadline
+            if excess > 0:
+                text = f"ends {clock.text(delay + placed.wcet)} after its release, its deadline is "
+                text += f"{clock.text(releases.deadline)}: {clock.text(excess)} late, at {placed.job.end}"
+                help = f"start it earlier, or change the deadline of the task ({releases.phase_text()})"
+                yield codes.LATE(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+class _Releases:
+    """The phase s of a task and the delay delta of each of its jobs.
+
+    (D) Where no phase suits all jobs, the one that suits most is taken: first by slack, then by slack and deadline
+    together, then the smallest. Jobs whose index is out of range have no release and are left to rule complete.
+    Some end of a window lies in every common intersection of windows, so only those need to be tried as s; delays are
+    whole ticks, so slack * D may be rounded down to a tick without loss.
+    """
+
+    def __init__(self, table: ModeTable, name: str, active: ActiveTask) -> None:
+        self._table = table
+        self._active = active
+        self.jobs: list[Placed] = []
+        if active.period is None:
+            return
+        count = table.period // active.period
+        self.jobs = [p for p in table.by_task.get(name, ()) if 0 <= p.job.index < count]
+        deadline = active.task.deadline
+        self.deadline = active.period if deadline is None else table.clock.ticks(deadline)
+        self.slack = floor(active.task.slack * active.period)
+        self.phase = self._phase(active.period) if self.jobs else 0
+
+    def _latest_releases(self, period: int) -> list[int]:
+        """Return for every job the latest s that still releases it in time: theta - j * D."""
+        return [(p.start - p.job.index * period) % self._table.period for p in self.jobs]
+
+    def _phase(self, period: int) -> int:
+        offset = self._active.task.offset
+        if offset is not None:
+            return self._table.clock.ticks(offset) % period
+        latest = self._latest_releases(period)
+        rooms = [self.slack if p.wcet is None else min(self.slack, self.deadline - p.wcet) for p in self.jobs]
+        if latest.count(latest[0]) == len(latest):
+            return latest[0]
+        tried = sorted(set(latest))
+        by_slack = self._suits(tried, latest, [self.slack] * len(latest))
+        by_both = self._suits(tried, latest, rooms)
+        scores = zip(by_slack, by_both, (-s for s in tried), strict=True)
+        return -max(scores)[2]
+
+    def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
+        """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it."""
+        circle = self._table.period
+        steps = [0] * (len(tried) + 1)
+        for last, room in zip(latest, rooms, strict=True):
+            if room < 0:
+                continue
+            begin, end = bisect_left(tried, (last - room) % circle), bisect_right(tried, last)
+            if room >= circle:
+                begin, end = 0, len(tried)
+            elif (last - room) % circle > last:  # the arc passes 0
+                steps[0] += 1
+                steps[end] -= 1
+                end = len(tried)
+            steps[begin] += 1
+            steps[end] -= 1
+        return list(accumulate(steps[:-1]))
+
+    def delays(self) -> Iterator[tuple[Placed, int]]:
+        """Yield every job with its delay after its release, in [0, t_P)."""
+        if self.jobs and self._active.period is not None:
+            for placed, last in zip(self.jobs, self._latest_releases(self._active.period), strict=True):
+                yield placed, (last - self.phase) % self._table.period
+
+    def blame(self, placed: Placed, delay: int, rule: str, limit: int) -> str:
+        """Say how far a job is from its window, on the nearer side."""
+        clock = self._table.clock
+        early = self._table.period - delay
+        if early < delay - limit:
+            return f"starts at {placed.job.start}, {clock.text(early)} before its release"
+        text = f"starts at {placed.job.start}, {clock.text(delay)} after its release; "
+        return text + f"{rule} {clock.text(limit)}: {clock.text(delay - limit)} too late"
+
+    def phase_text(self) -> str:
+        """Say which phase the delays were counted from."""
+        phase = self._table.clock.text(self.phase)
+        fixed = self._active.task.offset is not None
+        return f"its offset puts the first release at {phase}" if fixed else f"most jobs fit a first release at {phase}"
+
+
+PERIODIC = Rule(
+    "periodic",
+    "For every periodic task there is a phase s (its offset, where one is given) such that job j starts at "
+    "s + j * period, delayed by at most slack * period.",
+    check_periodic,
+)
+DEADLINE = Rule(
+    "deadline",
+    "Every periodic job ends within its deadline after its release, at the same phase.",
+    check_deadline,
+)

@@ -1,0 +1,161 @@
+"""Rule precedence: every constraint of a job's chosen version finds its job of the predecessor (MODEL 3; 5, rule 2).
+
+(D) Any present job of the predecessor may serve, also one that serves other jobs or an earlier hyperperiod's. An end
+counts where it falls, also beyond the hyperperiod: x = theta + C, not reduced.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from halpipe.models import Anchor
+from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify.recurrence import Future, Listed, Past
+from halpipe.pipeline.verify.rules import Rule
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Precedence
+    from halpipe.pipeline.verify.recurrence import Found
+    from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
+
+    class Findable(Protocol):
+        """Instants among which the last one up to a time can be found."""
+
+        def latest(self, until: int) -> Found:
+            """Return the last instant at or before `until`, with its job."""
+            ...
+
+
+def check_precedence(table: ModeTable) -> Iterator[Diagnostic]:
+    """Look for a predecessor of every constraint of every job on the circle.
+
+    The last instant x at or before theta_j - min on the circle unrolled without end gives the smallest difference that
+    is at least min; the constraint holds iff that is at most max. As min >= 0 and x_k >= 0, its m is never negative.
+    """
+    for placed in table.jobs:
+        for constraint in placed.version.precedences if placed.version else ():
+            found = _witness(
+                placed.start, constraint, table.instants.of(constraint.task, constraint.anchor), table.clock
+            )
+            if found is None or not found[1]:
+                text = _fault(placed, constraint, found and found[0], table)
+                help = "move one of the two jobs, or change the window"
+                yield codes.OUT_OF_WINDOW(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+def _witness(start: int, constraint: Precedence, instants: Findable, clock: Clock) -> tuple[Found, bool] | None:
+    """Return the nearest predecessor at least min before `start`, and whether it is at most max before it."""
+    found = instants.latest(start - clock.ticks(constraint.min))
+    if found is None:
+        return None
+    return found, start - found[0] <= clock.ticks(constraint.max)
+
+
+def _fault(placed: Placed, constraint: Precedence, found: Found, table: ModeTable) -> str:
+    clock = table.clock
+    window = f"[{constraint.min}, {constraint.max}]"
+    if found is None:
+        return f'needs a job of "{constraint.task}" whose {constraint.anchor} lies {window} before it; there is none'
+    late = placed.start - found[0] - clock.ticks(constraint.max)
+    least = placed.start - clock.ticks(constraint.min)
+    following = table.instants.of(constraint.task, constraint.anchor).earliest(least)
+    if following is not None and following[0] - least < late:
+        text = (
+            f"starts at {placed.job.start}, {clock.text(placed.start - following[0])} after the {constraint.anchor} of "
+        )
+        if following[0] > placed.start:
+            text = f"starts at {placed.job.start}, {clock.text(following[0] - placed.start)} before the "
+            text += f"{constraint.anchor} of "
+        return text + f"{following[1].label}; the window is {window}: {clock.text(following[0] - least)} too early"
+    text = f"starts at {placed.job.start}, {clock.text(placed.start - found[0])} after the {constraint.anchor} of "
+    return text + f"{found[1].label}; the window is {window}: {clock.text(late)} too late"
+
+
+# ------------------------------------------------------------------------------------------------ switches
+
+
+class LineInstants:
+    """The starts and ends of every task on the line of a switch.
+
+    (D) Mode n has run for ever before the switch and mode m runs for ever after it, so a predecessor (or a step of a
+    chain) may lie further from the switch than the two cycles whose jobs are checked.
+    """
+
+    def __init__(self, switch: Switch) -> None:
+        self._switch = switch
+        self._made: dict[tuple[str, Anchor], tuple[Findable, ...]] = {}
+
+    def latest(self, task: str, anchor: Anchor, until: int) -> Found:
+        """Return the last start (or end) of `task` at or before `until`; of equal ones, the job started later."""
+        if (task, anchor) not in self._made:
+            self._made[task, anchor] = self._parts(task, anchor)
+        found = [f for f in (part.latest(until) for part in self._made[task, anchor]) if f is not None]
+        return max(found, key=lambda f: (f[0], -(f[1].wcet or 0))) if found else None
+
+    def _parts(self, task: str, anchor: Anchor) -> tuple[Findable, ...]:
+        switch = self._switch
+        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (-(p.wcet or 0), p.job.index))
+        if anchor is Anchor.START:
+            points = [(p.start, p) for p in listed]
+        else:
+            points = [(p.start + p.wcet, p) for p in listed if p.wcet is not None]
+        return (
+            Past(switch.source.instants.of(task, anchor)),
+            Listed(points),
+            Future(switch.target.instants.of(task, anchor), switch.length),
+        )
+
+
+class _Of:
+    """The instants of one constraint's predecessor."""
+
+    def __init__(self, line: LineInstants, constraint: Precedence) -> None:
+        self._line = line
+        self._constraint = constraint
+
+    def latest(self, until: int) -> Found:
+        return self._line.latest(self._constraint.task, self._constraint.anchor, until)
+
+
+def check_precedence_on_line(switch: Switch) -> Iterator[Diagnostic]:
+    """Look for a predecessor of every constraint of the table's jobs and of the first two cycles of mode m.
+
+    What is broken in mode m without any switch is left to the rule of that mode.
+    """
+    clock = switch.clock
+    line = LineInstants(switch)
+    after = list(zip(switch.after(2), switch.target.jobs * 2, strict=True))
+    for placed, cyclic in [(p, None) for p in switch.jobs] + after:
+        for constraint in placed.version.precedences if placed.version else ():
+            found = _witness(placed.start, constraint, _Of(line, constraint), clock)
+            if (found is None or not found[1]) and not (cyclic and _broken_anyway(cyclic, constraint, switch.target)):
+                text = f"starts at {clock.text(placed.start)} after the switch and needs a job of "
+                text += (
+                    f'"{constraint.task}" whose {constraint.anchor} lies [{constraint.min}, {constraint.max}] before'
+                )
+                text += f"; {_nearest(placed, found and found[0], clock)}"
+                help = "start the predecessor during the switch, or move the jobs"
+                yield codes.OUT_OF_WINDOW(text, at=placed.job.at, path=switch.path(placed), help=help)
+
+
+def _broken_anyway(cyclic: Placed, constraint: Precedence, table: ModeTable) -> bool:
+    instants = table.instants.of(constraint.task, constraint.anchor)
+    found = _witness(cyclic.start, constraint, instants, table.clock)
+    return found is None or not found[1]
+
+
+def _nearest(placed: Placed, found: Found, clock: Clock) -> str:
+    if found is None:
+        return "there is none"
+    return f"the nearest, {found[1].label}, lies {clock.text(placed.start - found[0])} before"
+
+
+PRECEDENCE = Rule(
+    "precedence",
+    "For every precedence constraint of the version a job uses, a job of the predecessor starts (or ends) at least min "
+    "and at most max before the job starts, possibly in an earlier hyperperiod.",
+    check_precedence,
+)

@@ -1,0 +1,102 @@
+"""Instants that repeat with the hyperperiod, and the search for the nearest one."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.pipeline.verify.tables import Placed
+
+    Found: TypeAlias = tuple[int, Placed] | None
+
+
+class Recurring:
+    """The instants x + q * period for every given x and every integer q.
+
+    Of equal instants the one given first counts as the earlier.
+    """
+
+    def __init__(self, points: Sequence[tuple[int, Placed]], period: int) -> None:
+        ordered = sorted(((x % period, p) for x, p in points), key=lambda pair: pair[0])
+        self.points = points
+        self.period = period
+        self._instants = [x for x, _ in ordered]
+        self._owners = [p for _, p in ordered]
+
+    def latest(self, until: int) -> Found:
+        """Return the last instant at or before `until`, with its job; None if there is none at all."""
+        if not self._instants:
+            return None
+        turn, rest = divmod(until, self.period)
+        place = bisect_right(self._instants, rest) - 1
+        # place -1 is the last instant of the turn before
+        return (turn - (place < 0)) * self.period + self._instants[place], self._owners[place]
+
+    def earliest(self, since: int) -> Found:
+        """Return the first instant at or after `since`, with its job; None if there is none at all."""
+        if not self._instants:
+            return None
+        turn, rest = divmod(since, self.period)
+        place = bisect_left(self._instants, rest)
+        turn, place = (turn, place) if place < len(self._instants) else (turn + 1, 0)
+        return turn * self.period + self._instants[place], self._owners[place]
+
+
+class Listed:
+    """Finitely many instants."""
+
+    def __init__(self, points: Sequence[tuple[int, Placed]]) -> None:
+        ordered = sorted(points, key=lambda pair: pair[0])
+        self._instants = [x for x, _ in ordered]
+        self._owners = [p for _, p in ordered]
+
+    def latest(self, until: int) -> Found:
+        """Return the last instant at or before `until`, with its job."""
+        place = bisect_right(self._instants, until) - 1
+        return (self._instants[place], self._owners[place]) if place >= 0 else None
+
+    def earliest(self, since: int) -> Found:
+        """Return the first instant at or after `since`, with its job."""
+        place = bisect_left(self._instants, since)
+        return (self._instants[place], self._owners[place]) if place < len(self._instants) else None
+
+
+# A job longer than its hyperperiod overlaps itself, so its table is invalid whatever a search finds further off.
+_TURNS = 4
+
+
+class Past:
+    """The instants of a mode that ended at time 0: of `cycle`, only the jobs started before it (q <= -1)."""
+
+    def __init__(self, cycle: Recurring) -> None:
+        self._cycle = cycle
+        self._first = min((x for x, _ in cycle.points), default=0)
+        floor = self._first - cycle.period
+        turns = range(-1, -1 - _TURNS, -1)
+        moved = ((x + q * cycle.period, p) for q in turns for x, p in cycle.points)
+        self._last = Listed([(x, p) for x, p in moved if x >= floor])
+
+    def latest(self, until: int) -> Found:
+        """Return the last instant at or before `until`."""
+        # before the first instant of cycle 0, an instant of any q <= 0 that is early enough has q <= -1
+        return self._cycle.latest(until) if until < self._first else self._last.latest(until)
+
+
+class Future:
+    """The instants of a mode that begins at time `origin`: of `cycle`, only the jobs started after it (q >= 0)."""
+
+    def __init__(self, cycle: Recurring, origin: int) -> None:
+        self._cycle = cycle
+        self._origin = origin
+        self._settled = max((x for x, _ in cycle.points), default=0)
+        moved = ((x + q * cycle.period, p) for q in range(_TURNS) for x, p in cycle.points)
+        self._first = Listed([(x, p) for x, p in moved if x <= self._settled])
+
+    def latest(self, until: int) -> Found:
+        """Return the last instant at or before `until`."""
+        until -= self._origin
+        found = (self._cycle if until >= self._settled else self._first).latest(until)
+        return (found[0] + self._origin, found[1]) if found else None

@@ -1,0 +1,166 @@
+"""Rules exclusive and access: what jobs share at the same time (MODEL 3 and 5, rule 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify.modelfaults import is_phase
+from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.sweep import excesses, excesses_on_circle
+from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, common_denominator
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.diagnostics import Diagnostic, Location
+    from halpipe.models import Access, Version
+    from halpipe.pipeline.verify.sweep import Claim, Excess
+    from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
+
+
+def check_exclusive(table: ModeTable) -> Iterator[Diagnostic]:
+    """Sweep every unit round the circle; a job longer than the hyperperiod overlaps itself."""
+    for unit, claims in unit_claims(table.jobs).items():
+        for excess in excesses_on_circle(claims, 1, table.period):
+            yield _overlap(unit, excess, table.clock, table.path(), table.at)
+
+
+def check_access(table: ModeTable) -> Iterator[Diagnostic]:
+    """Sweep every resource round the circle."""
+    for resource, shared in resource_claims(table.jobs, table.clock).items():
+        if shared.scale is None:
+            yield _too_fine(resource, table.path(), table.at)
+            continue
+        for excess in excesses_on_circle(shared.claims, shared.scale, table.period):
+            yield _overload(resource, excess, shared.scale, table.clock, table.path(), table.at)
+
+
+def check_exclusive_on_line(switch: Switch) -> Iterator[Diagnostic]:
+    """Sweep every unit along the line of a switch."""
+    for unit, claims in unit_claims(_meeting(switch)).items():
+        for excess in _across(excesses(claims, 1)):
+            yield _overlap(unit, excess, switch.clock, switch.path(), switch.table.at)
+
+
+def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
+    """Sweep every resource along the line of a switch."""
+    for resource, shared in resource_claims(_meeting(switch), switch.clock).items():
+        if shared.scale is None:
+            yield _too_fine(resource, switch.path(), switch.table.at)
+            continue
+        for excess in _across(excesses(shared.claims, shared.scale)):
+            yield _overload(resource, excess, shared.scale, switch.clock, switch.path(), switch.table.at)
+
+
+# ------------------------------------------------------------------------------------------------ claims
+
+
+def unit_claims(jobs: Iterable[Placed]) -> dict[str, list[Claim]]:
+    """Return, for every unit used, when which job holds it: [theta, theta + C). A job of length 0 holds nothing."""
+    claims: dict[str, list[Claim]] = {}
+    for placed in jobs:
+        if placed.wcet:
+            claim = (placed.start, placed.start + placed.wcet, 1, placed)
+            for unit in dict.fromkeys(placed.job.units):
+                claims.setdefault(unit, []).append(claim)
+    return claims
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What is claimed of one resource, in parts of which the whole has `scale`: every bound is a whole number of them.
+
+    `scale` is None, and nothing claimed, where the common denominator of the bounds is out of reach.
+    """
+
+    scale: int | None
+    claims: list[Claim]
+
+
+def resource_claims(jobs: Iterable[Placed], clock: Clock) -> dict[str, Shared]:
+    """Return what the phases of the chosen versions claim; phases that make no sense are the model's fault."""
+    by_version: dict[int, tuple[Version, list[Placed]]] = {}
+    for placed in jobs:
+        if placed.version is not None and placed.version.accesses:
+            by_version.setdefault(id(placed.version), (placed.version, []))[1].append(placed)
+    used: dict[str, list[tuple[Access, list[Placed]]]] = {}
+    for version, owners in by_version.values():
+        for access in version.accesses:
+            if is_phase(access, version):
+                used.setdefault(access.resource, []).append((access, owners))
+    shared: dict[str, Shared] = {}
+    for resource, phases in used.items():
+        scale = common_denominator({access.bound.denominator for access, _ in phases})
+        shared[resource] = Shared(scale, _claims(phases, scale, clock) if scale else [])
+    return shared
+
+
+def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock) -> list[Claim]:
+    claims: list[Claim] = []
+    for access, owners in phases:
+        start, end, weight = clock.ticks(access.start), clock.ticks(access.end), int(access.bound * scale)
+        claims.extend((p.start + start, p.start + end, weight, p) for p in owners)
+    return claims
+
+
+def _meeting(switch: Switch) -> list[Placed]:
+    """Return the jobs of the line that can meet jobs of another part of it.
+
+    Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode m
+    that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
+    """
+    meeting = [p for p in switch.before(2) if p.start + (p.wcet or 0) > 0] + switch.jobs
+    horizon = max((p.start + (p.wcet or 0) for p in meeting), default=0)
+    return meeting + [p for p in switch.after(2) if p.start < horizon]
+
+
+def _across(found: Iterable[Excess]) -> Iterator[Excess]:
+    """Leave out what lies within one mode: the rule of that mode reports it."""
+    for excess in found:
+        if len(excess.parts) > 1 or TABLE in excess.parts:
+            yield excess
+
+
+# ------------------------------------------------------------------------------------------------ findings
+
+
+def _overlap(unit: str, excess: Excess, clock: Clock, path: str, at: Location) -> Diagnostic:
+    text = f"is held by {excess.names()} from {clock.text(excess.start)} to {clock.text(excess.end)}"
+    if len(excess.members) == 1:
+        text = f"is held twice by {excess.names()}, which is longer than the hyperperiod"
+    text += f": {clock.text(excess.end - excess.start)} of overlap"
+    where = next(iter(excess.members.values())).job.at if excess.members else at
+    return codes.OVERLAP(text, at=where, path=f'{path} unit "{unit}"', help="move one of the jobs, or use another unit")
+
+
+def _overload(resource: str, excess: Excess, scale: int, clock: Clock, path: str, at: Location) -> Diagnostic:
+    peak = format_rational(Fraction(excess.peak, scale))
+    span = f"from {clock.text(excess.start)} to {clock.text(excess.end)}"
+    text = (
+        f"is claimed up to {peak} {span} by {excess.names()}: {format_rational(Fraction(excess.peak - scale, scale))}"
+    )
+    text += " too much"
+    where = next(iter(excess.members.values())).job.at if excess.members else at
+    help = "move one of the jobs, or lower a bound"
+    return codes.OVERLOAD(text, at=where, path=f'{path} resource "{resource}"', help=help)
+
+
+def _too_fine(resource: str, path: str, at: Location) -> Diagnostic:
+    text = f"the common denominator of its bounds has more than {MAX_BITS} bits"
+    return codes.TOO_FINE(text, at=at, path=f'{path} resource "{resource}"', help="round the bounds up")
+
+
+EXCLUSIVE = Rule(
+    "exclusive",
+    "On every unit, the intervals from start to start plus WCET do not overlap, also round the end of the hyperperiod.",
+    check_exclusive,
+)
+ACCESS = Rule(
+    "access",
+    "At every instant, the bounds of all access phases in force on a resource sum to at most 1, exactly.",
+    check_access,
+)

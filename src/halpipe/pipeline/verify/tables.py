@@ -1,0 +1,200 @@
+"""What the rules look at: the model and the schedule, names resolved, time in exact integer ticks.
+
+The ticks are private to the check: one tick is 1/scale ns, where scale is the least common denominator of every
+duration in the model and the schedule. So all sums and comparisons are exact, and fast.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import Duration
+from halpipe.models import Anchor
+from halpipe.pipeline.verify.recurrence import Recurring
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.diagnostics import Location
+    from halpipe.models import Chain, Job, ModeSchedule, Task, TaskModel, TransitionTable, Version
+
+MAX_BITS = 4096
+
+TABLE = " of the table"
+"""The part of a switch's line between the two modes."""
+
+
+def common_denominator(denominators: Iterable[int]) -> int | None:
+    """Return the least common multiple of `denominators`, or None where it has more than `MAX_BITS` bits."""
+    scale = 1
+    for denominator in denominators:
+        scale = math.lcm(scale, denominator)
+        if scale.bit_length() > MAX_BITS:
+            return None
+    return scale
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """Converts between durations and ticks of 1/scale ns."""
+
+    scale: int
+
+    def ticks(self, duration: Duration) -> int:
+        """Return `duration` in ticks; it must be one of those the scale was made from."""
+        ns = duration.ns
+        return ns * self.scale if isinstance(ns, int) else ns.numerator * (self.scale // ns.denominator)
+
+    def text(self, ticks: int) -> str:
+        """Print `ticks` as a duration."""
+        return str(Duration(Fraction(ticks, self.scale)))
+
+
+@dataclass(slots=True)
+class ActiveTask:
+    """A task in one mode: the versions available there, its period D and number of jobs N.
+
+    `period` is None for a task on demand and where the model gives an unusable one; `count` is None where N cannot
+    be told. `wcets` gives C of every version of the task in ticks, as far as the model states it.
+    """
+
+    task: Task
+    versions: dict[str, Version]
+    wcets: dict[str, int]
+    period: int | None
+    count: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveMode:
+    """A mode of the model: its tasks T_n by name in model order, and its hyperperiod t_P in ticks (0: none)."""
+
+    name: str
+    tasks: dict[str, ActiveTask]
+    period: int
+
+
+@dataclass(slots=True)
+class Placed:
+    """A job at its place: start in ticks, on the circle of its mode or on the line of a switch.
+
+    `version` and `wcet` are None where the model does not tell them; `where` names the part of the line.
+    """
+
+    job: Job
+    active: ActiveTask
+    version: Version | None
+    wcet: int | None
+    start: int
+    where: str = ""
+
+    @property
+    def label(self) -> str:
+        """The job as messages call it."""
+        return f'"{self.job.task}" job {self.job.index}{self.where}'
+
+    def moved(self, by: int, where: str) -> Placed:
+        """Return the same job `by` ticks later, as a part of a line."""
+        return Placed(self.job, self.active, self.version, self.wcet, self.start + by, where)
+
+
+class Instants:
+    """Starts and ends of the jobs of every task, found quickly; made on first use."""
+
+    def __init__(self, jobs: dict[str, list[Placed]], period: int) -> None:
+        self._jobs = jobs
+        self._period = period
+        self._made: dict[tuple[str, Anchor], Recurring] = {}
+
+    def of(self, task: str, anchor: Anchor) -> Recurring:
+        """Return the starts or the ends of `task`.
+
+        (D) Where jobs of one task start at the same instant, the lower index counts as the earlier one; where they end
+        at the same instant, the one that started later counts as the newer one.
+        """
+        if (task, anchor) not in self._made:
+            jobs = sorted(self._jobs.get(task, ()), key=lambda p: p.job.index)
+            if anchor is Anchor.START:
+                points = [(p.start, p) for p in jobs]
+            else:
+                known = sorted(((p.wcet, p) for p in jobs if p.wcet is not None), key=lambda pair: -pair[0])
+                points = [(p.start + wcet, p) for wcet, p in known]
+            self._made[task, anchor] = Recurring(points, self._period)
+        return self._made[task, anchor]
+
+
+@dataclass(slots=True)
+class ModeTable:
+    """The table of one mode as the rules see it. `broken` names the rules already found broken in it."""
+
+    model: TaskModel
+    clock: Clock
+    mode: ActiveMode
+    schedule: ModeSchedule
+    jobs: list[Placed]
+    by_task: dict[str, list[Placed]]
+    instants: Instants
+    broken: set[str] = field(default_factory=set)
+    sound: bool = True
+
+    @property
+    def name(self) -> str:
+        """The name of the mode."""
+        return self.mode.name
+
+    @property
+    def period(self) -> int:
+        """The hyperperiod t_P in ticks."""
+        return self.mode.period
+
+    @property
+    def at(self) -> Location:
+        """The place of the table in the schedule file."""
+        return self.schedule.at
+
+    def path(self, placed: Placed | None = None) -> str:
+        """Name the table, or a job of it, for a diagnostic."""
+        return f'mode "{self.name}"' + (f' task "{placed.job.task}" job {placed.job.index}' if placed else "")
+
+    def chains(self) -> list[Chain]:
+        """Return the chains all of whose tasks run in this mode; the others say nothing about it (D)."""
+        return [c for c in self.model.chains if c.tasks and all(t in self.mode.tasks for t in c.tasks)]
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """The line of one switch: mode n up to time 0, the table on [0, length), mode m from `length` on."""
+
+    source: ModeTable
+    target: ModeTable
+    table: TransitionTable
+    length: int
+    jobs: list[Placed]
+    max_length: Duration | None
+
+    @property
+    def clock(self) -> Clock:
+        """The clock shared with both modes."""
+        return self.source.clock
+
+    def before(self, turns: int) -> list[Placed]:
+        """Return the jobs of the last `turns` cycles of mode n, in order of cycle."""
+        period, where = self.source.period, f' of mode "{self.source.name}"'
+        return [p.moved(q * period, where) for q in range(-turns, 0) for p in self.source.jobs]
+
+    def after(self, turns: int) -> list[Placed]:
+        """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
+        period, where = self.target.period, f' of mode "{self.target.name}"'
+        return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
+
+    def path(self, placed: Placed | None = None) -> str:
+        """Name the switch, or a job on its line, for a diagnostic."""
+        return switch_path(self.table) + (f" task {placed.label}" if placed else "")
+
+
+def switch_path(table: TransitionTable) -> str:
+    """Name the table of a switch for a diagnostic."""
+    return f'transition "{table.source}" to "{table.target}"'

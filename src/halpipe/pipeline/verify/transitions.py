@@ -1,0 +1,166 @@
+"""The rules of a switch from mode n to mode m (MODEL 5), on the line: two cycles of n, the table, two cycles of m."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import floor
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
+from halpipe.pipeline.verify.chains import check_chain_on_line
+from halpipe.pipeline.verify.precedence import check_precedence_on_line
+from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.sharing import check_access_on_line, check_exclusive_on_line
+from halpipe.pipeline.verify.tables import TABLE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.pipeline.verify.tables import ActiveTask, Placed, Switch
+
+
+def check_length(switch: Switch) -> Iterator[Diagnostic]:
+    """Check 0 <= L <= the stated maximum, the reported worst latency, and that no job is given twice.
+
+    (D) The worst mode-change latency is that of a request just after an end of the hyperperiod: t_P of mode n, plus L.
+    """
+    given, path = switch.table, switch.path()
+    if given.length < ZERO or (switch.max_length is not None and given.length > switch.max_length):
+        limit = f"at most {switch.max_length}" if switch.max_length is not None else "any length from 0"
+        text = f"takes {given.length}, the model allows {limit}"
+        yield codes.TOO_LONG(text, at=given.at, path=path, help="find a shorter table, or allow a longer one")
+    worst = switch.source.period + switch.length
+    if given.worst_latency * switch.clock.scale != Duration(worst):
+        text = f"worst latency {given.worst_latency}; hyperperiod and length make {switch.clock.text(worst)}"
+        yield codes.WRONG_FIGURE(text, at=given.at, path=path, help="have the report made again from the jobs")
+    seen: set[tuple[str, int]] = set()
+    for placed in switch.jobs:
+        key = (placed.job.task, placed.job.index)
+        if key in seen:
+            text = f"is given more than once, here to start at {placed.job.start}"
+            yield codes.REPEATED_JOB(text, at=placed.job.at, path=switch.path(placed), help="number the jobs of a task")
+        seen.add(key)
+
+
+def check_continuity(switch: Switch) -> Iterator[Diagnostic]:
+    """Check the starts of every task that runs in both modes, wherever one of two neighbours is not in the same mode.
+
+    (D) Within one mode, section 3 decides: it admits jobs of one task side by side where the deadline exceeds the
+    period. Tasks on demand cannot starve, as they have no period; they must not run against themselves.
+    """
+    line: dict[str, list[Placed]] = {}
+    for placed in (*switch.before(2), *switch.jobs, *switch.after(2)):
+        line.setdefault(placed.job.task, []).append(placed)
+    for name, active in switch.target.mode.tasks.items():
+        if name not in switch.source.mode.tasks:
+            continue
+        jobs = sorted(line.get(name, ()), key=lambda p: (p.start, p.job.index))
+        for before, placed in pairwise(jobs):
+            if before.where != placed.where or placed.where == TABLE:
+                yield from _neighbours(switch, active, before, placed)
+
+
+def _neighbours(switch: Switch, active: ActiveTask, before: Placed, placed: Placed) -> Iterator[Diagnostic]:
+    clock, path = switch.clock, switch.path(placed)
+    at = placed.job.at
+    gap = placed.start - before.start
+    if active.period is not None:
+        most = floor((1 + active.task.slack) * active.period)
+        if gap > most:
+            text = f"starts at {clock.text(placed.start)} after the switch, {clock.text(gap)} after {before.label}; "
+            text += f"at most {clock.text(most)} is allowed: {clock.text(gap - most)} too late"
+            yield codes.STARVED(text, at=at, path=path, help="start a job of the task in between")
+    if before.wcet is not None and gap < before.wcet:
+        text = f"starts at {clock.text(placed.start)} after the switch, while {before.label} runs until "
+        text += f"{clock.text(before.start + before.wcet)}: {clock.text(before.wcet - gap)} too early"
+        yield codes.AGAINST_ITSELF(text, at=at, path=path, help="start it after the end of the job before")
+
+
+def check_entering(switch: Switch) -> Iterator[Diagnostic]:
+    """Check that a job of a task that enters lies in a window of some job of the table or of mode m.
+
+    (D) Such a job is needed if it satisfies a constraint, even where another job would satisfy it as well.
+    """
+    entering = [p for p in switch.jobs if p.job.task not in switch.source.mode.tasks]
+    if not entering:
+        return
+    needed = _Needs(switch)
+    for placed in entering:
+        if placed.version is not None and not needed.covers(placed):
+            text = (
+                f"starts at {placed.job.start} although its task enters with the mode and no constraint needs the job"
+            )
+            yield codes.STARTED_EARLY(text, at=placed.job.at, path=switch.path(placed), help="remove the job")
+
+
+class _Needs:
+    """For every predecessor, the windows in which jobs of the table and of two cycles of mode m need it."""
+
+    def __init__(self, switch: Switch) -> None:
+        clock = switch.clock
+        self._windows: dict[str, list[tuple[int, int, bool]]] = {}
+        for placed in (*switch.jobs, *switch.after(2)):
+            for need in placed.version.precedences if placed.version else ():
+                span = (placed.start - clock.ticks(need.max), placed.start - clock.ticks(need.min))
+                self._windows.setdefault(need.task, []).append((*span, need.anchor == "end"))
+
+    def covers(self, placed: Placed) -> bool:
+        """Tell whether the start (or the end) of the job lies in a window."""
+        end = placed.start + (placed.wcet or 0)
+        windows = self._windows.get(placed.job.task, ())
+        return any(low <= (end if from_end else placed.start) <= high for low, high, from_end in windows)
+
+
+SWITCH_RULES: tuple[Rule[Switch], ...] = (
+    Rule(
+        "transition length",
+        "The table of a switch is no longer than the model allows, and its reported worst latency is the hyperperiod "
+        "of the mode before plus its length.",
+        check_length,
+    ),
+    Rule(
+        "transition version",
+        "Every job of the table uses a version of its task that is available in the mode to come.",
+        check_version_on_line,
+    ),
+    Rule(
+        "transition unit",
+        "Every job of the table occupies exactly as many distinct units as the gang size of its version, all valid.",
+        check_unit_on_line,
+    ),
+    Rule(
+        "transition exclusive",
+        "On every unit, the jobs of the mode before, the table and the mode to come do not overlap.",
+        check_exclusive_on_line,
+    ),
+    Rule(
+        "transition access",
+        "At every instant of the switch, the bounds of all access phases in force on a resource sum to at most 1.",
+        check_access_on_line,
+    ),
+    Rule(
+        "transition precedence",
+        "Every precedence constraint of every job of the table and of the mode to come holds, with predecessors from "
+        "the mode before, the table or the mode to come.",
+        check_precedence_on_line,
+    ),
+    Rule(
+        "transition continuity",
+        "Across the switch, consecutive starts of a task that runs in both modes are at most (1 + slack) periods "
+        "apart, and no job starts before the one before has ended.",
+        check_continuity,
+    ),
+    Rule(
+        "transition entering",
+        "A task that enters is started during the switch only where a constraint needs it; one that leaves, never.",
+        check_entering,
+    ),
+    Rule(
+        "transition chain",
+        "Every chain whose tasks run in both modes keeps its limits across the switch.",
+        check_chain_on_line,
+    ),
+)
