@@ -1,0 +1,169 @@
+"""Accounts for every element that was not dropped: what shaped the model, and why the others did not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.importers.ros import codes
+from halpipe.importers.ros.graph import Kind
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.base import Coverage
+    from halpipe.importers.ros.activation import Activations, Wiring
+    from halpipe.importers.ros.dataflow import DataFlow
+    from halpipe.importers.ros.graph import Callback, Publication, Rate
+
+_MOST_NAMES = 5
+_ON_UNITS = "exclusion holds between tasks that share a unit; the model has no element for it"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """All that the import found, for the account of it."""
+
+    wiring: Wiring
+    activations: Activations
+    flow: DataFlow
+
+
+def account(result: Result, rates: list[Rate], findings: Findings, coverage: Coverage) -> None:
+    """Account for nodes, callbacks, publications, subscriptions, topics, groups and recorded topics."""
+    _nodes(result, coverage)
+    _callbacks(result, findings, coverage)
+    _publications(result, coverage)
+    _subscriptions(result, coverage)
+    _topics(result, coverage)
+    _groups(result, findings, coverage)
+    for rate in rates:
+        if rate.topic in result.activations.seeded_topics:
+            coverage.mapped("bag_topic")
+        else:
+            known = rate.topic in result.wiring.publications or rate.topic in result.wiring.triggered
+            reason = "its period is known from the graph" if known else "no node of the graph uses it"
+            coverage.ignored("bag_topic", rate.topic, reason, rate.at)
+
+
+def _nodes(result: Result, coverage: Coverage) -> None:
+    wiring, active = result.wiring, result.activations
+    with_tasks = {callback.node for callback in wiring.graph.callbacks if callback.name in active.of}
+    with_callbacks = {callback.node for callback in wiring.graph.callbacks}
+    sources = {p.node for p in wiring.graph.publications if not p.callbacks and p.topic in active.seeded_topics}
+    for node in wiring.graph.nodes:
+        if node.name in with_tasks or node.name in sources:
+            coverage.mapped("node")
+        else:
+            reason = "nothing in it has a period" if node.name in with_callbacks else "has no callback"
+            coverage.ignored("node", node.name, reason, node.at)
+
+
+def _callbacks(result: Result, findings: Findings, coverage: Coverage) -> None:
+    without = []
+    for callback in result.wiring.graph.callbacks:
+        if callback.name in result.activations.of:
+            if callback.kind is not Kind.NODE:
+                coverage.mapped(callback.kind)
+            continue
+        without.append(callback)
+        if callback.kind is not Kind.NODE:
+            coverage.ignored(callback.kind, callback.name, _why_no_period(callback, result), callback.at)
+    if without:
+        first = without[0]
+        names = ", ".join(f'"{c.name}"' for c in without[:_MOST_NAMES])
+        more = f" and {len(without) - _MOST_NAMES} more" if len(without) > _MOST_NAMES else ""
+        roots = _roots(result, without)
+        help = "state the periods of " + ", ".join(f'"{t}"' for t in roots) if roots else "state the periods of topics"
+        findings.add(
+            codes.NO_PERIOD(
+                f"{len(without)} without a period are not tasks: {names}{more}; {_why_no_period(first, result)}",
+                at=first.at,
+                help=f"{help} under sources: in the overlay, or add a rosbag2 metadata.yaml",
+            )
+        )
+
+
+def _roots(result: Result, without: list[Callback]) -> list[str]:
+    """Return topics that nothing publishes in a callback, so that their period has to come from outside."""
+    topics = dict.fromkeys(topic for callback in without for topic in callback.inputs)
+    publications = result.wiring.publications
+    return [t for t in topics if not any(p.callbacks for p in publications.get(t, ()))]
+
+
+def _why_no_period(callback: Callback, result: Result) -> str:
+    if callback.kind is Kind.SERVICE:
+        return "a service is called on demand"
+    if not callback.inputs:
+        return "nothing triggers it"
+    for topic in callback.inputs:
+        if not any(p.callbacks for p in result.wiring.publications.get(topic, ())):
+            return f'topic "{topic}" has no publisher with a period'
+    return f'the publisher of topic "{callback.inputs[0]}" has no period'
+
+
+def _publications(result: Result, coverage: Coverage) -> None:
+    used = {(edge.publisher, edge.topic) for edge in result.flow.edges}
+    for publication in result.wiring.graph.publications:
+        seeded = not publication.callbacks and publication.topic in result.activations.seeded_topics
+        if seeded or any((name, publication.topic) in used for name in publication.callbacks):
+            coverage.mapped("publisher")
+        else:
+            name = f"{publication.node} {publication.topic}"
+            coverage.ignored("publisher", name, _why_unused(publication, result), publication.at)
+
+
+def _why_unused(publication: Publication, result: Result) -> str:
+    readers = result.wiring.readers(publication.topic)
+    if not readers:
+        return "nobody reads the topic"
+    if not any(reader in result.activations.of for reader in readers):
+        return "no task reads the topic"
+    if not any(name in result.activations.of for name in publication.callbacks):
+        return "no task publishes it"
+    if any(edge.topic == publication.topic for edge in result.flow.lost):
+        return "cut, since data flows in a loop"
+    return "another publisher triggers the readers, or only the publisher itself reads it"
+
+
+def _subscriptions(result: Result, coverage: Coverage) -> None:
+    for subscription in result.wiring.graph.subscriptions:
+        if subscription.callback in result.activations.of:
+            coverage.mapped("subscription")
+        else:
+            reason = (
+                "the callback is not a task" if subscription.callback else "it is not known which callback reads it"
+            )
+            name = f"{subscription.node} {subscription.topic}"
+            coverage.ignored("subscription", name, reason, subscription.at)
+
+
+def _topics(result: Result, coverage: Coverage) -> None:
+    used = {edge.topic for edge in result.flow.edges} | set(result.activations.seeded_topics)
+    for topic in result.wiring.graph.topics:
+        if topic in used:
+            coverage.mapped("topic")
+        else:
+            coverage.ignored("topic", topic, "orders no two tasks")
+
+
+def _groups(result: Result, findings: Findings, coverage: Coverage) -> None:
+    demands = {"callback_group": 0, "executor": 0}
+    at = None
+    for group in result.wiring.graph.groups:
+        tasks = [name for name in group.callbacks if name in result.activations.of]
+        if not group.exclusive or len(tasks) < 2:
+            reason = "no two of its callbacks that exclude each other are tasks"
+        else:
+            reason = _ON_UNITS
+            demands[group.kind] += 1
+            at = at or group.at
+        coverage.ignored(group.kind, group.name, reason, group.at)
+    if at is not None:
+        findings.add(
+            codes.EXCLUSION(
+                f"{demands['callback_group']} mutually exclusive callback groups and {demands['executor']} "
+                "single-threaded executors are not represented: only tasks on the same unit never overlap",
+                at=at,
+                help="in the overlay, give the tasks of such a group one and the same unit",
+            )
+        )

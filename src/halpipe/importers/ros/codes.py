@@ -1,0 +1,134 @@
+"""Every diagnostic of the ROS importer."""
+
+from __future__ import annotations
+
+from halpipe.diagnostics import error, note, warning
+
+UNRECOGNISED = error(
+    "HAL0601",
+    "File is no ROS graph description",
+    "The importer reads CARET's architecture.yaml (keys nodes, executors, named_paths), the DOT files that rqt_graph "
+    "saves, hand-written DOT task graphs, and rosbag2's metadata.yaml. Files are recognised by content, not by name.",
+)
+NO_GRAPH = error(
+    "HAL0602",
+    "No graph among the inputs",
+    "A model needs exactly one graph: an architecture.yaml or a DOT file. rosbag2 metadata only adds periods.",
+)
+TWO_GRAPHS = error(
+    "HAL0603",
+    "More than one graph",
+    "Two graphs cannot be merged: nothing says which of them is right where they differ. Name one of them; any "
+    "number of rosbag2 metadata.yaml files may go with it.",
+)
+NOT_DOT = error(
+    "HAL0604",
+    "DOT is malformed",
+    "The file does not follow the DOT grammar, or is an undirected graph, which states no direction of data flow.",
+)
+SKIPPED_FILE = warning(
+    "HAL0605",
+    "File of a directory was skipped",
+    "A file found while searching a directory is none of the formats that the importer reads, or is malformed. "
+    "Named directly, such a file is an error.",
+)
+MALFORMED = error(
+    "HAL0610",
+    "Element is malformed",
+    "A required key is missing, or a value has the wrong form.",
+)
+DUPLICATE = error(
+    "HAL0611",
+    "Name is used twice",
+    "Nodes of a graph, and callbacks of a node, are known by their names; a second one cannot be told apart.",
+)
+DANGLING = error(
+    "HAL0612",
+    "Reference to nothing",
+    "A name refers to a callback, callback group or node that the file does not declare.",
+)
+BAD_PERIOD = error(
+    "HAL0613",
+    "Period is not a positive whole number of nanoseconds",
+    "CARET states a timer's period as period_ns, rosbag2 the duration of a recording in nanoseconds.",
+)
+BAD_CALLBACK_TYPE = error(
+    "HAL0614",
+    "Callback type is unknown",
+    "Callbacks are timer_callback, subscription_callback or service_callback.",
+)
+UNKNOWN_KEY = warning(
+    "HAL0615",
+    "Key is not read",
+    "The key is no part of CARET's format as far as the importer knows it; its value has no effect.",
+)
+SNAPPED = note(
+    "HAL0620",
+    "Measured period was rounded to the stated one",
+    "Traces measure periods such as 19999999 ns; taken literally they make hyperperiods of years. A timer's period "
+    "is moved to a round value within 1/10000 or 1 us of it, a period from recorded rates within 1/50.",
+)
+UNKNOWN_PUBLISHER = warning(
+    "HAL0621",
+    "It is not known which callback publishes a topic",
+    "The file names no callback for a publication of a node with several. The importer assumes the fastest timer of "
+    "the node, or, without timers, the subscription callback that runs most often.",
+)
+SEVERAL_PERIODS = warning(
+    "HAL0622",
+    "Sources of different periods",
+    "A callback or node is fed at different rates. It takes the shortest period, which misses no message.",
+)
+NO_PERIOD = warning(
+    "HAL0623",
+    "Callbacks or nodes without a period are not tasks",
+    "Nothing that has a period triggers them, in the graph, in the overlay or in a recording.",
+)
+FEEDBACK = warning(
+    "HAL0624",
+    "Data flows in a loop",
+    "Precedence must be free of cycles. Where a loop of data is cut, the reader takes the value of the round before. "
+    "A note when no precedence was lost, because the loop passes through a callback that something else triggers.",
+)
+EXCLUSION = note(
+    "HAL0625",
+    "Mutual exclusion is not part of the model",
+    "Callbacks of a mutually exclusive group, or of a single-threaded executor, never overlap in ROS. In a schedule "
+    "only tasks that share a unit never overlap.",
+)
+DEFAULT_UNIT = note(
+    "HAL0626",
+    "Execution unit was assumed",
+    "ROS graphs do not describe the computer. All tasks are put on one unit, core0, until an overlay names units.",
+)
+DEFAULT_WINDOW = note(
+    "HAL0627",
+    "Precedence windows were assumed",
+    "A task starts between 0 and the longer of both periods after the end of the task that publishes its input. "
+    "That is the smallest window that holds at every phase, so it never makes a model infeasible.",
+)
+RENAMED = note(
+    "HAL0628",
+    "Name was adapted",
+    "Names of model elements have no white space and no glob characters; other characters were replaced by _.",
+)
+PATH_IGNORED = warning(
+    "HAL0629",
+    "Path is not a chain",
+    "A named path needs at least two tasks, each once, without a gap between them.",
+)
+NO_TASKS = error(
+    "HAL0630",
+    "No task in the graph",
+    "Not one node or callback has a period, so there is nothing to schedule.",
+)
+BAG_CONFLICT = warning(
+    "HAL0631",
+    "Recordings disagree",
+    "Two recordings give different periods for a topic; the shorter one is taken.",
+)
+UNUSED_SOURCE = warning(
+    "HAL0632",
+    "Sources lack a period",
+    "Topics that nothing with a period publishes, and whose readers therefore have none.",
+)

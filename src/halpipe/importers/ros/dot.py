@@ -1,0 +1,261 @@
+"""The DOT language, as much of it as states a graph: vertices, edges, attributes and their defaults.
+
+A tokenizer and a recursive descent parser after the grammar at https://graphviz.org/doc/info/lang.html.
+Ports and the look of things are read over. Time and memory are linear in the size of the file.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.importers.ros import codes
+
+_MAX_DEPTH = 100
+_TOKEN = re.compile(
+    r"""(?P<space>\s+|//[^\n]*|/\*.*?\*/|(?<![^\n])\#[^\n]*)
+      | (?P<quoted>"[^"\\]*+(?:\\.[^"\\]*+)*+")
+      | (?P<arrow>->|--)
+      | (?P<sign>[{}\[\];,=:+])
+      | (?P<word>-?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)|[A-Za-z_\x80-\U0010ffff][A-Za-z0-9_\x80-\U0010ffff]*)
+      | (?P<html><)""",
+    re.VERBOSE | re.DOTALL,
+)
+_ESCAPE = re.compile(r"\\(\r?\n|.)", re.DOTALL)
+_KEYWORDS = ("graph", "node", "edge", "subgraph", "digraph", "strict")
+
+
+@dataclass(frozen=True, slots=True)
+class Token:
+    """A token; `kind` is word, quoted, html, arrow, sign or end."""
+
+    kind: str
+    text: str
+    line: int
+
+
+@dataclass(slots=True)
+class Vertex:
+    """A vertex by its id, with its attributes, defaults included."""
+
+    id: str
+    line: int
+    attributes: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A directed edge between vertex ids."""
+
+    tail: str
+    head: str
+    line: int
+    attributes: dict[str, str]
+
+
+@dataclass(slots=True)
+class Digraph:
+    """A parsed file; both in the order in which they first appear."""
+
+    vertices: dict[str, Vertex] = field(default_factory=dict)
+    edges: list[Edge] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Scope:
+    """Default attributes in force, and the vertices named inside a block."""
+
+    node: dict[str, str]
+    edge: dict[str, str]
+    members: dict[str, None] = field(default_factory=dict)
+
+
+def parse(text: str, file: str) -> Digraph:
+    """Parse the first graph of a DOT file; raise `HalpipeError` with the line where the grammar is left."""
+    return _Parser(tokenize(text.removeprefix("\ufeff"), file), file).parse()
+
+
+def unescape(text: str, id: str = "") -> str:
+    r"""Return a label as shown: ``\n``, ``\l``, ``\r`` break lines, ``\N`` is the vertex id."""
+
+    def replace(match: re.Match[str]) -> str:
+        character = match[1]
+        if character in ("n", "l", "r"):
+            return "\n"
+        return id if character == "N" else "" if character.endswith("\n") else character
+
+    return _ESCAPE.sub(replace, text)
+
+
+def tokenize(text: str, file: str) -> list[Token]:
+    """Split into tokens; the text of a quoted string is without its quotes, its escapes kept."""
+    tokens: list[Token] = []
+    position, line = 0, 1
+    while position < len(text):
+        match = _TOKEN.match(text, position)
+        if match is None:
+            what = "a quote is never closed" if text[position] == '"' else f"unexpected {text[position]!r}"
+            raise _malformed(file, line, what)
+        kind, raw = match.lastgroup or "", match[0]
+        if kind == "html":
+            raw = _html(text, position, file, line)
+            tokens.append(Token("html", raw[1:-1], line))
+        elif kind == "quoted":
+            tokens.append(Token("quoted", raw[1:-1], line))
+        elif kind != "space":
+            tokens.append(Token(kind, raw, line))
+        position += len(raw)
+        line += raw.count("\n")
+    tokens.append(Token("end", "the end of the file", line))
+    return tokens
+
+
+def _html(text: str, start: int, file: str, line: int) -> str:
+    depth = 0
+    for match in re.compile("[<>]").finditer(text, start):
+        depth += 1 if match[0] == "<" else -1
+        if depth == 0:
+            return text[start : match.end()]
+    raise _malformed(file, line, "an HTML label is never closed")
+
+
+def _malformed(file: str, line: int, what: str) -> HalpipeError:
+    return HalpipeError(codes.NOT_DOT(what, at=Location(file, line), help="repair the DOT file or save it again"))
+
+
+class _Parser:
+    def __init__(self, tokens: list[Token], file: str) -> None:
+        self._tokens = tokens
+        self._next = 0
+        self._file = file
+        self._graph = Digraph()
+
+    def parse(self) -> Digraph:
+        self._keyword("strict")
+        token = self._peek()
+        if self._keyword("graph"):
+            raise _malformed(self._file, token.line, "is an undirected graph: it does not say which way data flows")
+        if not self._keyword("digraph"):
+            self._fail("digraph")
+        if self._is_name():
+            self._take()
+        self._block(_Scope({}, {}), 0)
+        return self._graph
+
+    # ------------------------------------------------------------------------------------------ statements
+
+    def _block(self, scope: _Scope, depth: int) -> None:
+        if depth > _MAX_DEPTH:
+            raise _malformed(self._file, self._peek().line, f"nests deeper than {_MAX_DEPTH} blocks")
+        self._expect("{")
+        while not self._sign("}"):
+            if not self._sign(";"):
+                self._statement(scope, depth)
+
+    def _statement(self, scope: _Scope, depth: int) -> None:
+        if self._keyword("graph"):
+            self._attributes({})
+        elif self._keyword("node"):
+            self._attributes(scope.node)
+        elif self._keyword("edge"):
+            self._attributes(scope.edge)
+        elif (
+            self._is_name() and self._tokens[self._next + 1].text == "=" and self._tokens[self._next + 1].kind == "sign"
+        ):
+            self._next += 2
+            self._name()
+        else:
+            self._chain(scope, depth)
+
+    def _chain(self, scope: _Scope, depth: int) -> None:
+        """Read a vertex statement, a block, or a chain of edges between vertices and blocks."""
+        line = self._peek().line
+        operands = [self._operand(scope, depth)]
+        while self._peek().kind == "arrow":
+            if self._take().text == "--":
+                raise _malformed(self._file, line, 'has "--" in a digraph; directed edges are written "->"')
+            operands.append(self._operand(scope, depth))
+        if len(operands) == 1:
+            stated = self._attributes({})
+            if len(operands[0]) == 1:
+                self._graph.vertices[operands[0][0]].attributes.update(stated)
+            return
+        attributes = self._attributes(dict(scope.edge))
+        for tails, heads in zip(operands, operands[1:], strict=False):
+            self._graph.edges.extend(Edge(tail, head, line, attributes) for tail in tails for head in heads)
+
+    def _operand(self, scope: _Scope, depth: int) -> list[str]:
+        """Read a vertex or a block and return the ids it stands for."""
+        named = self._keyword("subgraph")
+        if named and self._is_name():
+            self._take()
+        if named or self._is_sign("{"):
+            inner = _Scope(dict(scope.node), dict(scope.edge))
+            self._block(inner, depth + 1)
+            scope.members.update(inner.members)
+            return list(inner.members)
+        token = self._peek()
+        id = self._name()
+        while self._sign(":"):
+            self._name()
+        if id not in self._graph.vertices:
+            self._graph.vertices[id] = Vertex(id, token.line, dict(scope.node))
+        scope.members[id] = None
+        return [id]
+
+    def _attributes(self, into: dict[str, str]) -> dict[str, str]:
+        while self._sign("["):
+            while not self._sign("]"):
+                key = self._name()
+                into[key] = self._name() if self._sign("=") else "true"
+                if not self._sign(","):
+                    self._sign(";")
+        return into
+
+    # ---------------------------------------------------------------------------------------------- tokens
+
+    def _peek(self) -> Token:
+        return self._tokens[self._next]
+
+    def _take(self) -> Token:
+        token = self._tokens[self._next]
+        self._next += token.kind != "end"
+        return token
+
+    def _is_sign(self, sign: str) -> bool:
+        token = self._peek()
+        return token.kind == "sign" and token.text == sign
+
+    def _sign(self, sign: str) -> bool:
+        found = self._is_sign(sign)
+        self._next += found
+        return found
+
+    def _keyword(self, keyword: str) -> bool:
+        token = self._peek()
+        found = token.kind == "word" and token.text.lower() == keyword
+        self._next += found
+        return found
+
+    def _is_name(self) -> bool:
+        token = self._peek()
+        return token.kind in ("quoted", "html") or (token.kind == "word" and token.text.lower() not in _KEYWORDS)
+
+    def _name(self) -> str:
+        if not self._is_name():
+            self._fail("a name")
+        parts = [self._take().text]
+        while self._sign("+"):
+            parts.append(self._take().text)
+        return "".join(parts)
+
+    def _expect(self, sign: str) -> None:
+        if not self._sign(sign):
+            self._fail(f'"{sign}"')
+
+    def _fail(self, expected: str) -> NoReturn:
+        token = self._peek()
+        found = token.text if token.kind == "end" else f'"{token.text[:40]}"'
+        raise _malformed(self._file, token.line, f"expected {expected}, found {found}")

@@ -1,0 +1,143 @@
+"""Tells input files apart by content, since their names say little: unrelated architecture.yaml files abound."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import Diagnostic, HalpipeError, Location, Severity
+from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
+from halpipe.importers.ros import codes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_SUFFIXES = (".yaml", ".yml", ".dot", ".gv")
+_DOT_START = re.compile(rb"\xef\xbb\xbf|\s+|//[^\n]*|#[^\n]*|/\*.*?\*/", re.DOTALL)
+_DOT_WORD = re.compile(rb"(strict|graph|digraph)\b(?!\s*:)", re.IGNORECASE)
+_PATH_KEYS = ("named_paths", "path_name_aliases")
+_OTHER_FORMATS = {
+    "autoware_system_design_format": "an Autoware System Design file",
+    "ros__parameters": "a ROS parameter file",
+    "services": "a compose file",
+}
+_READS = "the importer reads CARET's architecture.yaml, DOT graphs and rosbag2's metadata.yaml"
+
+
+class FileKind(Enum):
+    """What an input file is."""
+
+    CARET = "architecture.yaml"
+    DOT = "DOT graph"
+    BAG = "rosbag2 metadata"
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A recognised file; `content` is text for DOT and a parsed mapping for YAML."""
+
+    name: str
+    kind: FileKind
+    content: Any
+
+
+@dataclass(slots=True)
+class Inputs:
+    """What was found: at most one graph counts; `skipped` are files of directories that are nothing to us."""
+
+    graphs: list[Input] = field(default_factory=list)
+    bags: list[Input] = field(default_factory=list)
+    skipped: list[str] = field(default_factory=list)
+    findings: list[Diagnostic] = field(default_factory=list)
+
+
+def find(paths: Sequence[str]) -> Inputs:
+    """Recognise every file of `paths`; raise `HalpipeError` unless exactly one of them is a graph."""
+    inputs = Inputs()
+    for name in dict.fromkeys(find_inputs(paths, _SUFFIXES)):
+        try:
+            found = recognise(name, read_bytes(name))
+        except HalpipeError as failure:
+            _refuse(inputs, name, failure, named=name in paths)
+            continue
+        (inputs.bags if found.kind is FileKind.BAG else inputs.graphs).append(found)
+    _check_graphs(inputs, paths)
+    if any(finding.is_error for finding in inputs.findings):
+        raise HalpipeError(*inputs.findings)
+    return inputs
+
+
+def _refuse(inputs: Inputs, name: str, failure: HalpipeError, named: bool) -> None:
+    if named:
+        inputs.findings.extend(failure.diagnostics)
+        return
+    inputs.skipped.append(name)
+    for cause in failure.diagnostics:
+        help = cause.help if cause.code == codes.UNRECOGNISED.id else "repair it if it belongs to the graph"
+        inputs.findings.append(codes.SKIPPED_FILE(f"skipped: {cause.message}", at=cause.at, help=help))
+
+
+def _check_graphs(inputs: Inputs, paths: Sequence[str]) -> None:
+    if len(inputs.graphs) > 1:
+        names = ", ".join(graph.name for graph in inputs.graphs)
+        inputs.findings.extend(
+            codes.TWO_GRAPHS(
+                f"is one of {len(inputs.graphs)} graphs: {names}", at=Location(graph.name), help="name one"
+            )
+            for graph in inputs.graphs
+        )
+    if not inputs.graphs and not any(f.severity is Severity.ERROR for f in inputs.findings):
+        inputs.findings.append(
+            codes.NO_GRAPH(
+                "holds no graph" if paths else "no input was named",
+                at=Location(paths[0] if paths else ""),
+                help="name an architecture.yaml (CARET) or a DOT file (rqt_graph)",
+            )
+        )
+
+
+def recognise(name: str, data: bytes) -> Input:
+    """Tell what `data` is and parse it as far as that takes; raise `HalpipeError` for anything else."""
+    if _DOT_WORD.match(data, _skip_comments(data)):
+        return Input(name, FileKind.DOT, data.decode("utf-8", "replace"))
+    if os.path.splitext(name)[1].lower() in (".dot", ".gv"):
+        raise HalpipeError(_not_dot(name, data))
+    if data.lstrip()[:1] == b"<":
+        raise _unrecognised(name, 1, "is XML or HTML")
+    document = parse_yaml(data, name)
+    if not isinstance(document, YamlMap):
+        raise _unrecognised(name, 0, "is empty" if document is None else "is not a mapping of keys to values")
+    if isinstance(document.get("rosbag2_bagfile_information"), YamlMap):
+        return Input(name, FileKind.BAG, document)
+    if "nodes" in document and ("executors" in document or any(key in document for key in _PATH_KEYS)):
+        return Input(name, FileKind.CARET, document)
+    for key, what in _OTHER_FORMATS.items():
+        if key in document:
+            raise _unrecognised(name, document.line_of(key), f"is {what}")
+    missing = [key for key in ("nodes", "executors", "named_paths") if key not in document]
+    raise _unrecognised(name, document.line, f"has no {', '.join(missing)}: not the architecture.yaml of CARET")
+
+
+def _skip_comments(data: bytes) -> int:
+    position = 0
+    while match := _DOT_START.match(data, position):
+        position = match.end()
+    return position
+
+
+def _not_dot(name: str, data: bytes) -> Diagnostic:
+    start = _skip_comments(data)
+    words = data[start : start + 80].split()
+    first = words[0].decode("utf-8", "replace")[:40] if words else ""
+    return codes.NOT_DOT(
+        f'begins with "{first}", not with digraph' if first else "is empty",
+        at=Location(name, data.count(b"\n", 0, start) + 1),
+        help="save the graph as DOT in rqt_graph, or name the file after what it is",
+    )
+
+
+def _unrecognised(name: str, line: int, what: str) -> HalpipeError:
+    return HalpipeError(codes.UNRECOGNISED(what, at=Location(name, line), help=_READS))
