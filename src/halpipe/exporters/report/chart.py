@@ -1,0 +1,288 @@
+"""Geometry of a Gantt chart: lanes of units with bars, then lanes of resources with a step area.
+
+Horizontal places are per cent of the time shown, so a chart keeps its text size at every width and zoom. What has
+a free shape (access phases, step areas) is a path over `GRID` columns that the page stretches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.palette import RESOURCES, tone
+from halpipe.exporters.report.axis import Tick, ticks
+from halpipe.exporters.report.numbers import decimal, percent, position
+from halpipe.exporters.timeline import resource_steps, versions_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.durations import Duration
+    from halpipe.exporters.timeline import Placement, Steps, Window
+    from halpipe.models import TaskModel, Version
+
+GRID = 100_000
+AXIS_HEIGHT = 26
+METER_HEIGHT = 60
+METER_GAP = 14
+# A chart with more rows than this repeats its axis at the foot.
+MANY_ROWS = 20
+NAME_WIDTH = 190
+# The chart is never drawn narrower than this many pixels; a label that fits a bar then always fits it.
+BASE_WIDTH = 780
+ZOOM_LEVELS = 5
+CHARACTER = Fraction(66, 10)
+# From this many units on, lanes without any job are listed rather than drawn.
+MANY_LANES = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """An occurrence of a job on a lane. `label` fits from zoom `level` on, `short` stands in for it before."""
+
+    x: str
+    width: str
+    tone: int
+    title: str
+    label: str
+    level: int
+    short: str
+    cut_left: bool
+    cut_right: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """A unit: its bars, and one path of access phases per resource (position of the resource, path)."""
+
+    name: str
+    caption: str
+    load: str
+    y: int
+    bars: tuple[Bar, ...]
+    phases: tuple[tuple[int, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Meter:
+    """A resource: the sum of bounds as a path, the part above capacity 1 as another, and the capacity line."""
+
+    name: str
+    caption: str
+    peak: str
+    y: int
+    tone: int
+    area: str
+    excess: str
+    capacity: str
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """A stretch of the line with a caption: a mode or a transition table."""
+
+    x: str
+    width: str
+    caption: str
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """Everything the template needs to draw one chart."""
+
+    name: str
+    title: str
+    description: str
+    height: int
+    top: int
+    low_axis: bool
+    lane_height: int
+    bar_height: int
+    lanes: tuple[Lane, ...]
+    meters: tuple[Meter, ...]
+    ticks: tuple[Tick, ...]
+    regions: tuple[Region, ...]
+    idle: tuple[str, ...]
+    tones: tuple[tuple[int, str], ...]
+    resources: tuple[tuple[int, str], ...]
+    wraps: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Caption:
+    """What a chart says of itself; `fine` asks for the ticks that zooming shows."""
+
+    name: str
+    title: str
+    description: str
+    loads: dict[str, Fraction]
+    regions: tuple[Region, ...] = ()
+    fine: bool = True
+
+
+def region(window: Window, start: Duration, end: Duration, caption: str, kind: str) -> Region:
+    """Return the stretch [start, end) of the line, placed within `window`."""
+    low, high = _place(start, window), _place(end, window)
+    return Region(decimal(low, 4), decimal(high - low, 4), caption, kind)
+
+
+def build_chart(model: TaskModel, placements: Sequence[Placement], window: Window, caption: Caption) -> Chart:
+    """Return the chart of `placements` over `window`."""
+    shown = [placement for placement in placements if window.shows(placement)]
+    tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
+    by_unit: dict[str, list[Placement]] = {unit.name: [] for unit in model.units}
+    for placement in shown:
+        for unit in placement.job.units:
+            by_unit[unit].append(placement)
+    many = len(by_unit) > MANY_LANES
+    drawn = [name for name, found in by_unit.items() if found or not many]
+    lane_height = 28 if len(drawn) <= 16 else 22 if len(drawn) <= 48 else 16
+    bar_height = lane_height - (6 if lane_height > 16 else 3)
+    top = AXIS_HEIGHT + (18 if caption.regions else 0)
+    lanes = _Lanes(model, window, tones, bar_height, caption.loads)
+    meters_y = top + lane_height * len(drawn) + METER_GAP
+    steps = resource_steps(model, shown, window)
+    meters = [
+        _meter(name, found, window, position_, meters_y + position_ * (METER_HEIGHT + METER_GAP))
+        for position_, (name, found) in enumerate(steps.items())
+    ]
+    used = {placement.job.task for placement in shown}
+    low_axis = len(drawn) > MANY_ROWS
+    return Chart(
+        name=caption.name,
+        title=caption.title,
+        description=caption.description,
+        height=meters_y + len(meters) * (METER_HEIGHT + METER_GAP) + (AXIS_HEIGHT // 2 if low_axis else 0),
+        top=top,
+        low_axis=low_axis,
+        lane_height=lane_height,
+        bar_height=bar_height,
+        lanes=tuple(lanes.lane(name, by_unit[name], top + lane_height * row) for row, name in enumerate(drawn)),
+        meters=tuple(meters),
+        ticks=tuple(ticks(window, fine=caption.fine)),
+        regions=caption.regions,
+        idle=tuple(name for name in by_unit if name not in set(drawn)),
+        tones=tuple((tones[task.name], task.name) for task in model.tasks if task.name in used),
+        resources=tuple((number % len(RESOURCES), name) for number, name in enumerate(steps)),
+        wraps=any(p.start < window.start or p.end > window.end for p in shown),
+    )
+
+
+class _Lanes:
+    """Draws the lanes of one chart."""
+
+    def __init__(
+        self, model: TaskModel, window: Window, tones: dict[str, int], height: int, loads: dict[str, Fraction]
+    ) -> None:
+        self.window = window
+        self.tones = tones
+        self.height = height
+        self.loads = loads
+        self.versions = versions_of(model)
+        self.resources = {resource.name: number for number, resource in enumerate(model.resources)}
+
+    def lane(self, name: str, placements: Sequence[Placement], y: int) -> Lane:
+        """Return the lane of one unit."""
+        load = percent(self.loads[name]) if name in self.loads else ""
+        bars = tuple(self._bar(placement) for placement in placements)
+        return Lane(name, _elide(name, 24 - len(load)), load, y, bars, self._phases(placements))
+
+    def _bar(self, placement: Placement) -> Bar:
+        job, window = placement.job, self.window
+        low, high = _place(placement.start, window), _place(placement.end, window)
+        cut_left, cut_right = placement.start < window.start, placement.end > window.end
+        room = (high - low) * BASE_WIDTH / 100 - 8 - 8 * (cut_left + cut_right)
+        label, level, short = _fit(job.task, room) if self.height > 14 else ("", 0, "")
+        return Bar(
+            x=decimal(low, 4),
+            width=decimal(high - low, 4),
+            tone=self.tones[job.task],
+            title=_describe(placement, cut_left, cut_right),
+            label=label,
+            level=level,
+            short=short,
+            cut_left=cut_left,
+            cut_right=cut_right,
+        )
+
+    def _phases(self, placements: Sequence[Placement]) -> tuple[tuple[int, str], ...]:
+        paths: dict[int, list[str]] = {}
+        stripe = 4 if self.height > 14 else 3
+        for placement in placements:
+            for access in self._version(placement).accesses:
+                low = _column(placement.start + access.start, self.window)
+                high = _column(placement.start + access.end, self.window)
+                number = self.resources.get(access.resource)
+                if number is not None and low < high:
+                    y = self.height - stripe * (1 + number % 3)
+                    part = f"M{low} {y}h{high - low}v{stripe}h{low - high}z"
+                    paths.setdefault(number % len(RESOURCES), []).append(part)
+        return tuple((number, "".join(parts)) for number, parts in sorted(paths.items()))
+
+    def _version(self, placement: Placement) -> Version:
+        return self.versions[placement.job.task, placement.job.version]
+
+
+def _meter(name: str, steps: Steps, window: Window, number: int, y: int) -> Meter:
+    peak = max(total for _, total in steps)
+    scale = Fraction(METER_HEIGHT) / max(peak, Fraction(1)) * Fraction(9, 10)
+    return Meter(
+        name=name,
+        caption=_elide(name, 16),
+        peak=percent(peak),
+        y=y,
+        tone=number % len(RESOURCES),
+        area=_area([(at, min(total, Fraction(1)) * scale) for at, total in steps], window, Fraction(0)),
+        excess=_area([(at, max(total, Fraction(1)) * scale) for at, total in steps], window, scale),
+        capacity=decimal(METER_HEIGHT - scale, 2),
+    )
+
+
+def _area(steps: Steps, window: Window, base: Fraction) -> str:
+    """Return the closed path between the height `base` and the steps; empty where no step rises above it."""
+    if all(height <= base for _, height in steps):
+        return ""
+    floor = decimal(METER_HEIGHT - base, 2)
+    parts = [f"M0 {floor}"]
+    for at, height in steps:
+        parts.append(f"H{_column(at, window)}V{decimal(METER_HEIGHT - height, 2)}")
+    return "".join(parts) + f"H{GRID}V{floor}z"
+
+
+def _place(at: Duration, window: Window) -> Fraction:
+    """Return where an instant lies, in per cent, clipped to the chart."""
+    clipped = min(max(at, window.start), window.end)
+    return position((clipped - window.start).ns, window.length.ns)
+
+
+def _column(at: Duration, window: Window) -> int:
+    return round(_place(at, window) * GRID / 100)
+
+
+def _describe(placement: Placement, cut_left: bool, cut_right: bool) -> str:
+    job = placement.job
+    lines = [
+        f"{job.task} #{job.index}",
+        f"{job.start} – {job.end} ({job.end - job.start})",
+        f"version {job.version} on {', '.join(job.units)}",
+    ]
+    if cut_left:
+        lines.append("began in the cycle before")
+    if cut_right:
+        lines.append("goes on in the next cycle")
+    return "\n".join(lines)
+
+
+def _fit(name: str, room: Fraction) -> tuple[str, int, str]:
+    """Return the label, the zoom level from which it fits, and a shortened label for the levels before."""
+    for level in range(ZOOM_LEVELS):
+        if len(name) * CHARACTER <= room * 2**level:
+            letters = int(room / CHARACTER)
+            return name, level, _elide(name, letters) if level and letters >= 4 else ""
+    return "", 0, ""
+
+
+def _elide(name: str, letters: int) -> str:
+    return name if len(name) <= letters else name[: max(letters - 1, 1)] + "…"

@@ -1,0 +1,389 @@
+"""The page as plain values for the template, and its rendering."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from halpipe.durations import ZERO
+from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
+from halpipe.exporters.report.chart import BASE_WIDTH, GRID, METER_HEIGHT, NAME_WIDTH, ZOOM_LEVELS, Caption, Chart
+from halpipe.exporters.report.chart import build_chart, region
+from halpipe.exporters.report.numbers import approximate, decimal, percent
+from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
+from halpipe.models import Anchor, Status
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    import jinja2
+
+    from halpipe.durations import Duration
+    from halpipe.exporters.timeline import Link
+    from halpipe.models import Chain, CostTerms, ModeSchedule, Schedule, Task, TaskModel, TransitionTable, Version
+
+_TERMS = (
+    ("overlap", "time in which two jobs share a unit, in ticks"),
+    ("access", "demand on resources beyond their capacity, in ticks times share"),
+    ("precedence", "distance of constraints and chains from their windows, in ticks"),
+    ("unit", "jobs on a unit that their version does not allow"),
+    ("occupancy", "share of units left empty, a bonus"),
+    ("timeliness", "how near jobs keep to their release, a bonus; 1 is exactly on time"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Gauge:
+    """A bar with its text: a load, or a latency against its limit."""
+
+    name: str
+    text: str
+    width: str
+    detail: str = ""
+    over: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class JobRow:
+    """A line of the table of jobs."""
+
+    tone: int
+    task: str
+    index: int
+    start: str
+    end: str
+    version: str
+    units: str
+    waits: str
+
+
+@dataclass(frozen=True, slots=True)
+class ChainRow:
+    """A chain with its two latencies."""
+
+    name: str
+    path: str
+    gauges: tuple[Gauge, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeView:
+    """One mode, ready to be printed."""
+
+    id: str
+    name: str
+    valid: bool
+    hyperperiod: str
+    job_count: int
+    task_count: int
+    unit_count: int
+    cost: str
+    terms: tuple[tuple[str, str, str], ...]
+    chart: Chart
+    chains: tuple[ChainRow, ...]
+    unit_loads: tuple[Gauge, ...]
+    resource_loads: tuple[Gauge, ...]
+    jobs: tuple[JobRow, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TransitionView:
+    """One switch, ready to be printed."""
+
+    id: str
+    source: str
+    target: str
+    valid: bool
+    length: str
+    limit: str
+    worst_latency: str
+    jobs: tuple[JobRow, ...]
+    chart: Chart | None
+
+
+@dataclass(frozen=True, slots=True)
+class VersionRow:
+    """A version of a task in the table of tasks."""
+
+    name: str
+    wcet: str
+    units: str
+    accesses: tuple[str, ...]
+    precedences: tuple[str, ...]
+    used: str
+
+
+@dataclass(frozen=True, slots=True)
+class TaskRow:
+    """A line of the table of tasks."""
+
+    tone: int
+    name: str
+    period: str
+    slack: str
+    offset: str
+    deadline: str
+    versions: tuple[VersionRow, ...]
+
+
+def format_page(model: TaskModel, schedule: Schedule, title: str) -> str:
+    """Return the HTML page of a schedule that fits `model` (see `select`)."""
+    context = shows_context(schedule)
+    return _template().render(
+        title=title or f"{model.name} schedule",
+        model=model,
+        schedule=schedule,
+        facts=_facts(model, schedule),
+        modes=[_mode(model, table, f"mode-{n}") for n, table in enumerate(schedule.modes, 1)],
+        transitions=[
+            _transition(model, schedule, table, f"switch-{n}", context)
+            for n, table in enumerate(schedule.transitions, 1)
+        ],
+        tasks=_tasks(model, schedule),
+    )
+
+
+@cache
+def _template() -> jinja2.Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_source),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["decimal"] = lambda value: decimal(value, 4)
+    environment.globals.update(
+        fills=FILLS,
+        ink=INK,
+        resource_colours=RESOURCES,
+        grid=GRID,
+        base_width=BASE_WIDTH,
+        name_width=NAME_WIDTH,
+        meter_height=METER_HEIGHT,
+        zoom_levels=ZOOM_LEVELS,
+    )
+    return environment.get_template("report.html.j2")
+
+
+def _source(name: str) -> str:
+    return (resources.files("halpipe.exporters.report") / "templates" / name).read_text("utf-8")
+
+
+def _facts(model: TaskModel, schedule: Schedule) -> list[tuple[str, str]]:
+    facts = [
+        ("Model", model.name),
+        ("Model SHA-256", schedule.model_sha256),
+        ("Made by", schedule.generator),
+        ("Solver", schedule.solver),
+        ("Seed", "" if schedule.seed is None else str(schedule.seed)),
+        ("Tick", "" if schedule.tick is None else str(schedule.tick)),
+        ("Size", _size(model)),
+    ]
+    return [(name, text) for name, text in facts if text]
+
+
+def _size(model: TaskModel) -> str:
+    parts = [(len(model.units), "unit"), (len(model.resources), "resource"), (len(model.tasks), "task")]
+    parts += [(len(model.chains), "chain"), (len(model.modes), "mode")]
+    return ", ".join(f"{count} {noun}{'' if count == 1 else 's'}" for count, noun in parts if count)
+
+
+# --------------------------------------------------------------------------------------------------- modes
+
+
+def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
+    used = {unit for job in table.jobs for unit in job.units}
+    tasks = {job.task for job in table.jobs}
+    loads = {load.unit: load.share for load in table.unit_loads}
+    caption = Caption(
+        name=id,
+        title=f"Gantt chart of mode {table.name}",
+        description=f"{len(table.jobs)} jobs of {len(tasks)} tasks on {len(used)} units over one cycle of "
+        f"{table.hyperperiod}. The table of jobs below holds the same in text.",
+        loads=loads,
+    )
+    return ModeView(
+        id=id,
+        name=table.name,
+        valid=table.status is Status.VALID,
+        hyperperiod=str(table.hyperperiod),
+        job_count=len(table.jobs),
+        task_count=len(tasks),
+        unit_count=len(used),
+        cost="" if table.cost is None else approximate(table.cost.total),
+        terms=() if table.cost is None else _terms(table.cost),
+        chart=build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
+        chains=_chains(model, table),
+        unit_loads=tuple(
+            Gauge(load.unit, percent(load.share), _width(load.share), f"{load.busy} busy", load.share > 1)
+            for load in table.unit_loads
+        ),
+        resource_loads=tuple(
+            Gauge(
+                load.resource,
+                f"peak {percent(load.peak)}",
+                _width(load.peak),
+                f"mean {percent(load.mean)}",
+                load.peak > 1,
+            )
+            for load in table.resource_loads
+        ),
+        jobs=_jobs(model, table),
+    )
+
+
+def _terms(cost: CostTerms) -> tuple[tuple[str, str, str], ...]:
+    return tuple((name, approximate(getattr(cost, name)), meaning) for name, meaning in _TERMS)
+
+
+def _width(share: Fraction) -> str:
+    return decimal(min(share, Fraction(1)) * 100, 2)
+
+
+def _chains(model: TaskModel, table: ModeSchedule) -> tuple[ChainRow, ...]:
+    chains = {chain.name: chain for chain in model.chains}
+    return tuple(_chain(chains[found.name], found.reaction, found.age) for found in table.chains)
+
+
+def _chain(chain: Chain, reaction: Duration | None, age: Duration | None) -> ChainRow:
+    gauges = (
+        _latency("reaction time", reaction, chain.max_reaction),
+        _latency("data age", age, chain.max_age),
+    )
+    return ChainRow(chain.name, " → ".join(chain.tasks), gauges)
+
+
+def _latency(name: str, value: Duration | None, limit: Duration | None) -> Gauge:
+    if value is None:
+        return Gauge(name, "never gets through", "0", f"limit {limit}" if limit else "no limit", limit is not None)
+    if not limit:
+        return Gauge(name, str(value), "0", "no limit")
+    share = value / limit
+    return Gauge(name, str(value), _width(share), f"{percent(share)} of the limit {limit}", value > limit)
+
+
+def _jobs(model: TaskModel, table: ModeSchedule) -> tuple[JobRow, ...]:
+    waits: dict[tuple[str, int], list[str]] = {}
+    for link in links(model, table):
+        waits.setdefault((link.job.task, link.job.index), []).append(_waits(link))
+    return _job_rows(model, table, waits)
+
+
+def _job_rows(
+    model: TaskModel, table: ModeSchedule | TransitionTable, waits: dict[tuple[str, int], list[str]]
+) -> tuple[JobRow, ...]:
+    tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
+    order = {task.name: number for number, task in enumerate(model.tasks)}
+    jobs = sorted(table.jobs, key=lambda job: (job.start.ns, order[job.task], job.index))
+    return tuple(
+        JobRow(
+            tone=tones[job.task],
+            task=job.task,
+            index=job.index,
+            start=str(job.start),
+            end=str(job.end),
+            version=job.version,
+            units=", ".join(job.units),
+            waits="; ".join(waits.get((job.task, job.index), ())),
+        )
+        for job in jobs
+    )
+
+
+def _waits(link: Link) -> str:
+    event = "started" if link.precedence.anchor is Anchor.START else "ended"
+    return f"{link.predecessor.task} #{link.predecessor.index} {event} {link.distance} before"
+
+
+# --------------------------------------------------------------------------------------------- transitions
+
+
+def _transition(
+    model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool
+) -> TransitionView:
+    source, target = schedule.mode(table.source), schedule.mode(table.target)
+    window, placements = unroll_switch(table, source, target, context=context)
+    limits = {(pair.source, pair.target): pair.max_length for pair in model.transitions}
+    limit = limits.get((table.source, table.target))
+    regions = [region(window, ZERO, table.length, "transition table", "table")] if table.length else []
+    if context:
+        regions.insert(0, region(window, window.start, ZERO, f"last cycle of {table.source}", "mode"))
+        regions.append(region(window, table.length, window.end, f"first cycle of {table.target}", "mode"))
+    caption = Caption(
+        name=id,
+        title=f"Switch from {table.source} to {table.target}",
+        description=f"The switch happens at 0. {len(table.jobs)} jobs start in a transition table of "
+        f"{table.length}; then {table.target} begins.",
+        loads={},
+        regions=tuple(regions),
+        fine=False,
+    )
+    return TransitionView(
+        id=id,
+        source=table.source,
+        target=table.target,
+        valid=table.status is Status.VALID,
+        length=str(table.length),
+        limit="" if limit is None else str(limit),
+        worst_latency=str(table.worst_latency),
+        jobs=_job_rows(model, table, {}),
+        chart=build_chart(model, placements, window, caption) if window.length else None,
+    )
+
+
+# --------------------------------------------------------------------------------------------------- tasks
+
+
+def _tasks(model: TaskModel, schedule: Schedule) -> list[TaskRow]:
+    uses = Counter((table.name, job.task, job.version) for table in schedule.modes for job in table.jobs)
+    modes = [table.name for table in schedule.modes]
+    return [
+        TaskRow(
+            tone=tone(number),
+            name=task.name,
+            period="on demand" if task.period is None else str(task.period),
+            slack=percent(task.slack),
+            offset="" if task.offset is None else str(task.offset),
+            deadline=_deadline(task),
+            versions=tuple(
+                _version(version, [(mode, uses[mode, task.name, version.name]) for mode in modes])
+                for version in task.versions
+            ),
+        )
+        for number, task in enumerate(model.tasks)
+    ]
+
+
+def _deadline(task: Task) -> str:
+    if task.deadline is not None:
+        return str(task.deadline)
+    return "" if task.period is None else "period"
+
+
+def _version(version: Version, uses: list[tuple[str, int]]) -> VersionRow:
+    gang = f"{version.gang} of " if version.gang > 1 else ""
+    return VersionRow(
+        name=version.name,
+        wcet="not stated" if version.wcet is None else str(version.wcet),
+        units=gang + _some(version.units),
+        accesses=tuple(
+            f"{a.resource} {a.start} – {a.end}, bound {format_rational(a.bound)}" + (f", {a.kind}" if a.kind else "")
+            for a in version.accesses
+        ),
+        precedences=tuple(f"{p.min} – {p.max} after the {p.anchor} of {p.task}" for p in version.precedences),
+        used=", ".join(f"{mode} ({count})" for mode, count in uses if count),
+    )
+
+
+def _some(names: tuple[str, ...], most: int = 6) -> str:
+    """Return the names, of many only the first and how many there are."""
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{', '.join(names[: most // 2])} … ({len(names)} units)"

@@ -1,0 +1,113 @@
+"""The part of a schedule that an export shows, proven to fit the model before anything is drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.durations import ZERO
+from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+    from halpipe.diagnostics import Location
+    from halpipe.durations import Duration
+    from halpipe.models import Job, ModeSchedule, Schedule, TaskModel, TransitionTable
+
+REMAKE = "make the schedule again from this model"
+
+
+def select(model: TaskModel, schedule: Schedule | None, mode: str, format_name: str) -> Schedule:
+    """Return `schedule`, cut to one `mode` if it is not empty, in which every name and time can be relied on.
+
+    Raise `HalpipeError` with everything that does not fit: exporters never guess.
+    """
+    if schedule is None:
+        help = "run `halpipe schedule` and give its output with the model"
+        raise HalpipeError(NEEDS_SCHEDULE(f'format "{format_name}" needs a schedule', help=help))
+    if mode:
+        require_mode(mode, (m.name for m in schedule.modes))
+        kept = tuple(m for m in schedule.modes if m.name == mode)
+        schedule = replace(schedule, modes=kept, transitions=())
+    check = _Check(model, schedule)
+    for table in schedule.modes:
+        check.mode(table)
+    for transition in schedule.transitions:
+        check.transition(transition)
+    check.findings.stop_on_errors()
+    return schedule
+
+
+def require_mode(mode: str, known: Iterable[str]) -> None:
+    """Raise `HalpipeError` unless `mode` is one of `known`."""
+    names = list(known)
+    if mode not in names:
+        help = did_you_mean(mode, names, "the modes are " + ", ".join(names))
+        raise HalpipeError(UNKNOWN_MODE(f'there is no mode "{mode}"', help=help))
+
+
+class _Check:
+    """Compares a schedule with its model, collecting all that does not fit."""
+
+    def __init__(self, model: TaskModel, schedule: Schedule) -> None:
+        self.findings = Findings()
+        self.versions = {task.name: {version.name for version in task.versions} for task in model.tasks}
+        self.units = {unit.name for unit in model.units}
+        self.resources = {resource.name for resource in model.resources}
+        self.chains = {chain.name for chain in model.chains}
+        self.modes = {mode.name for mode in model.modes}
+        self.scheduled = {mode.name for mode in schedule.modes}
+
+    def mode(self, table: ModeSchedule) -> None:
+        path = f'mode "{table.name}"'
+        self._known("mode", table.name, self.modes, table.at, path)
+        if table.hyperperiod <= ZERO:
+            self._time("the hyperperiod must be positive", table.at, path)
+            return
+        for job in table.jobs:
+            self._job(job, path, table.hyperperiod)
+            if not ZERO <= job.start < table.hyperperiod:
+                self._time(f"start {job.start} is outside the hyperperiod {table.hyperperiod}", job.at, _name(job))
+        for unit_load in table.unit_loads:
+            self._known("unit", unit_load.unit, self.units, table.at, path)
+        for resource_load in table.resource_loads:
+            self._known("resource", resource_load.resource, self.resources, table.at, path)
+        for chain in table.chains:
+            self._known("chain", chain.name, self.chains, table.at, path)
+
+    def transition(self, table: TransitionTable) -> None:
+        path = f'transition from "{table.source}" to "{table.target}"'
+        for name in (table.source, table.target):
+            self._known("mode", name, self.scheduled, table.at, path)
+        for job in table.jobs:
+            self._job(job, path, None)
+
+    def _job(self, job: Job, path: str, longest: Duration | None) -> None:
+        where = f"{path}, {_name(job)}"
+        if self._known("task", job.task, self.versions, job.at, where):
+            self._known("version", job.version, self.versions[job.task], job.at, where)
+        for unit in job.units:
+            self._known("unit", unit, self.units, job.at, where)
+        if not job.units:
+            self.findings.add(FOREIGN_SCHEDULE("the job has no unit", at=job.at, path=where, help=REMAKE))
+        if job.end < job.start:
+            self._time(f"end {job.end} is before start {job.start}", job.at, where)
+        if longest is not None and job.end - job.start > longest:
+            self._time(f"lasts {job.end - job.start}, longer than the hyperperiod {longest}", job.at, where)
+
+    def _known(self, kind: str, name: str, known: Collection[str], at: Location, path: str) -> bool:
+        if name in known:
+            return True
+        help = did_you_mean(name, sorted(known), REMAKE)
+        self.findings.add(FOREIGN_SCHEDULE(f'the model has no {kind} "{name}"', at=at, path=path, help=help))
+        return False
+
+    def _time(self, message: str, at: Location, path: str) -> None:
+        self.findings.add(UNDRAWABLE_TIME(message, at=at, path=path, help=REMAKE))
+
+
+def _name(job: Job) -> str:
+    return f'job {job.index} of task "{job.task}"'

@@ -1,0 +1,197 @@
+"""When things happen on the line of time that is drawn: occurrences of jobs, load of resources, precedence links.
+
+Everything is exact. The report and the trace both draw from here, so they cannot disagree.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.models import Anchor
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.models import Job, ModeSchedule, Precedence, Schedule, TaskModel, TransitionTable, Version
+
+# A switch is drawn with a full cycle of both modes around it; more jobs than this in all such cycles of one export
+# would make the output large and say nothing new.
+CONTEXT_JOBS = 2000
+
+Steps = list[tuple[Duration, Fraction]]
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """One occurrence of `job` on the line, from `start`, which is negative for what began before the line.
+
+    `cycle` counts the hyperperiods from the one that starts at 0; `part` names the mode, or is empty for a job of a
+    transition table.
+    """
+
+    job: Job
+    start: Duration
+    cycle: int = 0
+    part: str = ""
+
+    @property
+    def end(self) -> Duration:
+        """The instant at which the occurrence ends."""
+        return self.start + (self.job.end - self.job.start)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """The half-open stretch [start, end) of the line that is drawn."""
+
+    start: Duration
+    end: Duration
+
+    @property
+    def length(self) -> Duration:
+        """How long the stretch is."""
+        return self.end - self.start
+
+    def shows(self, placement: Placement) -> bool:
+        """Whether any of an occurrence lies inside."""
+        return placement.start < self.end and (placement.end > self.start or placement.start >= self.start)
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """The predecessor job that satisfies a constraint of `job`: of those in the window, the newest.
+
+    The predecessor's occurrence lies `cycles` hyperperiods before the job's; `distance` is what the constraint
+    limits, from the anchor of the predecessor to the job's start.
+    """
+
+    job: Job
+    precedence: Precedence
+    predecessor: Job
+    cycles: int
+    distance: Duration
+
+
+def versions_of(model: TaskModel) -> dict[tuple[str, str], Version]:
+    """Return every version by the names of its task and itself."""
+    return {(task.name, version.name): version for task in model.tasks for version in task.versions}
+
+
+def unroll(table: ModeSchedule, cycles: int = 1) -> list[Placement]:
+    """Return every occurrence in force on [0, cycles * t_P) of the repeated schedule, by start, then table order.
+
+    A job that wraps round the hyperperiod's end occurs once more, from before 0.
+    """
+    period = table.hyperperiod
+    found = []
+    for job in table.jobs:
+        first = -1 if job.end > period else 0
+        found += [Placement(job, job.start + period * cycle, cycle, table.name) for cycle in range(first, cycles)]
+    return sorted(found, key=lambda placement: placement.start.ns)
+
+
+def shows_context(schedule: Schedule) -> bool:
+    """Whether the switches of `schedule` are few and small enough to be drawn within the modes around them."""
+    sizes = {mode.name: len(mode.jobs) for mode in schedule.modes}
+    return sum(sizes[t.source] + sizes[t.target] for t in schedule.transitions) <= CONTEXT_JOBS
+
+
+def unroll_switch(
+    table: TransitionTable, source: ModeSchedule, target: ModeSchedule, *, context: bool
+) -> tuple[Window, list[Placement]]:
+    """Return the line around a switch (MODEL 5): the last cycle of `source`, the table, the first of `target`.
+
+    Time 0 is the end of the source's hyperperiod. Parts of the target's jobs that wrap in from a cycle before its
+    first are idle, so they do not occur. Without `context` only the table and what runs into it are returned.
+    """
+    before = [
+        Placement(p.job, p.start - source.hyperperiod, p.cycle - 1, p.part)
+        for p in unroll(source)
+        if context or p.end > source.hyperperiod
+    ]
+    inside = [Placement(job, job.start) for job in table.jobs]
+    after = [Placement(job, table.length + job.start, 0, target.name) for job in target.jobs if context]
+    start = -source.hyperperiod if context else ZERO
+    end = table.length + target.hyperperiod if context else max([table.length, *(p.end for p in inside)])
+    found = sorted(before + inside + after, key=lambda placement: placement.start.ns)
+    return Window(start, end), found
+
+
+def resource_steps(model: TaskModel, placements: Iterable[Placement], window: Window) -> dict[str, Steps]:
+    """Return for every resource the sum of the bounds in force, as (instant, sum from there on) over `window`."""
+    versions = versions_of(model)
+    changes: dict[str, dict[int | Fraction, Fraction]] = {r.name: defaultdict(Fraction) for r in model.resources}
+    low, high = window.start.ns, window.end.ns
+    for placement in placements:
+        for access in versions[placement.job.task, placement.job.version].accesses:
+            begin = max(placement.start.ns + access.start.ns, low)
+            end = min(placement.start.ns + access.end.ns, high)
+            if begin < end and access.resource in changes:
+                changes[access.resource][begin] += access.bound
+                changes[access.resource][end] -= access.bound
+    return {name: _accumulate(found, low, high) for name, found in changes.items()}
+
+
+def _accumulate(changes: dict[int | Fraction, Fraction], low: int | Fraction, high: int | Fraction) -> Steps:
+    steps = [(Duration(low), Fraction(0))]
+    total = Fraction(0)
+    for instant in sorted(changes):
+        if instant >= high or not changes[instant]:
+            continue
+        total += changes[instant]
+        if instant == low:
+            steps.clear()
+        steps.append((Duration(instant), total))
+    return steps
+
+
+def links(model: TaskModel, table: ModeSchedule) -> list[Link]:
+    """Return, job by job, the predecessor job behind every constraint that the schedule keeps (MODEL 3)."""
+    versions = versions_of(model)
+    anchors = _Anchors(table)
+    found = []
+    for job in table.jobs:
+        for precedence in versions[job.task, job.version].precedences:
+            link = anchors.newest(job, precedence)
+            if link is not None:
+                found.append(link)
+    return found
+
+
+class _Anchors:
+    """The anchor instants of every task's jobs on the circle, sorted, so that each look-up is a bisection."""
+
+    def __init__(self, table: ModeSchedule) -> None:
+        self.period = table.hyperperiod
+        self.jobs: dict[str, list[Job]] = defaultdict(list)
+        for job in table.jobs:
+            self.jobs[job.task].append(job)
+        self.sorted: dict[tuple[str, Anchor], list[tuple[int | Fraction, int]]] = {}
+
+    def newest(self, job: Job, precedence: Precedence) -> Link | None:
+        ring = self._ring(precedence.task, precedence.anchor)
+        if not ring:
+            return None
+        latest = (job.start - precedence.min) % self.period
+        position = bisect_right(ring, (latest.ns, len(ring))) - 1
+        predecessor = self.jobs[precedence.task][ring[position][1]]
+        anchor = _anchor(predecessor, precedence.anchor)
+        distance = precedence.min + (latest - anchor) % self.period
+        if distance > precedence.max:
+            return None
+        return Link(job, precedence, predecessor, (distance + anchor - job.start) // self.period, distance)
+
+    def _ring(self, task: str, anchor: Anchor) -> list[tuple[int | Fraction, int]]:
+        if (task, anchor) not in self.sorted:
+            jobs = enumerate(self.jobs.get(task, ()))
+            self.sorted[task, anchor] = sorted(((_anchor(j, anchor) % self.period).ns, i) for i, j in jobs)
+        return self.sorted[task, anchor]
+
+
+def _anchor(job: Job, anchor: Anchor) -> Duration:
+    return job.start if anchor is Anchor.START else job.end

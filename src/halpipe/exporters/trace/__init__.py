@@ -1,0 +1,29 @@
+"""Chrome trace JSON, which Perfetto (ui.perfetto.dev) and chrome://tracing open: the schedule to zoom into."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from halpipe.exporters.base import ExportOptions
+    from halpipe.models import Schedule, TaskModel
+
+
+class TraceExporter:
+    """Writes the schedule as a trace: modes are processes, units are threads, jobs are slices."""
+
+    name = "trace"
+    summary = "Chrome/Perfetto trace (JSON): jobs as slices, precedence as flows, resources as counters"
+    needs_schedule = True
+    suffix = ".json"
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return the trace as one JSON document; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.selection import select
+        from halpipe.exporters.trace.events import format_trace
+
+        chosen = select(model, schedule, options.mode, self.name)
+        return {"": format_trace(model, chosen, options.title).encode()}
+
+
+FORMAT = TraceExporter()
