@@ -1,0 +1,86 @@
+"""Where to try a job: in a precedence window, at the edge of a gap or of a step, near its old place, anywhere."""
+
+from __future__ import annotations
+
+from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.state import draw
+
+GAP_STEPS = 24
+"""Steps of a profile that the search for a gap looks at."""
+
+
+@compiled
+def aim_at_window(p, s, task):
+    """Return a start inside some precedence window of the task, or -1 if the partner is not placed."""
+    size = p.partner_first[task + 1] - p.partner_first[task]
+    index = p.partner_first[task] + draw(s.random, size)
+    other = p.partner[index, 0]
+    jobs = p.task_job[other + 1] - p.task_job[other]
+    if jobs == 0:
+        return -1
+    job = p.task_job[other] + draw(s.random, jobs)
+    if s.start[job] < 0:
+        return -1
+    lag = p.partner[index, 1] + draw(s.random, p.partner[index, 2] + 1)
+    if p.partner[index, 3] == 1:
+        if p.partner[index, 4] == 1:
+            lag += p.option_wcet[s.option[job]]
+        return (s.start[job] + lag) % p.hyperperiod
+    if p.partner[index, 4] == 1:
+        lag += p.option_wcet[p.task_option[task]]
+    return (s.start[job] - lag) % p.hyperperiod
+
+
+@compiled
+def aim_at_gap(p, s, task, steps, align_left):
+    """Return a start that puts a rectangle of the task at an edge of a gap, or of any step, of its lane."""
+    options = p.task_option[task + 1] - p.task_option[task]
+    option = p.task_option[task] + draw(s.random, options)
+    rects = p.rect_first[option + 1] - p.rect_first[option]
+    if rects == 0:
+        return draw(s.random, p.hyperperiod)
+    index = p.rect_first[option] + draw(s.random, rects)
+    lane = p.rect[index, 0]
+    length = p.rect[index, 2]
+    threshold = p.lane_capacity[lane] - p.rect[index, 3]
+    base = p.lane_first[lane]
+    end = base + s.edges[lane]
+    origin = base + draw(s.random, s.edges[lane])
+    here = origin
+    while steps > 0:
+        while s.level[here] > threshold and steps > 0:
+            here += 1
+            steps -= 1
+            if here == end:
+                here = base
+        begin = s.edge[here]
+        free = 0
+        while s.level[here] <= threshold and steps > 0:
+            free += s.edge[here + 1] - s.edge[here]
+            here += 1
+            steps -= 1
+            if here == end:
+                here = base
+        if free >= length:
+            start = begin if align_left else begin + free - length
+            return (start - p.rect[index, 1]) % p.hyperperiod
+    start = s.edge[origin] if s.level[origin] <= threshold else s.edge[origin] - length
+    return (start - p.rect[index, 1]) % p.hyperperiod
+
+
+@compiled
+def candidate_start(p, s, task, job, fresh):
+    """Return a start to try for `job`; the mix of ways is that of the kernel's design."""
+    way = draw(s.random, 128)
+    if way < 32 and p.partner_first[task + 1] > p.partner_first[task]:
+        start = aim_at_window(p, s, task)
+        if start >= 0:
+            return start
+    if way < 92:
+        return aim_at_gap(p, s, task, GAP_STEPS, way & 1 == 1)
+    if way < 116:
+        return aim_at_gap(p, s, task, 0, False)
+    if way < 122 and not fresh:
+        near = max(1, p.task_period[task] >> 6)
+        return (s.old[job, 0] - near + draw(s.random, 2 * near + 1)) % p.hyperperiod
+    return draw(s.random, p.hyperperiod)

@@ -1,0 +1,102 @@
+"""The list of entries that may be in conflict, and the choice of the entry to move next."""
+
+from __future__ import annotations
+
+from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.placement import lane_conflict
+from halpipe.pipeline.anneal.profile import overloaded
+from halpipe.pipeline.anneal.side_costs import side_cost
+from halpipe.pipeline.anneal.state import HOT, INSERTED, draw
+
+HOT_SHARE = 900
+"""Draws, of 1024, that pick an entry in conflict."""
+
+
+@compiled
+def heat_up(p, s, entry):
+    """Remember that an entry may be in conflict."""
+    if s.hot_at[entry] < 0:
+        s.hot[s.register[HOT]] = entry
+        s.hot_at[entry] = s.register[HOT]
+        s.register[HOT] += 1
+
+
+@compiled
+def cool_down(s, entry):
+    """Forget an entry that turned out clean."""
+    place = s.hot_at[entry]
+    s.register[HOT] -= 1
+    moved = s.hot[s.register[HOT]]
+    s.hot[place] = moved
+    s.hot_at[moved] = place
+    s.hot_at[entry] = -1
+
+
+@compiled
+def heat_up_task(p, s, task):
+    """Remember all entries of a task."""
+    begin = p.task_job[task]
+    end = p.task_job[task + 1]
+    if begin == end:
+        return
+    for entry in range(p.job_entry[begin], p.job_entry[end - 1] + 1):
+        heat_up(p, s, entry)
+
+
+@compiled
+def heat_up_overlapped(p, s, job):
+    """Remember whoever shares an overloaded rectangle with a job."""
+    option = s.option[job]
+    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+        lane = p.rect[index, 0]
+        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        length = p.rect[index, 2]
+        base = p.lane_first[lane]
+        if not overloaded(s.edge, s.level, base, s.edges[lane], p.lane_capacity[lane], begin, length):
+            continue
+        for place in range(p.owner_first[lane], p.owner_first[lane] + s.owners[lane]):
+            other = s.owner[place] // s.max_rects
+            entry = p.job_entry[other]
+            if s.hot_at[entry] >= 0:
+                continue
+            rect = p.rect_first[s.option[other]] + s.owner[place] % s.max_rects
+            gap = (s.start[other] + p.rect[rect, 1] - begin) % p.hyperperiod
+            if gap < length or p.hyperperiod - gap < p.rect[rect, 2]:
+                heat_up(p, s, entry)
+
+
+@compiled
+def heat_up_partners(p, s, task, begin, end):
+    """Remember whoever has windows, demands or chains in common with jobs [begin, end) of a task."""
+    for index in range(p.partner_first[task], p.partner_first[task + 1]):
+        heat_up_task(p, s, p.partner[index, 0])
+    for job in range(begin, end):
+        if p.demand_job[job] >= 0:
+            heat_up(p, s, p.job_entry[p.demand_job[job]])
+        for index in range(p.dependent_first[job], p.dependent_first[job + 1]):
+            heat_up(p, s, p.job_entry[p.dependent[index]])
+    for index in range(p.task_chain_first[task], p.task_chain_first[task + 1]):
+        chain = p.task_chain[index]
+        for member in range(p.chain_first[chain], p.chain_first[chain + 1]):
+            heat_up_task(p, s, p.chain_task[member])
+
+
+@compiled
+def pick(p, s):
+    """Return the entry to move next: the next to construct, one in conflict, or any; and a job of it in conflict."""
+    entries = len(p.entry_offset)
+    if s.register[INSERTED] < entries:
+        return p.construction[s.register[INSERTED]], -1
+    if draw(s.random, 1024) < HOT_SHARE:
+        while s.register[HOT] > 0:
+            entry = s.hot[draw(s.random, s.register[HOT])]
+            begin = p.entry_job[entry]
+            end = p.entry_job[entry + 1]
+            for job in range(begin, end):
+                if lane_conflict(p, s, job):
+                    return entry, job
+            task = p.job_task[begin]
+            if p.task_coupled[task] == 1 and side_cost(p, s, task, begin, end) > 0:
+                return entry, -1
+            cool_down(s, entry)
+    return draw(s.random, entries), -1

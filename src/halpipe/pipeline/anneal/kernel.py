@@ -1,0 +1,306 @@
+"""The annealing kernel: heat-bath moves over whole tasks or single jobs, in integers only.
+
+One move takes an entry (a periodic task, one of its jobs, or a demand job) out of the schedule, draws candidate
+placements, samples one of them and the old one with probability proportional to exp(-cost / T), and puts it
+back. Sampling uses the Gumbel-max trick: the argument of min(cost - T * G) with G from an integer table; the
+noise of a candidate is drawn before its evaluation, which therefore stops as soon as it cannot win, with the
+same result. A candidate of cost zero ends the draw. Entries in conflict are drawn most of the time.
+
+All state lives in arrays, so that the search can stop after any number of moves and go on later with the same
+outcome: the bytes depend on the problem and the seed alone.
+"""
+
+from __future__ import annotations
+
+from halpipe.pipeline.anneal.candidates import candidate_start
+from halpipe.pipeline.anneal.conflicts import heat_up, heat_up_overlapped, heat_up_partners, pick
+from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.placement import option_cost, put, slide, take
+from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.anneal.side_costs import chain_cost, demand_cost, job_window_cost, side_cost
+from halpipe.pipeline.anneal.state import (
+    BEST,
+    COST,
+    CYCLE,
+    CYCLE_LEFT,
+    CYCLE_LENGTH,
+    HEAT,
+    INSERTED,
+    MOVES,
+    TEMPERATURE,
+    draw,
+)
+
+# Choices of the search, tuned on generated sets; none of them affects validity.
+CANDIDATES = 32
+CYCLE_MOVES = 300
+"""Moves per entry in a cooling cycle, times Luby's sequence."""
+NOISE_SHIFT = 20
+"""Fraction bits of a temperature times a table entry: 10 each."""
+
+
+@compiled
+def next_temperature(p, s):
+    """Cool linearly to a third within a cycle; start cycles of Luby's lengths at T0, T0/2 or T0/4."""
+    register = s.register
+    if register[CYCLE_LEFT] == 0:
+        register[CYCLE] += 1
+        number = register[CYCLE]
+        length = 1
+        while (length << 1) - 1 < number:
+            length <<= 1
+        while number != (length << 1) - 1:
+            number -= length - 1
+            length = 1
+            while (length << 1) - 1 < number:
+                length <<= 1
+        register[CYCLE_LENGTH] = CYCLE_MOVES * len(p.entry_offset) * length
+        register[CYCLE_LEFT] = register[CYCLE_LENGTH]
+        register[HEAT] = s.heat >> draw(s.random, 3)
+    register[CYCLE_LEFT] -= 1
+    heat = register[HEAT]
+    low = heat // 3
+    register[TEMPERATURE] = low + ((heat - low) * (register[CYCLE_LEFT] * 1024 // register[CYCLE_LENGTH]) >> 10)
+
+
+@compiled
+def settle(p, s, noise, task, job, phase, latest, limit):
+    """Choose option, slide and start of a job at `phase` or later; return its lane cost.
+
+    The job's phase may reach `latest` plus what slack and deadline of the option allow. NEVER if no option may.
+    """
+    first = p.task_option[task]
+    last = p.task_option[task + 1]
+    number = job - p.task_job[task] if p.task_cyclic[task] == 1 else 0
+    start = (phase + number * p.task_period[task]) % p.hyperperiod
+    if last - first == 1 and p.option_late[first] == 0 and phase == latest:
+        s.option[job] = first
+        s.start[job] = start
+        s.phase[job] = phase
+        return option_cost(p, s, first, start, limit)
+    temperature = s.register[TEMPERATURE]
+    best = NEVER
+    chosen = NEVER
+    for option in range(first, last):
+        room = latest + p.option_late[option] - phase
+        if room < 0:
+            continue
+        shift = 0
+        cost = option_cost(p, s, option, start, NEVER)
+        if cost > 0 and room > 0:
+            found = slide(p, s, option, start, room)
+            if found > 0:
+                shift = found
+                cost = 0
+        score = cost
+        if last - first > 1:
+            score -= temperature * noise[draw(s.random, len(noise))] >> NOISE_SHIFT
+        if score < best:
+            best = score
+            chosen = cost
+            s.option[job] = option
+            s.start[job] = (start + shift) % p.hyperperiod
+            s.phase[job] = phase + shift
+    return chosen
+
+
+@compiled
+def try_entry(p, s, noise, task, begin, end, phase, limit):
+    """Place all jobs of an entry from `phase` on; return the lane cost, `limit` or more when abandoned."""
+    cost = 0
+    for job in range(begin, end):
+        cost += settle(p, s, noise, task, job, phase, phase, limit - cost)
+        if cost >= limit:
+            break
+    return cost
+
+
+@compiled
+def try_job(p, s, noise, task, job, start, limit):
+    """Place one job near `start`, within what the phases of the other jobs of its entry leave it."""
+    entry = p.job_entry[job]
+    earliest = p.entry_offset[entry]
+    latest = p.entry_offset[entry]
+    if earliest < 0:
+        earliest = -NEVER
+        latest = NEVER
+        for other in range(p.entry_job[entry], p.entry_job[entry + 1]):
+            if other != job:
+                earliest = max(earliest, s.phase[other] - p.option_late[s.option[other]])
+                latest = min(latest, s.phase[other])
+    late = 0
+    for option in range(p.task_option[task], p.task_option[task + 1]):
+        late = max(late, p.option_late[option])
+    half = p.hyperperiod >> 1
+    phase = s.old[job, 2] + (start - s.old[job, 0] + half) % p.hyperperiod - half
+    if phase < earliest or phase > latest + late:
+        phase = earliest + draw(s.random, latest + late - earliest + 1)
+    return settle(p, s, noise, task, job, phase, latest, limit)
+
+
+@compiled
+def take_out(p, s, begin, end):
+    """Remove jobs from the profiles and note where they were; return the lane cost that goes with them."""
+    cost = 0
+    for job in range(end - 1, begin - 1, -1):
+        take(p, s, job)
+        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
+        s.old[job, 0] = s.start[job]
+        s.old[job, 1] = s.option[job]
+        s.old[job, 2] = s.phase[job]
+        s.kept[job, 0] = s.start[job]
+        s.kept[job, 1] = s.option[job]
+        s.kept[job, 2] = s.phase[job]
+    return cost
+
+
+@compiled
+def keep(s, begin, end):
+    """Note the placement just tried as the one to keep."""
+    for job in range(begin, end):
+        s.kept[job, 0] = s.start[job]
+        s.kept[job, 1] = s.option[job]
+        s.kept[job, 2] = s.phase[job]
+
+
+@compiled
+def put_back(p, s, begin, end):
+    """Enter the placement kept into the profiles; return the lane cost it brings."""
+    cost = 0
+    for job in range(begin, end):
+        s.start[job] = s.kept[job, 0]
+        s.option[job] = s.kept[job, 1]
+        s.phase[job] = s.kept[job, 2]
+        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
+        put(p, s, job)
+    return cost
+
+
+@compiled
+def has_moved(s, begin, end):
+    """Return whether the placement kept differs from the old one."""
+    for job in range(begin, end):
+        if s.kept[job, 0] != s.old[job, 0] or s.kept[job, 1] != s.old[job, 1]:
+            return True
+    return False
+
+
+@compiled
+def sample(p, s, noise, task, begin, end, single, fresh, best):
+    """Draw candidates for jobs [begin, end) and keep one of them, or the old placement, whose score is `best`."""
+    coupled = p.task_coupled[task] == 1
+    entry = p.job_entry[begin]
+    temperature = s.register[TEMPERATURE]
+    for _ in range(2 * CANDIDATES if fresh else CANDIDATES):
+        job = begin + draw(s.random, end - begin)
+        start = candidate_start(p, s, task, job, fresh)
+        limit = best + (temperature * noise[draw(s.random, len(noise))] >> NOISE_SHIFT)
+        if single:
+            cost = try_job(p, s, noise, task, job, start, limit)
+        else:
+            phase = p.entry_offset[entry]
+            if phase < 0:
+                phase = start % p.task_period[task]
+            cost = try_entry(p, s, noise, task, begin, end, phase, limit)
+        if cost < limit and coupled:
+            cost += side_cost(p, s, task, begin, end)
+        if cost < limit:
+            best -= limit - cost
+            keep(s, begin, end)
+            if cost == 0:
+                break
+
+
+@compiled
+def is_flexible(p, task):
+    """Return whether single jobs of a task have a choice: slack, or more than one option."""
+    first = p.task_option[task]
+    last = p.task_option[task + 1]
+    if last - first > 1:
+        return True
+    return p.option_late[first] > 0
+
+
+@compiled
+def move(p, s, noise):
+    """Make one heat-bath move and account for its cost."""
+    register = s.register
+    entry, conflicting = pick(p, s)
+    fresh = register[INSERTED] < len(p.entry_offset)
+    begin = p.entry_job[entry]
+    end = p.entry_job[entry + 1]
+    task = p.job_task[begin]
+    single = False
+    if not fresh and end - begin > 1 and is_flexible(p, task) and draw(s.random, 2) == 0:
+        single = True
+        begin = conflicting if conflicting >= 0 else begin + draw(s.random, end - begin)
+        end = begin + 1
+    coupled = p.task_coupled[task] == 1
+    before = 0
+    best = NEVER
+    if not fresh:
+        if coupled:
+            before = side_cost(p, s, task, begin, end)
+        before += take_out(p, s, begin, end)
+        best = before - (register[TEMPERATURE] * noise[draw(s.random, len(noise))] >> NOISE_SHIFT)
+    sample(p, s, noise, task, begin, end, single, fresh, best)
+    after = put_back(p, s, begin, end)
+    side = side_cost(p, s, task, begin, end) if coupled else 0
+    after += side
+    register[COST] += after - before
+    if fresh:
+        register[INSERTED] += 1
+    if after > 0 and (fresh or has_moved(s, begin, end)):
+        heat_up(p, s, entry)
+        for job in range(begin, end):
+            heat_up_overlapped(p, s, job)
+        if side > 0:
+            heat_up_partners(p, s, task, begin, end)
+    if register[INSERTED] == len(p.entry_offset) and register[COST] < register[BEST]:
+        register[BEST] = register[COST]
+        for job in range(len(s.start)):
+            s.best_start[job] = s.start[job]
+            s.best_option[job] = s.option[job]
+
+
+@compiled
+def anneal(p, s, noise, moves):
+    """Make up to `moves` moves; stop early when the schedule is complete and its cost is zero. Return the cost."""
+    register = s.register
+    for _ in range(moves):
+        if register[INSERTED] == len(p.entry_offset) and register[COST] == 0:
+            break
+        register[MOVES] += 1
+        next_temperature(p, s)
+        move(p, s, noise)
+    return register[COST]
+
+
+@compiled
+def load(p, s):
+    """Take the complete placement in `start`, `option` and `phase` as the current one; return its cost."""
+    for job in range(len(p.job_task)):
+        put(p, s, job)
+    s.register[INSERTED] = len(p.entry_offset)
+    for entry in range(len(p.entry_offset)):
+        heat_up(p, s, entry)
+    s.register[COST] = total_cost(p, s)
+    return s.register[COST]
+
+
+@compiled
+def total_cost(p, s):
+    """Return the cost of a complete placement, from its profiles and windows."""
+    cost = 0
+    for lane in range(len(p.lane_capacity)):
+        base = p.lane_first[lane]
+        for index in range(base, base + s.edges[lane]):
+            over = s.level[index] - p.lane_capacity[lane]
+            if over > 0:
+                cost += over * (s.edge[index + 1] - s.edge[index]) * p.lane_weight[lane]
+    for job in range(len(p.job_task)):
+        cost += job_window_cost(p, s.start, s.option, s.phase, job, -1)
+        cost += demand_cost(p, s.start, s.option, job)
+    for chain in range(len(p.chain_limit)):
+        cost += chain_cost(p, s.start, s.option, s.phase, chain)
+    return cost

@@ -1,0 +1,126 @@
+"""Jobs on lanes: what a placement costs, entering and removing it, and the nearest shift at which it fits."""
+
+from __future__ import annotations
+
+from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.profile import excess, find, overloaded, raise_level
+
+SLIDE_STEPS = 24
+"""Steps of the profiles that a slide may look at before it gives up."""
+
+
+@compiled
+def option_cost(p, s, option, start, limit):
+    """Return the excess that a job would add on all lanes; stop once it reaches `limit`."""
+    cost = 0
+    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+        lane = p.rect[index, 0]
+        height = p.rect[index, 3]
+        begin = start + p.rect[index, 1]
+        if begin >= p.hyperperiod:
+            begin -= p.hyperperiod
+        threshold = p.lane_capacity[lane] - height
+        base = p.lane_first[lane]
+        added = excess(s.edge, s.level, base, s.edges[lane], threshold, height, begin, p.rect[index, 2])
+        cost += added * p.lane_weight[lane]
+        if cost >= limit:
+            return cost
+    return cost
+
+
+@compiled
+def put(p, s, job):
+    """Enter a job's rectangles into the profiles."""
+    option = s.option[job]
+    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+        lane = p.rect[index, 0]
+        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        s.edges[lane] = raise_level(
+            s.edge, s.level, p.lane_first[lane], s.edges[lane], p.hyperperiod, begin, p.rect[index, 2], p.rect[index, 3]
+        )
+        number = index - p.rect_first[option]
+        s.owner_at[job, number] = s.owners[lane]
+        s.owner[p.owner_first[lane] + s.owners[lane]] = job * s.max_rects + number
+        s.owners[lane] += 1
+
+
+@compiled
+def take(p, s, job):
+    """Remove a job's rectangles from the profiles."""
+    option = s.option[job]
+    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+        lane = p.rect[index, 0]
+        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        s.edges[lane] = raise_level(
+            s.edge,
+            s.level,
+            p.lane_first[lane],
+            s.edges[lane],
+            p.hyperperiod,
+            begin,
+            p.rect[index, 2],
+            -p.rect[index, 3],
+        )
+        number = index - p.rect_first[option]
+        place = s.owner_at[job, number]
+        s.owners[lane] -= 1
+        moved = s.owner[p.owner_first[lane] + s.owners[lane]]
+        s.owner[p.owner_first[lane] + place] = moved
+        s.owner_at[moved // s.max_rects, moved % s.max_rects] = place
+
+
+@compiled
+def slide(p, s, option, start, most):
+    """Return the least shift of at most `most` ticks at which the job fits on all lanes, or -1."""
+    first = p.rect_first[option]
+    rects = p.rect_first[option + 1] - first
+    shift = 0
+    fitting = 0
+    number = 0
+    steps = SLIDE_STEPS
+    while fitting < rects:
+        index = first + number
+        lane = p.rect[index, 0]
+        threshold = p.lane_capacity[lane] - p.rect[index, 3]
+        length = p.rect[index, 2]
+        base = p.lane_first[lane]
+        time = (start + shift + p.rect[index, 1]) % p.hyperperiod
+        here = find(s.edge, base, s.edges[lane], time)
+        advance = 0
+        free = 0
+        while free < length:
+            span = s.edge[here + 1] - time
+            advance += span
+            if s.level[here] > threshold:
+                shift += advance
+                advance = 0
+                free = 0
+                fitting = 0
+            else:
+                free += span
+            steps -= 1
+            if shift > most or steps < 0:
+                return -1
+            here += 1
+            time = s.edge[here]
+            if here == base + s.edges[lane]:
+                here = base
+                time = 0
+        fitting += 1
+        number += 1
+        if number == rects:
+            number = 0
+    return shift
+
+
+@compiled
+def lane_conflict(p, s, job):
+    """Return whether a job lies on an overloaded instant of some lane."""
+    option = s.option[job]
+    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+        lane = p.rect[index, 0]
+        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        capacity = p.lane_capacity[lane]
+        if overloaded(s.edge, s.level, p.lane_first[lane], s.edges[lane], capacity, begin, p.rect[index, 2]):
+            return True
+    return False

@@ -1,0 +1,107 @@
+"""The state of a search: all in arrays, so that it can stop and go on with the same outcome."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.profile import NEVER
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from halpipe.pipeline.problem import Arrays
+
+    Ints = NDArray[np.int64]
+
+# Registers of the search (State.register).
+COST = 0
+BEST = 1
+INSERTED = 2
+MOVES = 3
+CYCLE = 4
+CYCLE_LENGTH = 5
+CYCLE_LEFT = 6
+HEAT = 7
+TEMPERATURE = 8
+HOT = 9
+REGISTERS = 10
+
+
+class State(NamedTuple):
+    """Everything that changes: the placement, the profiles, the conflict list, the generator."""
+
+    start: Ints  # per job, -1 before its insertion
+    option: Ints
+    phase: Ints  # start less number times period, not wrapped
+    edge: Ints
+    level: Ints
+    edges: Ints  # breakpoints in use on each lane
+    owner: Ints  # rectangles on each lane, as job * max_rects + rectangle
+    owners: Ints
+    owner_at: Ints  # per job and rectangle: its place in `owner`
+    hot: Ints  # entries that may be in conflict
+    hot_at: Ints  # per entry: its place in `hot`, or -1
+    best_start: Ints
+    best_option: Ints
+    old: Ints  # per job: start, option, phase before the move
+    kept: Ints  # per job: start, option, phase of the candidate to keep
+    register: Ints
+    random: NDArray[np.uint64]
+    max_rects: int
+    heat: int  # T at the start of a full cycle, 10 fraction bits
+
+
+def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
+    """Return the empty schedule, ready to construct."""
+    jobs, entries = len(arrays.job_task), len(arrays.entry_offset)
+    lanes = len(arrays.lane_capacity)
+    rects = np.diff(arrays.rect_first)
+    max_rects = max(1, int(rects.max(initial=0)))
+    edge = np.zeros(max(1, int(arrays.lane_first[-1])), np.int64)
+    edge[arrays.lane_first[:-1] + 1] = arrays.hyperperiod
+    register = np.zeros(REGISTERS, np.int64)
+    register[BEST] = NEVER
+    heat = max(1, 6 * 1024 * mean_wcet * arrays.unit_weight // 100)
+    return State(
+        start=np.full(jobs, -1, np.int64),
+        option=np.zeros(jobs, np.int64),
+        phase=np.zeros(jobs, np.int64),
+        edge=edge,
+        level=np.zeros_like(edge),
+        edges=np.ones(lanes, np.int64),
+        owner=np.zeros(max(1, int(arrays.owner_first[-1])), np.int64),
+        owners=np.zeros(lanes, np.int64),
+        owner_at=np.zeros((jobs, max_rects), np.int64),
+        hot=np.zeros(entries, np.int64),
+        hot_at=np.full(entries, -1, np.int64),
+        best_start=np.full(jobs, -1, np.int64),
+        best_option=np.zeros(jobs, np.int64),
+        old=np.zeros((jobs, 3), np.int64),
+        kept=np.zeros((jobs, 3), np.int64),
+        register=register,
+        random=seeded(seed),
+        max_rects=max_rects,
+        heat=heat,
+    )
+
+
+def seeded(seed: int) -> NDArray[np.uint64]:
+    """Return a xorshift64 state for a seed, never zero."""
+    mixed = (seed + 1) * 0x9E3779B97F4A7C15 & (2**64 - 1)
+    return np.array([mixed or 1], np.uint64)
+
+
+@compiled
+def draw(random, below):
+    """Return a pseudo-random integer in [0, below) from xorshift64."""
+    x = random[0]
+    x ^= x << np.uint64(13)
+    x ^= x >> np.uint64(7)
+    x ^= x << np.uint64(17)
+    random[0] = x
+    if below < 4294967296:
+        return np.int64(((x >> np.uint64(32)) * np.uint64(below)) >> np.uint64(32))
+    return np.int64(x % np.uint64(below))

@@ -1,0 +1,109 @@
+"""From a mode to its jobs: hyperperiod t_P, job counts N and the demands of tasks without a period.
+
+Paper, section III: a periodic task has t_P / D jobs; a task without period has one job per demand, that is per
+precedence constraint by which a job of another task names it, counted over the version that names it most.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING
+
+from halpipe.durations import least_common_multiple
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.models import Mode, Task, TaskModel, Version
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """The reason for a job of an on-demand task: constraint `slot` of job `index` of `task`."""
+
+    task: str
+    index: int
+    slot: int
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveTask:
+    """A task of a mode with the versions available there and its number of jobs N (paper, section III)."""
+
+    task: Task
+    versions: tuple[Version, ...]
+    jobs: int
+    demands: tuple[Demand, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The task's name."""
+        return self.task.name
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """A mode unrolled over its hyperperiod; `tasks` in model order."""
+
+    mode: Mode
+    hyperperiod: Duration
+    tasks: tuple[ActiveTask, ...]
+
+    @cached_property
+    def by_name(self) -> dict[str, ActiveTask]:
+        """The active tasks by name."""
+        return {active.name: active for active in self.tasks}
+
+    @property
+    def job_count(self) -> int:
+        """The sum of N over all tasks."""
+        return sum(active.jobs for active in self.tasks)
+
+
+def demands_for(version: Version, task: str) -> int:
+    """Return how many constraints of `version` name `task`."""
+    return sum(1 for constraint in version.precedences if constraint.task == task)
+
+
+def expand(model: TaskModel, mode: Mode) -> Expansion:
+    """Unroll `mode` over its hyperperiod. The model must have passed validation."""
+    running = _running(model, mode)
+    periods = [task.period for task, _ in running.values() if task.period is not None]
+    hyperperiod = least_common_multiple(periods)
+    demanders = _demanders(running)
+    active: dict[str, ActiveTask] = {}
+    for name in TopologicalSorter({name: [other for other, _ in demanders[name]] for name in running}).static_order():
+        task, versions = running[name]
+        if task.period is not None:
+            active[name] = ActiveTask(task, versions, int(hyperperiod / task.period))
+        else:
+            demands = tuple(
+                Demand(other, index, slot)
+                for other, slots in demanders[name]
+                for index in range(active[other].jobs)
+                for slot in range(slots)
+            )
+            active[name] = ActiveTask(task, versions, len(demands), demands)
+    return Expansion(mode, hyperperiod, tuple(active[name] for name in running))
+
+
+def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Version, ...]]]:
+    """Return the tasks of `mode` with their available versions, in model order."""
+    available = {run.task: frozenset(run.versions) for run in mode.runs}
+    return {
+        task.name: (task, tuple(v for v in task.versions if v.name in available[task.name]))
+        for task in model.tasks
+        if task.name in available
+    }
+
+
+def _demanders(running: dict[str, tuple[Task, tuple[Version, ...]]]) -> dict[str, list[tuple[str, int]]]:
+    """Return for every task who names it and, over the versions, at most how often; in model order."""
+    demanders: dict[str, list[tuple[str, int]]] = {name: [] for name in running}
+    for name, (_, versions) in running.items():
+        named = dict.fromkeys(constraint.task for version in versions for constraint in version.precedences)
+        for target in named:
+            if target in demanders:
+                demanders[target].append((name, max(demands_for(version, target) for version in versions)))
+    return demanders
