@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.importers.ros import codes
+from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Kind
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from halpipe.importers.ros.dataflow import DataFlow
     from halpipe.importers.ros.graph import Callback, Publication, Rate
 
-_MOST_NAMES = 5
 _ON_UNITS = "exclusion holds between tasks that share a unit; the model has no element for it"
 
 
@@ -37,11 +37,11 @@ def account(result: Result, rates: list[Rate], findings: Findings, coverage: Cov
     _topics(result, coverage)
     _groups(result, findings, coverage)
     for rate in rates:
-        if rate.topic in result.activations.seeded_topics:
+        if rate in result.activations.used_rates:
             coverage.mapped("bag_topic")
         else:
             known = rate.topic in result.wiring.publications or rate.topic in result.wiring.triggered
-            reason = "its period is known from the graph" if known else "no node of the graph uses it"
+            reason = "its period is known without it" if known else "no node of the graph uses it"
             coverage.ignored("bag_topic", rate.topic, reason, rate.at)
 
 
@@ -63,31 +63,33 @@ def _callbacks(result: Result, findings: Findings, coverage: Coverage) -> None:
     for callback in result.wiring.graph.callbacks:
         if callback.name in result.activations.of:
             if callback.kind is not Kind.NODE:
-                coverage.mapped(callback.kind)
+                coverage.mapped(callback.kind.value)
             continue
         without.append(callback)
         if callback.kind is not Kind.NODE:
-            coverage.ignored(callback.kind, callback.name, _why_no_period(callback, result), callback.at)
+            coverage.ignored(callback.kind.value, callback.name, _why_no_period(callback, result), callback.at)
     if without:
-        first = without[0]
-        names = ", ".join(f'"{c.name}"' for c in without[:_MOST_NAMES])
-        more = f" and {len(without) - _MOST_NAMES} more" if len(without) > _MOST_NAMES else ""
-        roots = _roots(result, without)
-        help = "state the periods of " + ", ".join(f'"{t}"' for t in roots) if roots else "state the periods of topics"
-        findings.add(
-            codes.NO_PERIOD(
-                f"{len(without)} without a period are not tasks: {names}{more}; {_why_no_period(first, result)}",
-                at=first.at,
-                help=f"{help} under sources: in the overlay, or add a rosbag2 metadata.yaml",
-            )
+        _report_without_period(without, result, findings)
+
+
+def _report_without_period(without: list[Callback], result: Result, findings: Findings) -> None:
+    topics = few(_roots(result, without)) or "the topics that trigger them"
+    findings.add(
+        codes.NO_PERIOD(
+            f"{len(without)} without a period are not tasks: {few([callback.name for callback in without])}; "
+            f"for the first, {_why_no_period(without[0], result)}",
+            at=without[0].at,
+            help=f"state the period of {topics} under sources: in an overlay, or add a rosbag2 metadata.yaml",
         )
+    )
 
 
 def _roots(result: Result, without: list[Callback]) -> list[str]:
-    """Return topics that nothing publishes in a callback, so that their period has to come from outside."""
+    """Return topics with no publisher that anything triggers, so that their period has to come from outside."""
+    wiring = result.wiring
     topics = dict.fromkeys(topic for callback in without for topic in callback.inputs)
-    publications = result.wiring.publications
-    return [t for t in topics if not any(p.callbacks for p in publications.get(t, ()))]
+    publishers = {topic: [n for p in wiring.publications.get(topic, ()) for n in p.callbacks] for topic in topics}
+    return [topic for topic in topics if not any(wiring.callbacks[name].inputs for name in publishers[topic])]
 
 
 def _why_no_period(callback: Callback, result: Result) -> str:
@@ -95,10 +97,7 @@ def _why_no_period(callback: Callback, result: Result) -> str:
         return "a service is called on demand"
     if not callback.inputs:
         return "nothing triggers it"
-    for topic in callback.inputs:
-        if not any(p.callbacks for p in result.wiring.publications.get(topic, ())):
-            return f'topic "{topic}" has no publisher with a period'
-    return f'the publisher of topic "{callback.inputs[0]}" has no period'
+    return f'no publisher of topic "{callback.inputs[0]}" has a period'
 
 
 def _publications(result: Result, coverage: Coverage) -> None:
@@ -130,9 +129,7 @@ def _subscriptions(result: Result, coverage: Coverage) -> None:
         if subscription.callback in result.activations.of:
             coverage.mapped("subscription")
         else:
-            reason = (
-                "the callback is not a task" if subscription.callback else "it is not known which callback reads it"
-            )
+            reason = "its callback is not a task" if subscription.callback else "no callback is known to read it"
             name = f"{subscription.node} {subscription.topic}"
             coverage.ignored("subscription", name, reason, subscription.at)
 

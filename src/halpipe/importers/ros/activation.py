@@ -12,6 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Kind, Publication, RosGraph
 from halpipe.importers.ros.periods import MEASURED, STATED, snap
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
     from halpipe.importers.overlay import OverlayUse
     from halpipe.importers.ros.graph import Rate
 
@@ -85,10 +85,11 @@ class _Seeds:
 
 @dataclass(frozen=True, slots=True)
 class Activations:
-    """The result: active callbacks, and the topics whose period came from outside of the graph."""
+    """The result: active callbacks, topics whose period came from outside of the graph, and the rates used for it."""
 
     of: dict[str, Activation]
-    seeded_topics: dict[str, Duration]
+    seeded_topics: frozenset[str]
+    used_rates: frozenset[Rate]
 
 
 def activate(wiring: Wiring, rates: Iterable[Rate], overlay: OverlayUse | None, findings: Findings) -> Activations:
@@ -103,13 +104,15 @@ def activate(wiring: Wiring, rates: Iterable[Rate], overlay: OverlayUse | None, 
                 seeds.topics[topic] = (period, f'topic "{topic}", from the overlay')
     active = _settle(wiring, seeds)
     best = _best_rates(rates, findings)
+    used = set()
     for sources_only in (True, False):
         for topic, rate in best.items():
             if _lacks_period(wiring, topic, active, sources_only) and topic not in seeds.topics:
                 seeds.topics[topic] = (_rounded(rate, findings), f'topic "{topic}", from a {rate.source}')
+                used.add(rate)
         active = _settle(wiring, seeds)
     _report_several(wiring, seeds, active, findings)
-    return Activations(active, {topic: period for topic, (period, _) in seeds.topics.items()})
+    return Activations(active, frozenset(seeds.topics), frozenset(used))
 
 
 def _settle(wiring: Wiring, seeds: _Seeds) -> dict[str, Activation]:
@@ -201,7 +204,8 @@ def _rounded(rate: Rate, findings: Findings) -> Duration:
 
 
 def _readable(period: Duration) -> str:
-    return str(type(period)(round(period.fraction)))
+    """Return a period to the nanosecond; recorded ones are ratios with many digits."""
+    return str(Duration(round(period.fraction)))
 
 
 def _report_several(wiring: Wiring, seeds: _Seeds, active: dict[str, Activation], findings: Findings) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, Location
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Callback, Flow, Group, Node, Path, Publication, RosGraph, Step, Subscription
+from halpipe.importers.ros.graph import Callback, Group, Node, Path, RosGraph, Step
 from halpipe.importers.ros.nodes import UNDEFINED, NodeReader
 from halpipe.importers.ros.yaml_reader import Reader
 from halpipe.suggest import did_you_mean

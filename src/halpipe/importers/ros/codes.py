@@ -26,11 +26,11 @@ NOT_DOT = error(
     "DOT is malformed",
     "The file does not follow the DOT grammar, or is an undirected graph, which states no direction of data flow.",
 )
-SKIPPED_FILE = warning(
+SKIPPED_FILE = note(
     "HAL0605",
     "File of a directory was skipped",
-    "A file found while searching a directory is none of the formats that the importer reads, or is malformed. "
-    "Named directly, such a file is an error.",
+    "A file found while searching a directory is none of the formats that the importer reads (a note), or is "
+    "malformed (a warning). Named directly, such a file is an error.",
 )
 MALFORMED = error(
     "HAL0610",
@@ -126,9 +126,4 @@ BAG_CONFLICT = warning(
     "HAL0631",
     "Recordings disagree",
     "Two recordings give different periods for a topic; the shorter one is taken.",
-)
-UNUSED_SOURCE = warning(
-    "HAL0632",
-    "Sources lack a period",
-    "Topics that nothing with a period publishes, and whose readers therefore have none.",
 )

@@ -9,23 +9,16 @@ a topic is data flow, but only the first one, which triggers the readers, become
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, Location, Severity
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Certainty, Kind, Publication
-from halpipe.importers.ros.loops import Loop, cut_loops
+from halpipe.importers.ros.feedback import Vertex, few, report_loops
+from halpipe.importers.ros.graph import Certainty, Publication
+from halpipe.importers.ros.loops import cut_loops
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.diagnostics import Findings
     from halpipe.importers.ros.activation import Activations, Wiring
-
-
-class Vertex(NamedTuple):
-    """A vertex of the flow graph; `kind` is callback, memory (named after its node) or topic."""
-
-    kind: str
-    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +55,7 @@ def order_by_data(wiring: Wiring, activations: Activations, findings: Findings) 
         is_cut = (Vertex("topic", topic), Vertex("callback", reader)) in cut
         (flow.lost if is_cut else flow.edges).append(edge)
     lost = {(edge.topic, edge.reader) for edge in flow.lost}
-    findings.extend(d for loop in loops if (d := _report(loop, wiring, lost)) is not None)
+    report_loops(loops, wiring, lost, findings)
     return flow
 
 
@@ -133,61 +126,6 @@ def _flow_graph(wiring: Wiring) -> dict[Vertex, list[Vertex]]:
     return {vertex: list(followers) for vertex, followers in arcs.items()}
 
 
-# -------------------------------------------------------------------------------------------------- reports
-
-
-def _report(loop: Loop[Vertex], wiring: Wiring, lost: set[tuple[str, str]]) -> Diagnostic | None:
-    """Return the report of a loop that leaves a callback through a topic; loops inside a node are its own affair."""
-    if all(vertex.kind != "topic" for vertex in loop.vertices):
-        return None
-    nodes = list(dict.fromkeys(_node(vertex, wiring) for vertex in loop.vertices if vertex.kind != "topic"))
-    callbacks = [wiring.callbacks[vertex.name] for vertex in loop.vertices if vertex.kind == "callback"]
-    places = [_describe(edge, cycle, wiring, lost) for edge, cycle in loop.cuts.items()]
-    costs = [edge for edge in loop.cuts if (edge[0].name, edge[1].name) in lost]
-    listed = ", ".join(f'"{node}"' for node in nodes)
-    what = f"{len(nodes)} nodes feed each other" if len(nodes) > 1 else "a node feeds itself"
-    effect = f"{len(costs)} precedence constraints dropped" if costs else "no precedence constraint lost"
-    return codes.FEEDBACK(
-        f"{what} ({listed}); cut {'; cut '.join(places)}; {effect}",
-        at=callbacks[0].at if callbacks else NOWHERE,
-        path=f'node "{nodes[0]}"',
-        help="state the precedence in the overlay if another place is right to cut",
-        severity=Severity.WARNING if costs else Severity.NOTE,
-    )
-
-
-def _node(vertex: Vertex, wiring: Wiring) -> str:
-    return wiring.callbacks[vertex.name].node if vertex.kind == "callback" else vertex.name
-
-
-def _describe(
-    edge: tuple[Vertex, Vertex], cycle: tuple[Vertex, ...], wiring: Wiring, lost: set[tuple[str, str]]
-) -> str:
-    tail, head = edge
-    if tail.kind == "topic":
-        place = f'where "{_node(head, wiring)}" reads "{tail.name}"'
-        if (tail.name, head.name) not in lost:
-            place += ", which triggers nothing there"
-    elif head.kind == "topic":
-        place = f'at "{head.name}", which "{_node(tail, wiring)}" publishes but another publisher triggers'
-    else:
-        place = f'inside "{_node(tail, wiring)}", where "{_label(tail, wiring)}" only stores what comes in'
-    nodes: list[str] = []
-    for vertex in cycle:
-        name = _node(vertex, wiring) if vertex.kind != "topic" else ""
-        if name and (not nodes or nodes[-1] != name):
-            nodes.append(name)
-    closed = nodes if len(nodes) > 1 and nodes[0] == nodes[-1] else nodes + nodes[:1]
-    return f"{place} ({' -> '.join(closed)})" if nodes else place
-
-
-def _label(vertex: Vertex, wiring: Wiring) -> str:
-    callback = wiring.callbacks.get(vertex.name)
-    if callback is None or callback.kind is Kind.NODE:
-        return vertex.name
-    return callback.name.removeprefix(callback.node + "/")
-
-
 def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
     """Warn, once per node, of topics that are read and whose publishing callback had to be assumed."""
     unknown: dict[str, list[Publication]] = {}
@@ -195,18 +133,14 @@ def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
         if publication.certainty is Certainty.ASSUMED and wiring.readers(publication.topic):
             unknown.setdefault(publication.node, []).append(publication)
     for node, publications in unknown.items():
-        topics = ", ".join(f'"{publication.topic}"' for publication in publications)
+        topics = few([publication.topic for publication in publications])
         only = publications[0].callbacks
         assumed = f'timer "{only[0]}"' if len(only) == 1 else "the subscription callback that runs most often"
         findings.add(
             codes.UNKNOWN_PUBLISHER(
                 f"the file does not say which callback publishes {topics}; assumed: {assumed}",
-                at=_first(publications),
+                at=publications[0].at,
                 path=f'node "{node}"',
                 help="name the callback under callback_names of the publication",
             )
         )
-
-
-def _first(publications: list[Publication]) -> Location:
-    return publications[0].at

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NoReturn
 
 from halpipe.diagnostics import HalpipeError, Location
@@ -34,6 +35,10 @@ class Token:
     kind: str
     text: str
     line: int
+
+    def is_sign(self, sign: str) -> bool:
+        """Return whether this is the punctuation `sign`, unquoted."""
+        return self.kind == "sign" and self.text == sign
 
 
 @dataclass(slots=True)
@@ -161,9 +166,7 @@ class _Parser:
             self._attributes(scope.node)
         elif self._keyword("edge"):
             self._attributes(scope.edge)
-        elif (
-            self._is_name() and self._tokens[self._next + 1].text == "=" and self._tokens[self._next + 1].kind == "sign"
-        ):
+        elif self._is_name() and self._tokens[self._next + 1].is_sign("="):
             self._next += 2
             self._name()
         else:
@@ -183,7 +186,7 @@ class _Parser:
                 self._graph.vertices[operands[0][0]].attributes.update(stated)
             return
         attributes = self._attributes(dict(scope.edge))
-        for tails, heads in zip(operands, operands[1:], strict=False):
+        for tails, heads in pairwise(operands):
             self._graph.edges.extend(Edge(tail, head, line, attributes) for tail in tails for head in heads)
 
     def _operand(self, scope: _Scope, depth: int) -> list[str]:
@@ -191,7 +194,7 @@ class _Parser:
         named = self._keyword("subgraph")
         if named and self._is_name():
             self._take()
-        if named or self._is_sign("{"):
+        if named or self._peek().is_sign("{"):
             inner = _Scope(dict(scope.node), dict(scope.edge))
             self._block(inner, depth + 1)
             scope.members.update(inner.members)
@@ -224,12 +227,8 @@ class _Parser:
         self._next += token.kind != "end"
         return token
 
-    def _is_sign(self, sign: str) -> bool:
-        token = self._peek()
-        return token.kind == "sign" and token.text == sign
-
     def _sign(self, sign: str) -> bool:
-        found = self._is_sign(sign)
+        found = self._peek().is_sign(sign)
         self._next += found
         return found
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from halpipe.importers.overlay import OverlayUse
 
 _TOOLS = re.compile(
-    r"/(rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|(.*/)?(launch_ros_[0-9]+|transform_listener_impl_\w+)"
+    r"/(rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|(.*/)?(launch_ros_[0-9]+|transform_listener_impl_\w+)|/rosout"
 )
-_PLUMBING = re.compile(r"/(rosout(_agg)?|parameter_events|tf(_static)?|clock|statistics)|/(.*/)?_action(/.*)?")
+_PLUMBING = re.compile(r"/(rosout(_agg)?|parameter_events|tf(_static)?|clock|bond|statistics)|/(.*/)?_action(/.*)?")
 
 
 @dataclass(slots=True)
@@ -36,10 +36,10 @@ class _Rules:
         return self._reasons[key]
 
     def _decide(self, kind: str, name: str) -> str:
-        asked = dict.fromkeys((name, self.task_names.get(name, name)) if kind == "callback" else (name,))
-        if self.overlay is not None and any([self.overlay.drops(alias) for alias in asked]):
+        asked = {name, self.task_names.get(name, name)} if kind == "callback" else {name}
+        if self.overlay is not None and True in {self.overlay.drops(alias) for alias in asked}:
             return "dropped by the overlay"
-        if kind == "node" and (_TOOLS.fullmatch(name) or name == "/rosout"):
+        if kind == "node" and _TOOLS.fullmatch(name):
             return "is a tool, not part of the application"
         if kind == "topic" and _PLUMBING.fullmatch(name):
             return "is plumbing of ROS, not application data"
@@ -85,11 +85,13 @@ def prune(graph: RosGraph, overlay: OverlayUse | None, task_names: Mapping[str, 
 
 def _kept_callbacks(callbacks: Iterable[Callback], rules: _Rules, coverage: Coverage) -> Iterable[Callback]:
     for callback in callbacks:
-        of_node = rules.reason("node", callback.node)
-        reason = of_node or rules.reason("callback", callback.name)
+        of_node, own = rules.reason("node", callback.node), rules.reason("callback", callback.name)
+        reason = of_node or own
         if reason:
             if callback.kind is not Kind.NODE:
-                coverage.ignored(callback.kind, callback.name, f"node {of_node}" if of_node else reason, callback.at)
+                coverage.ignored(
+                    callback.kind.value, callback.name, f"node {of_node}" if of_node else reason, callback.at
+                )
             continue
         yield replace(
             callback,

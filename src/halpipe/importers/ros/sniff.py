@@ -76,8 +76,12 @@ def _refuse(inputs: Inputs, name: str, failure: HalpipeError, named: bool) -> No
         return
     inputs.skipped.append(name)
     for cause in failure.diagnostics:
-        help = cause.help if cause.code == codes.UNRECOGNISED.id else "repair it if it belongs to the graph"
-        inputs.findings.append(codes.SKIPPED_FILE(f"skipped: {cause.message}", at=cause.at, help=help))
+        foreign = cause.code == codes.UNRECOGNISED.id
+        help = cause.help if foreign else "repair it if it belongs to the graph"
+        severity = Severity.NOTE if foreign else Severity.WARNING
+        inputs.findings.append(
+            codes.SKIPPED_FILE(f"skipped: {cause.message}", at=cause.at, help=help, severity=severity)
+        )
 
 
 def _check_graphs(inputs: Inputs, paths: Sequence[str]) -> None:
