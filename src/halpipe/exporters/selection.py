@@ -70,7 +70,9 @@ class _Check:
         for job in table.jobs:
             self._job(job, path, table.hyperperiod)
             if not ZERO <= job.start < table.hyperperiod:
-                self._time(f"start {job.start} is outside the hyperperiod {table.hyperperiod}", job.at, _name(job))
+                self._time(
+                    f"start {job.start} is outside the hyperperiod {table.hyperperiod}", job.at, f"{path}, {_name(job)}"
+                )
         for unit_load in table.unit_loads:
             self._known("unit", unit_load.unit, self.units, table.at, path)
         for resource_load in table.resource_loads:

@@ -26,6 +26,7 @@ GRID = 100_000
 AXIS_HEIGHT = 26
 METER_HEIGHT = 60
 METER_GAP = 14
+REGION_HEIGHT = 18
 # A chart with more rows than this repeats its axis at the foot.
 MANY_ROWS = 20
 NAME_WIDTH = 190
@@ -98,7 +99,6 @@ class Chart:
     height: int
     top: int
     low_axis: bool
-    lane_height: int
     bar_height: int
     lanes: tuple[Lane, ...]
     meters: tuple[Meter, ...]
@@ -106,7 +106,6 @@ class Chart:
     regions: tuple[Region, ...]
     idle: tuple[str, ...]
     tones: tuple[tuple[int, str], ...]
-    resources: tuple[tuple[int, str], ...]
     wraps: bool
 
 
@@ -132,42 +131,46 @@ def build_chart(model: TaskModel, placements: Sequence[Placement], window: Windo
     """Return the chart of `placements` over `window`."""
     shown = [placement for placement in placements if window.shows(placement)]
     tones = {task.name: tone(number) for number, task in enumerate(model.tasks)}
-    by_unit: dict[str, list[Placement]] = {unit.name: [] for unit in model.units}
-    for placement in shown:
-        for unit in placement.job.units:
-            by_unit[unit].append(placement)
-    many = len(by_unit) > MANY_LANES
-    drawn = [name for name, found in by_unit.items() if found or not many]
-    lane_height = 28 if len(drawn) <= 16 else 22 if len(drawn) <= 48 else 16
-    bar_height = lane_height - (6 if lane_height > 16 else 3)
-    top = AXIS_HEIGHT + (18 if caption.regions else 0)
-    lanes = _Lanes(model, window, tones, bar_height, caption.loads)
-    meters_y = top + lane_height * len(drawn) + METER_GAP
-    steps = resource_steps(model, shown, window)
-    meters = [
-        _meter(name, found, window, position_, meters_y + position_ * (METER_HEIGHT + METER_GAP))
-        for position_, (name, found) in enumerate(steps.items())
-    ]
     used = {placement.job.task for placement in shown}
+    by_unit = _by_unit(model, shown)
+    drawn = [name for name, found in by_unit.items() if found or len(by_unit) <= MANY_LANES]
+    lane_height, bar_height = _heights(len(drawn))
+    top = AXIS_HEIGHT + (REGION_HEIGHT if caption.regions else 0)
+    lanes = _Lanes(model, window, tones, bar_height, caption.loads)
+    meters = _meters(resource_steps(model, shown, window), window, top + lane_height * len(drawn) + METER_GAP)
     low_axis = len(drawn) > MANY_ROWS
+    bottom = top + lane_height * len(drawn) + METER_GAP + len(meters) * (METER_HEIGHT + METER_GAP)
     return Chart(
         name=caption.name,
         title=caption.title,
         description=caption.description,
-        height=meters_y + len(meters) * (METER_HEIGHT + METER_GAP) + (AXIS_HEIGHT // 2 if low_axis else 0),
+        height=bottom + (AXIS_HEIGHT // 2 if low_axis else 0),
         top=top,
         low_axis=low_axis,
-        lane_height=lane_height,
         bar_height=bar_height,
         lanes=tuple(lanes.lane(name, by_unit[name], top + lane_height * row) for row, name in enumerate(drawn)),
-        meters=tuple(meters),
+        meters=meters,
         ticks=tuple(ticks(window, fine=caption.fine)),
         regions=caption.regions,
-        idle=tuple(name for name in by_unit if name not in set(drawn)),
+        idle=tuple(name for name, found in by_unit.items() if not found and len(by_unit) > MANY_LANES),
         tones=tuple((tones[task.name], task.name) for task in model.tasks if task.name in used),
-        resources=tuple((number % len(RESOURCES), name) for number, name in enumerate(steps)),
         wraps=any(p.start < window.start or p.end > window.end for p in shown),
     )
+
+
+def _by_unit(model: TaskModel, placements: Sequence[Placement]) -> dict[str, list[Placement]]:
+    found: dict[str, list[Placement]] = {unit.name: [] for unit in model.units}
+    for placement in placements:
+        for unit in placement.job.units:
+            found[unit].append(placement)
+    return found
+
+
+def _heights(lanes: int) -> tuple[int, int]:
+    """Return the pitch of lanes and the height of bars: many lanes are drawn lower."""
+    if lanes <= 16:
+        return 28, 22
+    return (22, 16) if lanes <= 48 else (16, 13)
 
 
 class _Lanes:
@@ -223,6 +226,13 @@ class _Lanes:
 
     def _version(self, placement: Placement) -> Version:
         return self.versions[placement.job.task, placement.job.version]
+
+
+def _meters(steps: dict[str, Steps], window: Window, top: int) -> tuple[Meter, ...]:
+    return tuple(
+        _meter(name, found, window, number, top + number * (METER_HEIGHT + METER_GAP))
+        for number, (name, found) in enumerate(steps.items())
+    )
 
 
 def _meter(name: str, steps: Steps, window: Window, number: int, y: int) -> Meter:

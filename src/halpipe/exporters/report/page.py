@@ -7,12 +7,22 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
-from halpipe.exporters.report.chart import BASE_WIDTH, GRID, METER_HEIGHT, NAME_WIDTH, ZOOM_LEVELS, Caption, Chart
-from halpipe.exporters.report.chart import build_chart, region
+from halpipe.exporters.report.chart import (
+    BASE_WIDTH,
+    GRID,
+    METER_HEIGHT,
+    NAME_WIDTH,
+    REGION_HEIGHT,
+    ZOOM_LEVELS,
+    Caption,
+    Chart,
+    build_chart,
+    region,
+)
 from halpipe.exporters.report.numbers import approximate, decimal, percent
 from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.models import Anchor, Status
@@ -167,6 +177,7 @@ def _template() -> jinja2.Template:
         base_width=BASE_WIDTH,
         name_width=NAME_WIDTH,
         meter_height=METER_HEIGHT,
+        region_height=REGION_HEIGHT,
         zoom_levels=ZOOM_LEVELS,
     )
     return environment.get_template("report.html.j2")
@@ -221,21 +232,25 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
         terms=() if table.cost is None else _terms(table.cost),
         chart=build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
         chains=_chains(model, table),
-        unit_loads=tuple(
-            Gauge(load.unit, percent(load.share), _width(load.share), f"{load.busy} busy", load.share > 1)
-            for load in table.unit_loads
-        ),
-        resource_loads=tuple(
-            Gauge(
-                load.resource,
-                f"peak {percent(load.peak)}",
-                _width(load.peak),
-                f"mean {percent(load.mean)}",
-                load.peak > 1,
-            )
-            for load in table.resource_loads
-        ),
+        unit_loads=_unit_loads(table),
+        resource_loads=_resource_loads(table),
         jobs=_jobs(model, table),
+    )
+
+
+def _unit_loads(table: ModeSchedule) -> tuple[Gauge, ...]:
+    return tuple(
+        Gauge(load.unit, percent(load.share), _width(load.share), f"{load.busy} busy", load.share > 1)
+        for load in table.unit_loads
+    )
+
+
+def _resource_loads(table: ModeSchedule) -> tuple[Gauge, ...]:
+    return tuple(
+        Gauge(
+            load.resource, f"peak {percent(load.peak)}", _width(load.peak), f"mean {percent(load.mean)}", load.peak > 1
+        )
+        for load in table.resource_loads
     )
 
 
@@ -305,9 +320,7 @@ def _waits(link: Link) -> str:
 # --------------------------------------------------------------------------------------------- transitions
 
 
-def _transition(
-    model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool
-) -> TransitionView:
+def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id: str, context: bool) -> TransitionView:
     source, target = schedule.mode(table.source), schedule.mode(table.target)
     window, placements = unroll_switch(table, source, target, context=context)
     limits = {(pair.source, pair.target): pair.max_length for pair in model.transitions}

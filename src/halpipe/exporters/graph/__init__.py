@@ -1,0 +1,55 @@
+"""The dependency graph as DOT: tasks, precedence windows and cause-effect chains."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from halpipe.exporters.base import ExportOptions
+    from halpipe.models import Schedule, TaskModel
+
+
+class GraphExporter:
+    """Writes the tasks and what ties them as DOT text, for which no program is needed; see `render_svg`."""
+
+    name = "graph"
+    summary = "dependency graph (DOT): tasks, precedence windows, chains, coloured by unit"
+    needs_schedule = False
+    suffix = ".dot"
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return the graph as one DOT document; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.graph.dot import format_graph
+        from halpipe.exporters.selection import require_mode, select
+
+        if options.mode:
+            require_mode(options.mode, (mode.name for mode in model.modes))
+        chosen = None if schedule is None else select(model, schedule, options.mode, self.name)
+        return {"": format_graph(model, chosen, options).encode()}
+
+
+FORMAT = GraphExporter()
+
+
+def render_svg(dot: str) -> bytes:
+    """Draw DOT text as SVG with Graphviz; raise `HalpipeError` when its program is missing or fails.
+
+    This is the one function of the exporters that starts a program, so only the command line calls it.
+    """
+    import subprocess
+
+    import graphviz
+
+    from halpipe.diagnostics import HalpipeError
+    from halpipe.exporters.codes import DOT_FAILED, DOT_MISSING
+
+    try:
+        drawn: bytes = graphviz.pipe("dot", "svg", dot.encode(), quiet=True)
+    except graphviz.ExecutableNotFound:
+        help = "install it (apt install graphviz, dnf install graphviz or brew install graphviz), or write .dot"
+        raise HalpipeError(DOT_MISSING("drawing SVG needs the program `dot` of Graphviz", help=help)) from None
+    except subprocess.CalledProcessError as failure:
+        said = " ".join((failure.stderr or b"").decode("utf-8", "replace").split())
+        message = f"`dot` stopped with status {failure.returncode}" + (f": {said[:300]}" if said else "")
+        raise HalpipeError(DOT_FAILED(message, help="write .dot and try another Graphviz version on it")) from None
+    return drawn
