@@ -1,0 +1,373 @@
+"""A second opinion on validity: MODEL 3 and 5 by brute force, tick by tick, for small systems in whole milliseconds.
+
+It shares nothing with verify but the model classes: no sweep, no search, no modular shortcuts; every rule is the
+sentence of the specification written as loops over all jobs, ticks and turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from fractions import Fraction
+from functools import cache
+from itertools import pairwise
+from typing import NamedTuple
+
+from halpipe.models import Anchor, Status
+
+
+class At(NamedTuple):
+    """A job at an instant of an unrolled line."""
+
+    start: int
+    end: int
+    index: int
+    part: str
+    job: object
+
+
+def broken(model, schedule):
+    """Return (rule, where) for everything broken; empty means valid."""
+    found = set()
+    if schedule.model != model.name:
+        found.add(("file", ""))
+    if model.digest and schedule.model_sha256 and model.digest != schedule.model_sha256:
+        found.add(("file", ""))
+    names = [m.name for m in schedule.modes]
+    if sorted(names) != sorted(m.name for m in model.modes):
+        return found | {("file", "")}
+    for table in schedule.modes:
+        found |= {(rule, table.name) for rule in _mode(model, table)}
+    allowed = {(t.source, t.target): t.max_length for t in model.allowed_transitions()}
+    pairs = [(t.source, t.target) for t in schedule.transitions]
+    if len(set(pairs)) < len(pairs) or not set(pairs) <= set(allowed):
+        return found | {("file", "")}
+    for table in schedule.transitions:
+        pair = (table.source, table.target)
+        found |= {(rule, pair) for rule in _switch(model, schedule, table, allowed[pair])}
+    return found
+
+
+@cache
+def ticks(duration):
+    value = duration.in_unit("ms")
+    assert value.denominator == 1
+    return int(value)
+
+
+def tasks_of(model, mode_name):
+    runs = {run.task: run.versions for run in model.mode(mode_name).runs}
+    return {t.name: (t, {v: t.version(v) for v in runs[t.name]}) for t in model.tasks if runs.get(t.name)}
+
+
+def hyperperiod(tasks):
+    return math.lcm(*(ticks(t.period) for t, _ in tasks.values() if t.period is not None))
+
+
+def counts_and_demands(tasks, total):
+    """N of every task, and for every on-demand task the first index of each (demander, job)."""
+    n, first = {}, {}
+
+    def count(name):
+        if name not in n:
+            task, _ = tasks[name]
+            if task.period is not None:
+                n[name] = total // ticks(task.period)
+            else:
+                position = 0
+                for other, (_, versions) in tasks.items():
+                    most = max(sum(p.task == name for p in v.precedences) for v in versions.values())
+                    if other == name or not most:
+                        continue
+                    for j in range(count(other)):
+                        first[name, other, j] = position
+                        position += most
+                n[name] = position
+        return n[name]
+
+    for name in tasks:
+        count(name)
+    return n, first
+
+
+def latency_jobs(jobs):
+    return sorted(jobs, key=lambda a: (a.start, a.index))
+
+
+def _mode(model, table):
+    tasks = tasks_of(model, table.name)
+    total = hyperperiod(tasks)
+    if table.status is not Status.VALID:
+        yield "file"
+    if ticks(table.hyperperiod) != total:
+        yield "file"
+    for job in table.jobs:
+        if job.task not in tasks or not 0 <= ticks(job.start) < total:
+            yield "file"
+        else:
+            known = {v.name: v for v in tasks[job.task][0].versions}
+            if job.version in known and ticks(job.end) != ticks(job.start) + ticks(known[job.version].wcet):
+                yield "file"
+    jobs = [j for j in table.jobs if j.task in tasks]
+    yield from _complete(tasks, total, jobs)
+    yield from _assignment(model, tasks, jobs)
+    yield from _timing(tasks, total, jobs)
+    placed = [At(ticks(j.start), ticks(j.start) + wcet(tasks, j), j.index, "", j) for j in jobs]
+    if _overlap(placed, lambda t: t % total):
+        yield "exclusive"
+    if _overload(tasks, placed, lambda t: t % total):
+        yield "access"
+    if not all(_cyclic_precedence(tasks, total, placed, a) for a in placed):
+        yield "precedence"
+    for chain in model.chains:
+        if all(t in tasks for t in chain.tasks):
+            worst = chain_latency(chain, placed, total)
+            limits = (chain.max_reaction, chain.max_age)
+            if any(lim is not None and (w is None or w > ticks(lim)) for lim, w in zip(limits, worst, strict=True)):
+                yield "chain"
+
+
+def wcet(tasks, job):
+    return next((ticks(v.wcet) for v in tasks[job.task][0].versions if v.name == job.version), 0)
+
+
+def version(tasks, job):
+    return tasks[job.task][1].get(job.version)
+
+
+def _complete(tasks, total, jobs):
+    n, first = counts_and_demands(tasks, total)
+    for name, (task, _) in tasks.items():
+        present = sorted(j.index for j in jobs if j.task == name)
+        if task.period is not None:
+            expected = list(range(n[name]))
+        else:
+            expected = []
+            for j in {(j.task, j.index): j for j in jobs}.values():
+                if (name, j.task, j.index) in first and version(tasks, j):
+                    slots = sum(p.task == name for p in version(tasks, j).precedences)
+                    expected += [first[name, j.task, j.index] + slot for slot in range(slots)]
+            expected = sorted(set(expected))
+        if present != expected:
+            yield "complete"
+
+
+def _assignment(model, tasks, jobs):
+    platform = {u.name for u in model.units}
+    for job in jobs:
+        v = version(tasks, job)
+        if v is None:
+            yield "version"
+        elif not len(job.units) == len(set(job.units)) == v.gang or not set(job.units) <= platform & set(v.units):
+            yield "unit"
+
+
+def _timing(tasks, total, jobs):
+    """Try every phase in half ticks."""
+    for name, (task, _) in tasks.items():
+        if task.period is None:
+            continue
+        period = ticks(task.period)
+        deadline = period if task.deadline is None else ticks(task.deadline)
+        own = [j for j in jobs if j.task == name and 0 <= j.index < total // period]
+        phases = [Fraction(s, 2) for s in range(2 * total)]
+        if task.offset is not None:
+            phases = [Fraction(ticks(task.offset) % period)]
+        in_slack = in_time = False
+        for s in phases:
+            deltas = [(ticks(j.start) - s - j.index * period) % total for j in own]
+            slack_ok = all(d <= task.slack * period for d in deltas)
+            in_slack |= slack_ok
+            known = {v.name for v in task.versions}
+            ends = [d + wcet(tasks, j) for d, j in zip(deltas, own, strict=True) if j.version in known]
+            in_time |= slack_ok and all(end <= deadline for end in ends)
+        if not in_slack:
+            yield "periodic"
+        elif not in_time:
+            yield "deadline"
+
+
+def _overlap(placed, cell):
+    held = Counter()
+    for a in placed:
+        for unit in set(a.job.units):
+            for t in range(a.start, a.end):
+                held[unit, cell(t)] += 1
+    return any(count > 1 for count in held.values())
+
+
+def _overload(tasks, placed, cell):
+    claimed = {}
+    for a in placed:
+        v = version(tasks, a.job)
+        for access in v.accesses if v else ():
+            for t in range(a.start + ticks(access.start), a.start + ticks(access.end)):
+                key = (access.resource, cell(t))
+                claimed[key] = claimed.get(key, 0) + access.bound
+    return any(bound > 1 for bound in claimed.values())
+
+
+def _cyclic_precedence(tasks, total, placed, a):
+    v = version(tasks, a.job)
+    for p in v.precedences if v else ():
+        low, high = ticks(p.min), ticks(p.max)
+        turns = range((high + 2 * max((b.end for b in placed), default=0)) // total + 3)
+        if not any(
+            low <= a.start + m * total - (b.start if p.anchor is Anchor.START else b.end) <= high
+            for b in placed
+            if b.job.task == p.task
+            for m in turns
+        ):
+            return False
+    return True
+
+
+def chain_latency(chain, placed, total):
+    turns = 2 * len(chain.tasks) + 3
+    line = [
+        At(a.start + q * total, a.end + q * total, a.index, str(q), a.job)
+        for q in range(-turns, turns + 1)
+        for a in placed
+    ]
+    reactions = [end - start for start, end, part, _ in reactions_of(chain, line) if part == "0"]
+    ages = [end - start for start, end, part, _ in ages_of(chain, line) if part == "0"]
+    return max(reactions, default=None), max(ages, default=None)
+
+
+def reactions_of(chain, line):
+    """(start of the job missed, end of the last, part of the line, start of the last) of every stimulus."""
+    own = latency_jobs(a for a in line if a.job.task == chain.tasks[0])
+    for missed, seen in pairwise(own):
+        reached = seen
+        for name in chain.tasks[1:]:
+            later = [a for a in line if a.job.task == name and a.start >= reached.end]
+            if not later:
+                break
+            reached = latency_jobs(later)[0]
+        else:
+            yield missed.start, reached.end, missed.part, reached.start
+
+
+def ages_of(chain, line):
+    """(start of the first job, end of the last, part of the line, start of the last) of every output."""
+    for last in (a for a in line if a.job.task == chain.tasks[-1]):
+        reached = last
+        for name in reversed(chain.tasks[:-1]):
+            earlier = [a for a in line if a.job.task == name and a.end <= reached.start]
+            if not earlier:
+                break
+            reached = max(earlier, key=lambda a: (a.end, a.start, a.index))
+        else:
+            yield reached.start, last.end, last.part, last.start
+
+
+# ------------------------------------------------------------------------------------------------ switches
+
+
+def _switch(model, schedule, table, max_length):
+    source, target = tasks_of(model, table.source), tasks_of(model, table.target)
+    length = ticks(table.length)
+    period = hyperperiod(source), hyperperiod(target)
+    if length < 0 or (max_length is not None and table.length > max_length):
+        yield "length"
+    if ticks(table.worst_latency) != period[0] + length:
+        yield "length"
+    if len({(j.task, j.index) for j in table.jobs}) < len(table.jobs):
+        yield "length"
+    jobs = [j for j in table.jobs if j.task in target]
+    if len(jobs) < len(table.jobs):
+        yield "file"
+    for job in jobs:
+        known = {v.name: v for v in target[job.task][0].versions}
+        if not 0 <= ticks(job.start) < length:
+            yield "file"
+        if job.version in known and ticks(job.end) != ticks(job.start) + ticks(known[job.version].wcet):
+            yield "file"
+    yield from _assignment(model, target, jobs)
+    far = _line(model, schedule, table, jobs, period, _reach(model, period))
+    line = _line(model, schedule, table, jobs, period, 2)
+    everything = {t.name: (t, {v.name: v for v in t.versions}) for t in model.tasks}
+    if _overlap(line, lambda t: t):
+        yield "exclusive"
+    if _overload(everything, line, lambda t: t):
+        yield "access"
+    if not all(_line_precedence(target, far, a) for a in line if a.part != "n"):
+        yield "precedence"
+    yield from _continuity(source, target, line)
+    yield from _entering(source, target, line)
+    yield from _line_chains(model, source, target, far, length)
+
+
+def _reach(model, period):
+    longest = max((ticks(p.max) for t in model.tasks for v in t.versions for p in v.precedences), default=0)
+    steps = max((len(c.tasks) for c in model.chains), default=0)
+    return 2 * steps + 4 + longest // min(period)
+
+
+def _line(model, schedule, table, jobs, period, turns):
+    length = ticks(table.length)
+    line = []
+    for name, part, shifts in (
+        (table.source, "n", [q * period[0] for q in range(-turns, 0)]),
+        (table.target, "m", [length + q * period[1] for q in range(turns)]),
+    ):
+        tasks = tasks_of(model, name)
+        own = [j for j in schedule.mode(name).jobs if j.task in tasks]
+        line += [
+            At(shift + ticks(j.start), shift + ticks(j.start) + wcet(tasks, j), j.index, part, j)
+            for shift in shifts
+            for j in own
+        ]
+    target = tasks_of(model, table.target)
+    return line + [At(ticks(j.start), ticks(j.start) + wcet(target, j), j.index, "table", j) for j in jobs]
+
+
+def _line_precedence(target, far, a):
+    v = version(target, a.job)
+    return all(
+        any(
+            ticks(p.min) <= a.start - (b.start if p.anchor is Anchor.START else b.end) <= ticks(p.max)
+            for b in far
+            if b.job.task == p.task
+        )
+        for p in (v.precedences if v else ())
+    )
+
+
+def _continuity(source, target, line):
+    for name in source.keys() & target.keys():
+        task, _ = source[name]
+        own = latency_jobs(a for a in line if a.job.task == name)
+        for before, after in pairwise(own):
+            if before.part == after.part != "table":
+                continue
+            if task.period is not None and after.start - before.start > (1 + task.slack) * ticks(task.period):
+                yield "starved"
+            if after.start < before.end:
+                yield "itself"
+
+
+def _entering(source, target, line):
+    for a in line:
+        if a.part == "table" and a.job.task not in source and version(target, a.job):
+            needed = any(
+                ticks(p.min) <= b.start - (a.start if p.anchor is Anchor.START else a.end) <= ticks(p.max)
+                for b in line
+                if b.part != "n" and version(target, b.job)
+                for p in version(target, b.job).precedences
+                if p.task == a.job.task
+            )
+            if not needed:
+                yield "early"
+
+
+def _line_chains(model, source, target, far, length):
+    for chain in model.chains:
+        if not all(name in source and name in target for name in chain.tasks):
+            continue
+        paths = {"reaction": reactions_of(chain, far), "age": ages_of(chain, far)}
+        for what, limit in (("reaction", chain.max_reaction), ("age", chain.max_age)):
+            for start, end, _, last_start in paths[what]:
+                crossing = last_start >= 0 and start < length
+                if limit is not None and crossing and end - start > ticks(limit):
+                    yield "chain"

@@ -1,0 +1,845 @@
+"""Small systems with a schedule: valid by construction, or wild; and the operators that break a schedule.
+
+A valid one is made backwards: jobs are placed first, where there is room, and the model is derived from where they
+stand: windows, limits, bounds, deadlines. No solver takes part. `rng` is any `random.Random`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import verify_oracle as oracle
+
+from halpipe.durations import milliseconds
+from halpipe.models import (
+    Anchor,
+    Job,
+    ModeSchedule,
+    Resource,
+    Schedule,
+    Status,
+    TaskModel,
+    Transition,
+    TransitionTable,
+    Unit,
+)
+from support import access, after, chain, mode, ms, task, version
+
+UNITS = ("a", "b", "c")
+TICK = milliseconds(1)
+
+
+def make_job(owner, index, start, chosen, units):
+    begin = milliseconds(start)
+    return Job(
+        task=owner.name, index=index, start=begin, end=begin + chosen.wcet, version=chosen.name, units=tuple(units)
+    )
+
+
+# ------------------------------------------------------------------------------------------------ valid ones
+
+
+class Builder:
+    """Places jobs on a circle of `total` ticks and derives the model from them."""
+
+    def __init__(self, rng):
+        self.rng = rng
+        self.total = rng.choice((6, 12, 12, 24))
+        self.held = {unit: set() for unit in UNITS}
+        self.tasks = []
+        self.jobs = []
+
+    def build(self):
+        for number in range(self.rng.randint(1, 4)):
+            self.add_periodic(f"t{number}")
+        if self.rng.random() < 0.7:
+            self.add_constraint()
+        if self.rng.random() < 0.4:
+            self.add_on_demand()
+        if self.rng.random() < 0.7:
+            self.add_accesses()
+        chains = self.chains() if self.rng.random() < 0.7 else ()
+        return tuple(self.tasks), tuple(self.jobs), chains
+
+    def room(self, start, wcet, units):
+        return all((start + t) % self.total not in self.held[u] for u in units for t in range(wcet))
+
+    def hold(self, start, wcet, units):
+        for unit in units:
+            self.held[unit].update((start + t) % self.total for t in range(wcet))
+
+    def place(self, starts, wcet, gang):
+        """Find a start and units with room among `starts`, hold them, and return them; None where there are none."""
+        starts = [s % self.total for s in starts]
+        self.rng.shuffle(starts)
+        for start in starts:
+            free = [u for u in UNITS if self.room(start, wcet, [u])]
+            if len(free) >= gang:
+                units = self.rng.sample(free, gang)
+                self.hold(start, wcet, units)
+                return start, units
+        return None
+
+    def add_periodic(self, name):
+        """Add a task with all its jobs, or none; the first always fits, and makes the hyperperiod."""
+        rng = self.rng
+        period = self.total // (rng.choice((1, 1, 2, 3)) if self.tasks else 1)
+        slack = rng.choice((Fraction(0), Fraction(0), Fraction(1, 4), Fraction(1, 2), Fraction(1)))
+        wcets = [rng.randint(1, max(1, period * 2 // 3)) for _ in range(rng.choice((1, 1, 2)))]
+        gang = rng.choice((1, 1, 1, 2))
+        phase = rng.randrange(self.total)
+        before = {unit: set(held) for unit, held in self.held.items()}
+        found = []
+        for index in range(self.total // period):
+            chosen = rng.randrange(len(wcets))
+            release = phase + index * period
+            spot = self.place(range(release, release + int(slack * period) + 1), wcets[chosen], gang)
+            if spot is None:
+                self.held = before
+                return
+            found.append((index, chosen, *spot))
+        used = sorted({u for *_, units in found for u in units} | set(rng.sample(UNITS, rng.randint(0, 2))))
+        used += [u for u in UNITS if u not in used][: max(0, gang - len(used))]
+        versions = [version(f"v{k}", c, " ".join(used), gang=gang) for k, c in enumerate(wcets)]
+        worst = max((start - phase - index * period) % self.total + wcets[k] for index, k, start, _ in found)
+        deadline = worst + rng.choice((0, 0, 1)) if worst > period or rng.random() < 0.4 else None
+        offset = phase if phase < period and rng.random() < 0.4 else None
+        owner = task(name, period, *versions, slack=slack, offset=offset, deadline=deadline)
+        self.tasks.append(owner)
+        self.jobs += [make_job(owner, index, start, versions[k], units) for index, k, start, units in found]
+
+    def own(self, name):
+        return [j for j in self.jobs if j.task == name]
+
+    def add_constraint(self):
+        """Let a task follow an earlier one, in a window around the differences that its jobs happen to have."""
+        if len(self.tasks) < 2:
+            return
+        first, second = sorted(self.rng.sample(range(len(self.tasks)), 2))
+        before, owner = self.tasks[first], self.tasks[second]
+        anchor = self.rng.choice((Anchor.START, Anchor.END))
+        turns = self.rng.choice((0, 0, 1))
+        gaps = []
+        for j in self.own(owner.name):
+            points = [oracle.ticks(k.start if anchor is Anchor.START else k.end) for k in self.own(before.name)]
+            gaps.append(turns * self.total + min((oracle.ticks(j.start) - x) % self.total for x in points))
+        low = max(0, min(gaps) - self.rng.choice((0, 0, 1)))
+        high = max(gaps) + self.rng.choice((0, 0, 1))
+        window = after(before.name, low, high, anchor)
+        self.replace(owner, versions=tuple(replace(v, precedences=(*v.precedences, window)) for v in owner.versions))
+
+    def replace(self, owner, **changes):
+        self.tasks = [replace(t, **changes) if t.name == owner.name else t for t in self.tasks]
+
+    def add_on_demand(self):
+        """Let the jobs of one version of a task each demand a job of a new task, placed where there is room."""
+        owner = self.rng.choice(self.tasks)
+        chosen = self.rng.choice(owner.versions)
+        wcet = self.rng.randint(1, 2)
+        helper = task("help", None, version("v0", wcet, " ".join(UNITS)))
+        jobs, gaps = [], []
+        for j in self.own(owner.name):
+            if j.version == chosen.name:
+                spot = self.place(range(self.total), wcet, 1)
+                if spot is None:
+                    return
+                jobs.append(make_job(helper, j.index, spot[0], helper.versions[0], spot[1]))
+        for j in self.own(owner.name):
+            if j.version == chosen.name:
+                starts = [oracle.ticks(k.start) for k in jobs]
+                gaps.append(min((oracle.ticks(j.start) - x) % self.total for x in starts))
+        window = after("help", min(gaps, default=0), max(gaps, default=3))
+        versions = tuple(replace(v, precedences=(*v.precedences, window)) if v is chosen else v for v in owner.versions)
+        self.replace(owner, versions=versions)
+        self.tasks.append(helper)
+        self.jobs += jobs
+
+    def add_accesses(self):
+        """Give phases to versions, each with as much of the resource as all others leave it."""
+        for owner in self.rng.sample(self.tasks, self.rng.randint(1, len(self.tasks))):
+            for chosen in owner.versions:
+                start = self.rng.randrange(oracle.ticks(chosen.wcet))
+                end = self.rng.randint(start + 1, oracle.ticks(chosen.wcet))
+                room = 1 - self.claimed(owner.name, chosen.name, start, end)
+                twice = self.stacked(owner.name, chosen.name, start, end)
+                bound = room / twice * self.rng.choice((1, Fraction(1, 2), Fraction(2, 3)))
+                if bound > 0:
+                    current = next(t for t in self.tasks if t.name == owner.name)
+                    phase = access("r", start, end, bound)
+                    self.replace(
+                        current,
+                        versions=tuple(
+                            replace(v, accesses=(*v.accesses, phase)) if v.name == chosen.name else v
+                            for v in current.versions
+                        ),
+                    )
+
+    def phases(self):
+        owners = {t.name: t for t in self.tasks}
+        for j in self.jobs:
+            for a in owners[j.task].version(j.version).accesses:
+                begin = oracle.ticks(j.start)
+                for t in range(begin + oracle.ticks(a.start), begin + oracle.ticks(a.end)):
+                    yield t % self.total, a.bound
+
+    def cells(self, name, chosen, start, end):
+        for j in self.own(name):
+            if j.version == chosen:
+                yield from ((oracle.ticks(j.start) + t) % self.total for t in range(start, end))
+
+    def claimed(self, name, chosen, start, end):
+        sums = {}
+        for cell, bound in self.phases():
+            sums[cell] = sums.get(cell, Fraction(0)) + bound
+        return max((sums.get(c, Fraction(0)) for c in self.cells(name, chosen, start, end)), default=Fraction(0))
+
+    def stacked(self, name, chosen, start, end):
+        cells = list(self.cells(name, chosen, start, end))
+        return max((cells.count(c) for c in cells), default=1)
+
+    def chains(self):
+        names = [t.name for t in self.tasks]
+        steps = self.rng.sample(names, self.rng.randint(1, min(3, len(names))))
+        placed = [oracle.At(oracle.ticks(j.start), oracle.ticks(j.end), j.index, "", j) for j in self.jobs]
+        bare = chain("c", " ".join(steps))
+        reaction, age = oracle.chain_latency(bare, placed, self.total)
+        spare = self.rng.choice((0, 0, 1))
+        found = (None if worst is None else worst + spare for worst in (reaction, age))
+        limits = [None if self.rng.random() < 0.2 else limit for limit in found]
+        return (chain("c", " ".join(steps), *limits),)
+
+
+def valid_system(rng):
+    """A model with one mode and a schedule that is valid by construction."""
+    builder = Builder(rng)
+    tasks, jobs, chains = builder.build()
+    system = TaskModel(
+        name="m",
+        units=tuple(Unit(name=u) for u in UNITS),
+        resources=(Resource(name="r"),),
+        tasks=tasks,
+        chains=chains,
+        modes=(mode("one", tasks),),
+        digest="0" * 64,
+    )
+    return system, one_mode(system, jobs, builder.total)
+
+
+def one_mode(system, jobs, total):
+    table = ModeSchedule(name="one", hyperperiod=milliseconds(total), status=Status.VALID, jobs=tuple(jobs))
+    return Schedule(model=system.name, model_sha256=system.digest, modes=(table,))
+
+
+def switching_system(rng):
+    """A valid system with a second mode, the same turned by some ticks, and the table that makes the turn.
+
+    The table goes on as mode one would, so that every rule holds across the switch: the line is mode one without end.
+    Only an offset forbids the turn, so there are none.
+    """
+    system, plan = valid_system(rng)
+    tasks = tuple(replace(t, offset=None) for t in system.tasks)
+    table = plan.modes[0]
+    total = oracle.ticks(table.hyperperiod)
+    length = rng.randrange(total + 1)
+    shift = milliseconds(length)
+    turned = tuple(at(j, milliseconds((oracle.ticks(j.start) - length) % total)) for j in table.jobs)
+    early = tuple(j for j in table.jobs if j.start < shift)
+    system = replace(
+        system,
+        tasks=tasks,
+        modes=(mode("one", tasks), mode("two", tasks)),
+        transitions=(Transition(source="one", target="two", max_length=shift),),
+    )
+    switch = TransitionTable(
+        source="one",
+        target="two",
+        length=shift,
+        worst_latency=shift + table.hyperperiod,
+        status=Status.VALID,
+        jobs=early,
+    )
+    return system, replace(plan, modes=(table, replace(table, name="two", jobs=turned)), transitions=(switch,))
+
+
+def at(job, start):
+    return replace(job, start=start, end=start + (job.end - job.start))
+
+
+# ------------------------------------------------------------------------------------------------ wild ones
+
+
+def wild_system(rng):
+    """A sound model and a schedule whose jobs are thrown anywhere."""
+    total = rng.choice((4, 6, 8))
+    names = [f"t{k}" for k in range(rng.randint(1, 3))]
+    tasks = tuple(wild_task(rng, total, names, k) for k in range(len(names)))
+    if all(t.period is None for t in tasks):
+        tasks = (replace(tasks[0], period=milliseconds(total)), *tasks[1:])
+    steps = " ".join(rng.sample(names, rng.randint(1, len(names))))
+    limits = [rng.choice((None, rng.randint(1, 3 * total))) for _ in range(2)]
+    system = TaskModel(
+        name="m",
+        units=tuple(Unit(name=u) for u in UNITS[:2]),
+        resources=(Resource(name="r"),),
+        tasks=tasks,
+        chains=(chain("c", steps, *limits),),
+        modes=(mode("one", tasks),),
+        digest="0" * 64,
+    )
+    scope = oracle.tasks_of(system, "one")
+    total = oracle.hyperperiod(scope)
+    counts, _ = oracle.counts_and_demands(scope, total)
+    jobs = []
+    for owner in tasks:
+        for index in range(counts[owner.name]):
+            if owner.period is not None or rng.random() < 0.7:
+                chosen = rng.choice(owner.versions)
+                regular = index * oracle.ticks(owner.period) if owner.period else 0
+                start = (regular + rng.choice((0, 0, 1, rng.randrange(total)))) % total
+                units = rng.sample(chosen.units, chosen.gang)
+                jobs.append(make_job(owner, index, start, chosen, units))
+    return system, one_mode(system, jobs, total)
+
+
+def wild_task(rng, total, names, number):
+    versions = []
+    for k in range(rng.choice((1, 1, 2))):
+        wcet = rng.randint(1, 3)
+        start = rng.randrange(wcet)
+        phases = [access("r", start, rng.randint(start + 1, wcet), rng.choice(("1/3", "1/2", "2/3", "1")))]
+        need = [
+            after(rng.choice(names[:number]), low := rng.randint(0, 4), low + rng.randint(0, total), anchor)
+            for anchor in ("start", "end")
+            if number and rng.random() < 0.4
+        ]
+        gang = rng.choice((1, 1, 1, 2))
+        units = "a b" if gang == 2 else rng.choice(("a", "b", "a b", "a b"))
+        versions.append(version(f"v{k}", wcet, units, *phases[: rng.randint(0, 1)], *need, gang=gang))
+    period = rng.choice((total, total // 2, None if number + 1 < len(names) else total))
+    return task(
+        names[number],
+        period,
+        *versions,
+        slack=rng.choice((0, 0, Fraction(1, 3), Fraction(1, 2), 1)),
+        offset=rng.choice((None, None, rng.randrange(total))) if period else None,
+        deadline=rng.choice((None, None, rng.randint(1, total))) if period else None,
+    )
+
+
+def wild_switch(rng):
+    """A wild system with a second wild mode and a table of jobs thrown anywhere."""
+    system, plan = wild_system(rng)
+    tasks = list(system.tasks)
+    runs = [t for t in tasks if rng.random() < 0.8]
+    if all(t.period is None for t in runs):
+        runs = tasks
+    two = mode("two", runs)
+    pair = [("one", "two"), ("two", "one")][rng.randrange(2)]
+    system = replace(
+        system,
+        modes=(*system.modes, two),
+        transitions=(Transition(source=pair[0], target=pair[1], max_length=rng.choice((None, ms(4)))),),
+    )
+    scope = oracle.tasks_of(system, "two")
+    total = oracle.hyperperiod(scope)
+    first = plan.modes[0]
+    names = {t.name for t in runs}
+    jobs = tuple(
+        at(j, milliseconds((oracle.ticks(j.start) + rng.choice((0, 0, 0, 1))) % total))
+        for j in first.jobs
+        if j.task in names
+    )
+    second = ModeSchedule(name="two", hyperperiod=milliseconds(total), status=Status.VALID, jobs=jobs)
+    length = rng.randint(0, 5)
+    early = []
+    target = oracle.tasks_of(system, pair[1])
+    for owner, versions in target.values() if length else ():
+        if rng.random() < 0.5:
+            chosen = rng.choice(list(versions.values()))
+            early.append(make_job(owner, 0, rng.randrange(length), chosen, rng.sample(chosen.units, chosen.gang)))
+    source_total = first.hyperperiod if pair[0] == "one" else second.hyperperiod
+    switch = TransitionTable(
+        source=pair[0],
+        target=pair[1],
+        length=milliseconds(length),
+        worst_latency=source_total + milliseconds(length),
+        status=Status.VALID,
+        jobs=tuple(early),
+    )
+    return system, replace(plan, modes=(first, second), transitions=(switch,))
+
+
+# ------------------------------------------------------------------------------------------------ mutation operators
+
+
+OPERATORS = {}
+
+
+def operator(function):
+    """Register an operator: (rng, model, schedule) -> (model, schedule), or None where it does not apply."""
+    OPERATORS[function.__name__] = function
+    return function
+
+
+def change_jobs(plan, change, which=0):
+    """Rewrite the jobs of one mode."""
+    modes = list(plan.modes)
+    modes[which] = replace(modes[which], jobs=tuple(change(list(modes[which].jobs))))
+    return replace(plan, modes=tuple(modes))
+
+
+def change_one(rng, plan, change):
+    """Rewrite one job of some mode."""
+
+    def pick(jobs):
+        place = rng.randrange(len(jobs))
+        return [change(j) if k == place else j for k, j in enumerate(jobs)]
+
+    return change_jobs(plan, pick, rng.randrange(len(plan.modes)))
+
+
+def change_versions(system, change):
+    """Rewrite every version of the model."""
+    tasks = tuple(replace(t, versions=tuple(change(v) for v in t.versions)) for t in system.tasks)
+    return replace(system, tasks=tasks)
+
+
+def change_windows(rng, system, change):
+    """Rewrite one precedence constraint."""
+    windows = [(v, k) for t in system.tasks for v in t.versions for k in range(len(v.precedences))]
+    if not windows:
+        return None
+    chosen, place = rng.choice(windows)
+    changed = change(chosen.precedences[place])
+    if changed is None:
+        return None
+    kept = [changed if k == place else p for k, p in enumerate(chosen.precedences)]
+    return change_versions(system, lambda v: replace(v, precedences=tuple(kept)) if v is chosen else v)
+
+
+def moved(plan, job, by):
+    total = plan.modes[0].hyperperiod
+    return at(job, (job.start + by) % total)
+
+
+@operator
+def start_one_tick_later(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: moved(plan, j, TICK))
+
+
+@operator
+def start_one_tick_earlier(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: moved(plan, j, -TICK))
+
+
+@operator
+def start_anywhere(rng, system, plan):
+    total = oracle.ticks(plan.modes[0].hyperperiod)
+    return system, change_one(rng, plan, lambda j: at(j, milliseconds(rng.randrange(total))))
+
+
+@operator
+def start_out_of_range(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: at(j, j.start + plan.modes[0].hyperperiod))
+
+
+@operator
+def start_negative(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: at(j, j.start - plan.modes[0].hyperperiod))
+
+
+@operator
+def wrong_end(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, end=j.end + TICK))
+
+
+@operator
+def one_tick_of_overlap(rng, system, plan):
+    """Put a job on the unit of another one and let it begin in that one's last tick."""
+    jobs = plan.modes[0].jobs
+    if len(jobs) < 2:
+        return None
+    victim, other = rng.sample(range(len(jobs)), 2)
+    total = plan.modes[0].hyperperiod
+    start = (jobs[other].end - TICK) % total
+    units = jobs[other].units[: len(jobs[victim].units)]
+
+    def change(found):
+        found[victim] = replace(at(found[victim], start), units=units)
+        return found
+
+    return system, change_jobs(plan, change)
+
+
+@operator
+def swap_units(rng, system, plan):
+    jobs = plan.modes[0].jobs
+    if len(jobs) < 2:
+        return None
+    one, two = rng.sample(range(len(jobs)), 2)
+
+    def change(found):
+        found[one], found[two] = (
+            replace(found[one], units=found[two].units),
+            replace(found[two], units=found[one].units),
+        )
+        return found
+
+    return system, change_jobs(plan, change)
+
+
+@operator
+def wrong_unit(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, units=(rng.choice(UNITS), *j.units[1:])))
+
+
+@operator
+def unknown_unit(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, units=("nowhere", *j.units[1:])))
+
+
+@operator
+def drop_gang_member(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, units=j.units[1:]))
+
+
+@operator
+def add_gang_member(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, units=(*j.units, rng.choice(UNITS))))
+
+
+@operator
+def duplicate_job(rng, system, plan):
+    return system, change_jobs(plan, lambda jobs: [*jobs, rng.choice(jobs)])
+
+
+@operator
+def remove_job(rng, system, plan):
+    def change(jobs):
+        jobs.pop(rng.randrange(len(jobs)))
+        return jobs
+
+    return system, change_jobs(plan, change, rng.randrange(len(plan.modes)))
+
+
+@operator
+def wrong_index(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, index=j.index + rng.choice((-1, 1))))
+
+
+@operator
+def swap_indices(rng, system, plan):
+    """Swapping the indices of two jobs of one task moves each by a period."""
+    jobs = plan.modes[0].jobs
+    pairs = [(a, b) for a in range(len(jobs)) for b in range(a) if jobs[a].task == jobs[b].task]
+    if not pairs:
+        return None
+    a, b = rng.choice(pairs)
+
+    def change(found):
+        found[a], found[b] = replace(found[a], index=found[b].index), replace(found[b], index=found[a].index)
+        return found
+
+    return system, change_jobs(plan, change)
+
+
+@operator
+def other_version(rng, system, plan):
+    """Take another version with its own WCET; demands and windows may change."""
+
+    def change(job):
+        chosen = rng.choice(system.task(job.task).versions)
+        return replace(job, version=chosen.name, end=job.start + chosen.wcet)
+
+    return system, change_one(rng, plan, change)
+
+
+@operator
+def unknown_version(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, version="none"))
+
+
+@operator
+def version_not_available(rng, system, plan):
+    """Take a version that is in use away from the mode."""
+    used = rng.choice(plan.modes[0].jobs)
+    first, *others = system.modes
+    runs = []
+    for run in first.runs:
+        kept = tuple(v for v in run.versions if (run.task, v) != (used.task, used.version))
+        if not kept:
+            return None
+        runs.append(replace(run, versions=kept))
+    return replace(system, modes=(replace(first, runs=tuple(runs)), *others)), plan
+
+
+@operator
+def job_of_a_task_not_in_the_mode(rng, system, plan):
+    """Take the task away from the mode, so that its jobs do not belong to it."""
+    first, *others = system.modes
+    kept = tuple(run for run in first.runs if run.task != rng.choice(first.runs).task)
+    periodic = {t.name for t in system.tasks if t.period is not None}
+    if not periodic.intersection(run.task for run in kept):
+        return None
+    return replace(system, modes=(replace(first, runs=kept), *others)), plan
+
+
+@operator
+def unknown_task(rng, system, plan):
+    return system, change_one(rng, plan, lambda j: replace(j, task="nobody"))
+
+
+@operator
+def bound_too_large_by_a_thousandth(rng, system, plan):
+    phases = [(v, k) for t in system.tasks for v in t.versions for k, a in enumerate(v.accesses) if a.bound < 1]
+    if not phases:
+        return None
+    chosen, place = rng.choice(phases)
+    changed = [
+        replace(a, bound=a.bound + Fraction(1, 1000)) if k == place else a for k, a in enumerate(chosen.accesses)
+    ]
+    return change_versions(system, lambda v: replace(v, accesses=tuple(changed)) if v is chosen else v), plan
+
+
+@operator
+def phase_one_tick_longer(rng, system, plan):
+    phases = [(v, k) for t in system.tasks for v in t.versions for k in range(len(v.accesses))]
+    if not phases:
+        return None
+    chosen, place = rng.choice(phases)
+    changed = [
+        replace(a, start=max(a.start - TICK, ms("0ms")), end=min(a.end + TICK, chosen.wcet)) if k == place else a
+        for k, a in enumerate(chosen.accesses)
+    ]
+    return change_versions(system, lambda v: replace(v, accesses=tuple(changed)) if v is chosen else v), plan
+
+
+@operator
+def window_closes_one_tick_earlier(rng, system, plan):
+    found = change_windows(rng, system, lambda p: replace(p, max=p.max - TICK) if p.max > p.min else None)
+    return found and (found, plan)
+
+
+@operator
+def window_opens_one_tick_later(rng, system, plan):
+    found = change_windows(rng, system, lambda p: replace(p, min=p.min + TICK, max=max(p.max, p.min + TICK)))
+    return found and (found, plan)
+
+
+@operator
+def window_from_the_other_end(rng, system, plan):
+    other = {Anchor.START: Anchor.END, Anchor.END: Anchor.START}
+    found = change_windows(rng, system, lambda p: replace(p, anchor=other[p.anchor]))
+    return found and (found, plan)
+
+
+@operator
+def one_more_demand(rng, system, plan):
+    """Repeat a constraint, so that it demands one job more of a task on demand."""
+    windows = [v for t in system.tasks for v in t.versions if v.precedences]
+    if not windows:
+        return None
+    chosen = rng.choice(windows)
+    more = replace(chosen, precedences=(*chosen.precedences, chosen.precedences[-1]))
+    return change_versions(system, lambda v: more if v is chosen else v), plan
+
+
+@operator
+def superfluous_on_demand_job(rng, system, plan):
+    helpers = [t for t in system.tasks if t.period is None]
+    if not helpers:
+        return None
+    index = rng.randrange(4)
+    total = oracle.ticks(plan.modes[0].hyperperiod)
+    extra = make_job(helpers[0], index, rng.randrange(total), helpers[0].versions[0], [rng.choice(UNITS)])
+    return system, change_jobs(plan, lambda jobs: [*jobs, extra])
+
+
+@operator
+def less_slack(rng, system, plan):
+    """Take the smallest amount off the slack of a task that makes a difference in whole ticks."""
+    loose = [t for t in system.tasks if t.period is not None and t.slack * t.period.fraction >= TICK.fraction]
+    if not loose:
+        return None
+    chosen = rng.choice(loose)
+    less = Fraction(int(chosen.slack * oracle.ticks(chosen.period)) - 1, oracle.ticks(chosen.period))
+    return change_task(system, chosen, slack=less), plan
+
+
+def change_task(system, chosen, **changes):
+    return replace(system, tasks=tuple(replace(t, **changes) if t is chosen else t for t in system.tasks))
+
+
+@operator
+def another_offset(rng, system, plan):
+    chosen = rng.choice([t for t in system.tasks if t.period is not None])
+    now = chosen.offset if chosen.offset is not None else ms("0ms")
+    return change_task(system, chosen, offset=now + TICK), plan
+
+
+@operator
+def tighter_deadline(rng, system, plan):
+    chosen = rng.choice([t for t in system.tasks if t.period is not None])
+    now = chosen.deadline if chosen.deadline is not None else chosen.period
+    return change_task(system, chosen, deadline=now - rng.randint(1, 2) * TICK), plan
+
+
+@operator
+def tighter_chain(rng, system, plan):
+    limited = [c for c in system.chains if c.max_reaction is not None or c.max_age is not None]
+    if not limited:
+        return None
+    changed = tuple(
+        replace(
+            c,
+            max_reaction=c.max_reaction and c.max_reaction - TICK,
+            max_age=c.max_age and c.max_age - TICK,
+        )
+        for c in limited
+    )
+    return replace(system, chains=changed), plan
+
+
+@operator
+def wrong_hyperperiod(rng, system, plan):
+    modes = list(plan.modes)
+    modes[-1] = replace(modes[-1], hyperperiod=modes[-1].hyperperiod * rng.choice((2, Fraction(1, 2))))
+    return system, replace(plan, modes=tuple(modes))
+
+
+@operator
+def another_period(rng, system, plan):
+    chosen = rng.choice([t for t in system.tasks if t.period is not None])
+    return change_task(system, chosen, period=chosen.period * rng.choice((2, 3))), plan
+
+
+@operator
+def another_model(rng, system, plan):
+    return system, replace(plan, **rng.choice(({"model": "other"}, {"model_sha256": "1" * 64})))
+
+
+@operator
+def mode_missing(rng, system, plan):
+    return system, replace(plan, modes=plan.modes[1:], transitions=())
+
+
+@operator
+def mode_twice(rng, system, plan):
+    return system, replace(plan, modes=(*plan.modes, plan.modes[0]))
+
+
+@operator
+def not_found(rng, system, plan):
+    return system, replace(plan, modes=(replace(plan.modes[0], status=Status.NOT_FOUND), *plan.modes[1:]))
+
+
+def change_switch(plan, **changes):
+    return replace(plan, transitions=(replace(plan.transitions[0], **changes),)) if plan.transitions else None
+
+
+@operator
+def switch_one_tick_longer(rng, system, plan):
+    if not plan.transitions:
+        return None
+    table = plan.transitions[0]
+    longer = change_switch(plan, length=table.length + TICK, worst_latency=table.worst_latency + TICK)
+    return replace(system, transitions=()), longer
+
+
+@operator
+def switch_one_tick_shorter(rng, system, plan):
+    if not plan.transitions or not plan.transitions[0].length:
+        return None
+    table = plan.transitions[0]
+    return system, change_switch(plan, length=table.length - TICK, worst_latency=table.worst_latency - TICK)
+
+
+@operator
+def switch_longer_than_allowed(rng, system, plan):
+    if not plan.transitions or not plan.transitions[0].length:
+        return None
+    limit = plan.transitions[0].length - TICK
+    return replace(system, transitions=(replace(system.transitions[0], max_length=limit),)), plan
+
+
+@operator
+def switch_not_allowed(rng, system, plan):
+    if not plan.transitions:
+        return None
+    return replace(system, transitions=(Transition(source="two", target="one"),)), plan
+
+
+@operator
+def switch_without_a_job(rng, system, plan):
+    if not plan.transitions or not plan.transitions[0].jobs:
+        return None
+    jobs = list(plan.transitions[0].jobs)
+    jobs.pop(rng.randrange(len(jobs)))
+    return system, change_switch(plan, jobs=tuple(jobs))
+
+
+@operator
+def switch_job_moved(rng, system, plan):
+    if not plan.transitions or not plan.transitions[0].jobs:
+        return None
+    jobs = list(plan.transitions[0].jobs)
+    place = rng.randrange(len(jobs))
+    jobs[place] = at(jobs[place], max(ms("0ms"), jobs[place].start + rng.choice((TICK, -TICK))))
+    return system, change_switch(plan, jobs=tuple(jobs))
+
+
+@operator
+def switch_job_on_another_unit(rng, system, plan):
+    if not plan.transitions or not plan.transitions[0].jobs:
+        return None
+    jobs = list(plan.transitions[0].jobs)
+    place = rng.randrange(len(jobs))
+    jobs[place] = replace(jobs[place], units=(rng.choice(UNITS), *jobs[place].units[1:]))
+    return system, change_switch(plan, jobs=tuple(jobs))
+
+
+@operator
+def switch_to_a_mode_turned_by_a_tick(rng, system, plan):
+    """Mode two itself stays valid; only the seam is off by one tick."""
+    if not plan.transitions:
+        return None
+    total = plan.modes[1].hyperperiod
+    by = rng.choice((TICK, total - TICK))
+    return system, change_jobs(plan, lambda jobs: [at(j, (j.start + by) % total) for j in jobs], 1)
+
+
+@operator
+def task_leaves_with_the_switch(rng, system, plan):
+    """Mode two loses a task; a job of it in the table is then forbidden, and its successors lose their predecessor."""
+    return _without_a_task(rng, system, plan, 1)
+
+
+@operator
+def task_enters_with_the_switch(rng, system, plan):
+    """Mode one loses a task; a job of it in the table is then early, and needs a reason."""
+    return _without_a_task(rng, system, plan, 0)
+
+
+def _without_a_task(rng, system, plan, which):
+    if not plan.transitions:
+        return None
+    gone = rng.choice(system.modes[which].runs).task
+    kept = tuple(run for run in system.modes[which].runs if run.task != gone)
+    changed = replace(system.modes[which], runs=kept)
+    modes = tuple(changed if k == which else m for k, m in enumerate(system.modes))
+    smaller = replace(system, modes=modes)
+    scope = oracle.tasks_of(smaller, changed.name)
+    if all(t.period is None for t, _ in scope.values()):
+        return None
+    total = milliseconds(oracle.hyperperiod(scope))
+    if total != plan.modes[which].hyperperiod:
+        return None
+    return smaller, change_jobs(plan, lambda jobs: [j for j in jobs if j.task != gone], which)
+
+
+@operator
+def wrong_worst_latency(rng, system, plan):
+    if not plan.transitions:
+        return None
+    return system, change_switch(plan, worst_latency=plan.transitions[0].worst_latency + TICK)
