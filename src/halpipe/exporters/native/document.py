@@ -30,6 +30,5 @@ def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | N
 def serialise(root: etree._Element) -> bytes:
     """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end."""
     etree.indent(root, space="  ")
-    return etree.tostring(root, encoding="UTF-8", xml_declaration=False, pretty_print=False).join(
-        (b'<?xml version="1.0" encoding="UTF-8"?>\n', b"\n")
-    )
+    body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + body + b"\n"

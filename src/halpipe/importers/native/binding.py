@@ -42,7 +42,7 @@ class Binder:
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
         """Return the children called `tag`, in order."""
-        return element.findall(self._prefix + tag)
+        return list(element.iterchildren(self._prefix + tag))
 
     def child(self, element: etree._Element, tag: str) -> etree._Element | None:
         """Return the only child called `tag`, if any."""

@@ -1,0 +1,186 @@
+"""Schedules for every mode of a model: expand, search, measure (paper, section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe import __version__
+from halpipe.diagnostics import Diagnostic, HalpipeError
+from halpipe.models import Schedule, Status
+from halpipe.pipeline.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
+from halpipe.pipeline.expand import Expansion, expand
+from halpipe.pipeline.metrics import mode_report
+from halpipe.pipeline.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.models import Mode, ModeSchedule, TaskModel
+
+DEFAULT_BUDGET = 20_000
+"""Moves per task before the search gives up."""
+
+OnProgress = Callable[[str, int, int, int], bool]
+"""Called with mode, moves made, moves allowed and best cost so far (-1: constructing); False stops the search."""
+
+LARGEST = 2**62
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """What the user may choose: the outcome depends on the model and on these alone.
+
+    `budget` counts moves per task; `tick` replaces the natural tick.
+    """
+
+    seed: int = 1
+    budget: int = DEFAULT_BUDGET
+    tick: Duration | None = None
+    modes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Scheduled:
+    """The schedule and what became of the search for it."""
+
+    schedule: Schedule
+    diagnostics: tuple[Diagnostic, ...]
+    moves: int
+    stopped: bool
+
+
+def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
+    """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
+    chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
+    tables: list[ModeSchedule] = []
+    diagnostics: list[Diagnostic] = []
+    moves, stopped = 0, False
+    for number, mode in enumerate(chosen):
+        expansion = expand(model, mode)
+        table, found, made, stopped = _schedule_mode(model, expansion, options, number, on_progress)
+        tables.append(table)
+        diagnostics += found
+        moves += made
+        if stopped:
+            break
+    schedule = Schedule(
+        model=model.name,
+        model_sha256=model.digest,
+        generator=f"halpipe {__version__}",
+        solver="anneal",
+        seed=options.seed,
+        tick=options.tick or _common_tick(model, chosen),
+        modes=tuple(tables),
+    )
+    return Scheduled(schedule, tuple(diagnostics), moves, stopped)
+
+
+def _schedule_mode(
+    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int, on_progress: OnProgress
+) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
+    from halpipe.pipeline.anneal.search import search
+
+    name = expansion.mode.name
+    problem = _problem(model, expansion, options.tick)
+    budget = options.budget * max(1, len(expansion.tasks))
+    outcome = search(
+        problem,
+        lambda: _problem(model, expansion, options.tick, grouped=False),
+        _mode_seed(options.seed, number),
+        budget,
+        lambda moves, best: on_progress(name, moves, budget, best),
+    )
+    status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
+    table = mode_report(model, expansion, outcome.jobs, status)
+    return table, _notes(problem), outcome.moves, outcome.stopped
+
+
+def _mode_seed(seed: int, number: int) -> int:
+    """Give every mode its own stream of pseudo-random numbers."""
+    return seed + number * 0x5DEECE66D
+
+
+def _problem(model: TaskModel, expansion: Expansion, tick: Duration | None, *, grouped: bool = True) -> Problem:
+    """Build the arrays, refusing what does not fit them."""
+    _check_tick(expansion, tick)
+    resources = [resource.name for resource in model.resources]
+    problem = build_problem(expansion, model.units, resources, model.chains, tick=tick, grouped=grouped)
+    _check_options(problem)
+    _check_range(problem)
+    return problem
+
+
+def _check_tick(expansion: Expansion, tick: Duration | None) -> None:
+    if tick is None:
+        return
+    wrong = [
+        TICK_DOES_NOT_DIVIDE(
+            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=f'task "{task.name}"'
+        )
+        for task in (active.task for active in expansion.tasks)
+        for what, value in (("period", task.period), ("offset", task.offset))
+        if value is not None and value % tick
+    ]
+    if wrong:
+        raise HalpipeError(*wrong)
+
+
+def _check_options(problem: Problem) -> None:
+    arrays = problem.arrays
+    mode = problem.expansion.mode.name
+    stuck = [
+        NO_OPTION(
+            f'no version available in mode "{mode}" can run',
+            at=active.task.at,
+            path=f'task "{active.name}"',
+            help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
+        )
+        for number, active in enumerate(problem.expansion.tasks)
+        if active.jobs and arrays.task_option[number] == arrays.task_option[number + 1]
+    ]
+    if stuck:
+        raise HalpipeError(*stuck)
+
+
+def _check_range(problem: Problem) -> None:
+    """Refuse a mode whose cost could overflow: a bound on the cost of the worst placement, in exact integers."""
+    arrays = problem.arrays
+    hyperperiod, jobs = int(arrays.hyperperiod), len(arrays.job_task)
+    heaviest = int((arrays.rect[:, 3] * arrays.lane_weight[arrays.rect[:, 0]]).max(initial=1))
+    sides = 1 + int(arrays.row_first[-1]) + len(arrays.chain_limit)
+    worst = hyperperiod * heaviest * max(1, jobs) * max(1, int(arrays.rect_first[-1]))
+    worst += hyperperiod * int(arrays.unit_weight) * max(1, jobs) * sides
+    hottest = 64 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
+    if max(worst, hottest) >= LARGEST:
+        raise HalpipeError(
+            TOO_LARGE(
+                f"the hyperperiod has {hyperperiod} ticks of {problem.tick} and {jobs} jobs",
+                at=problem.expansion.mode.at,
+                path=f'mode "{problem.expansion.mode.name}"',
+                help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
+            )
+        )
+
+
+def _notes(problem: Problem) -> list[Diagnostic]:
+    """Say which gangs have more unit sets than are tried."""
+    counts: dict[tuple[str, str], int] = {}
+    for number, active in enumerate(problem.expansion.tasks):
+        first, last = int(problem.arrays.task_option[number]), int(problem.arrays.task_option[number + 1])
+        for option in problem.options[first:last]:
+            if option.version is not None:
+                key = (active.name, option.version.name)
+                counts[key] = counts.get(key, 0) + 1
+    return [
+        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=f'task "{task}" version "{version}"')
+        for (task, version), count in counts.items()
+        if count >= MAX_OPTIONS_PER_VERSION
+    ]
+
+
+def _common_tick(model: TaskModel, modes: list[Mode]) -> Duration | None:
+    from halpipe.durations import greatest_common_divisor
+
+    ticks = [natural_tick(expand(model, mode)) for mode in modes]
+    return greatest_common_divisor(ticks) if ticks else None
