@@ -104,7 +104,8 @@ def _task(
 ) -> Task:
     at = result.wiring.callbacks[callback].at
     activation = result.activations.of[callback]
-    coverage.defaulted(task, "period", f"{activation.period} from {activation.cause}", at)
+    if result.wiring.callbacks[callback].period is None:
+        coverage.defaulted(task, "period", f"{activation.period} from {activation.cause}", at)
     version = Version(name=VERSION, units=(UNIT,), precedences=tuple(constraints.get(callback, ())))
     return Task(name=task, period=activation.period, versions=(version,), origin=Origin(at.file, at.line, callback))
 

@@ -1,7 +1,7 @@
 """The DOT language, as much of it as states a graph: vertices, edges, attributes and their defaults.
 
 A tokenizer and a recursive descent parser after the grammar at https://graphviz.org/doc/info/lang.html.
-Ports and the look of things are read over. Time and memory are linear in the size of the file.
+Ports and the look of things are read over. Depth of blocks and number of edges are bounded.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.importers.ros import codes
 
 _MAX_DEPTH = 100
+_MAX_EDGES = 1_000_000
 _TOKEN = re.compile(
     r"""(?P<space>\s+|//[^\n]*|/\*.*?\*/|(?<![^\n])\#[^\n]*)
       | (?P<quoted>"[^"\\]*+(?:\\.[^"\\]*+)*+")
@@ -187,6 +188,8 @@ class _Parser:
             return
         attributes = self._attributes(dict(scope.edge))
         for tails, heads in pairwise(operands):
+            if len(self._graph.edges) + len(tails) * len(heads) > _MAX_EDGES:
+                raise _malformed(self._file, line, f"has more than {_MAX_EDGES} edges")
             self._graph.edges.extend(Edge(tail, head, line, attributes) for tail in tails for head in heads)
 
     def _operand(self, scope: _Scope, depth: int) -> list[str]:

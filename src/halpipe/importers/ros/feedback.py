@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _MOST_NAMES = 5
 _MOST_CUTS = 8
+_LONGEST_RING = 50
 
 
 class Vertex(NamedTuple):
@@ -50,19 +51,27 @@ def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]
     for edge in costs + [edge for edge in loop.cuts if edge not in costs]:
         ring = _ring(loop.cuts[edge], wiring)
         if len(nodes) == 1 or len(ring) != 1:
-            places.append(f"{_place(edge, wiring)} ({' -> '.join(ring + ring[:1])})" if ring else _place(edge, wiring))
+            cycle = f" ({_shortened(ring + ring[:1], ' -> ')})" if ring else ""
+            places.append(_place(edge, wiring) + cycle)
     if len(places) > _MOST_CUTS:
         places[_MOST_CUTS:] = [f"at {len(places) - _MOST_CUTS} more places"]
     what = f"{len(nodes)} nodes feed each other" if len(nodes) > 1 else "a node feeds itself"
     effect = f"precedence constraints lost: {len(costs)}" if costs else "no precedence constraint is lost"
     first = next(vertex for vertex in loop.vertices if vertex.kind == "callback")
     return codes.FEEDBACK(
-        f"{what}: {', '.join(nodes)}; cut {'; cut '.join(places)}; {effect}",
+        f"{what}: {_shortened(nodes, ', ')}; cut {'; cut '.join(places)}; {effect}",
         at=wiring.callbacks[first.name].at,
         path=f'node "{nodes[0]}"',
         help="state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place",
         severity=Severity.WARNING if costs else Severity.NOTE,
     )
+
+
+def _shortened(names: list[str], separator: str) -> str:
+    """Join names, leaving out the middle of a list that nobody would read."""
+    if len(names) > _LONGEST_RING:
+        names = [*names[: _LONGEST_RING // 2], "...", *names[-_LONGEST_RING // 2 :]]
+    return separator.join(names)
 
 
 def _nodes(vertices: Sequence[Vertex], wiring: Wiring) -> list[str]:

@@ -135,7 +135,7 @@ def _skip_comments(data: bytes) -> int:
 def _not_dot(name: str, data: bytes) -> Diagnostic:
     start = _skip_comments(data)
     words = data[start : start + 80].split()
-    first = words[0].decode("utf-8", "replace")[:40] if words else ""
+    first = "".join(c if c.isprintable() else "?" for c in words[0].decode("utf-8", "replace")[:40]) if words else ""
     return codes.NOT_DOT(
         f'begins with "{first}", not with digraph' if first else "is empty",
         at=Location(name, data.count(b"\n", 0, start) + 1),

@@ -1,0 +1,102 @@
+"""ROS graphs of real systems: Autoware as CARET exports it, rqt_graph files, recordings, and files that are neither."""
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration, least_common_multiple
+from halpipe.importers.base import ImportOptions
+from halpipe.importers.ros import FORMAT, codes
+from halpipe.importers.ros.loops import components
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data" / "ros"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real ROS graphs are not part of the project")
+
+
+def read(*files):
+    return FORMAT.read([str(DATA / file) for file in files], ImportOptions())
+
+
+@pytest.fixture(scope="module")
+def autoware():
+    return read("caret_autoware_architecture.yaml")
+
+
+def test_every_element_of_autoware_is_accounted_for(autoware):
+    totals = {kind: total for kind, total, _, _ in autoware.coverage.rows()}
+    assert totals == {
+        "callback_group": 104,
+        "executor": 277,
+        "file": 1,
+        "message_context": 914,
+        "node": 106,
+        "publisher": 301,
+        "subscription": 183,
+        "subscription_callback": 183,
+        "timer_callback": 40,
+        "variable_passing": 46,
+    }
+    assert all(total == mapped + ignored for _, total, mapped, ignored in autoware.coverage.rows())
+
+
+def test_every_timer_of_autoware_is_a_task(autoware):
+    counts = {kind: mapped for kind, _, mapped, _ in autoware.coverage.rows()}
+    assert counts["timer_callback"] == 40
+    assert len(autoware.model.tasks) == counts["timer_callback"] + counts["subscription_callback"]
+    assert len({task.name for task in autoware.model.tasks}) == len(autoware.model.tasks)
+
+
+def test_the_hyperperiod_of_autoware_stays_small(autoware):
+    assert least_common_multiple(task.period for task in autoware.model.tasks) == Duration.parse("3s")
+    assert sum(d.code == codes.SNAPPED.id for d in autoware.diagnostics) == 4
+
+
+def test_the_four_loops_of_autoware_are_reported_with_all_their_nodes(autoware):
+    loops = [d.message for d in autoware.diagnostics if d.code == codes.FEEDBACK.id]
+    assert sorted(int(message.split()[0]) for message in loops) == [2, 3, 4, 5]
+    assert all("; cut " in message and " -> " in message for message in loops)
+
+
+def test_the_precedence_of_autoware_is_acyclic_and_its_windows_hold_at_every_phase(autoware):
+    tasks = {task.name: task for task in autoware.model.tasks}
+    after = {name: [p.task for p in task.versions[0].precedences] for name, task in tasks.items()}
+    assert sum(map(len, after.values())) > 100
+    assert components(after) == []
+    for task in tasks.values():
+        for constraint in task.versions[0].precedences:
+            assert constraint.max >= tasks[constraint.task].period
+
+
+def test_single_callback_nodes_of_autoware_give_short_names(autoware):
+    names = {task.name for task in autoware.model.tasks}
+    assert "/perception/object_recognition/tracking/multi_object_tracker" in names
+    assert "/control/vehicle_cmd_gate/callback_01" in names
+
+
+@pytest.mark.parametrize("path", sorted(DATA.glob("caret_sample*.yaml")), ids=lambda path: path.stem)
+def test_caret_samples_import_with_their_paths(path):
+    imported = read(path)
+    assert imported.model.chains
+    assert Counter(str(d.severity) for d in imported.diagnostics)["error"] == 0
+    assert {kind: ignored for kind, _, _, ignored in imported.coverage.rows()}["node"] == 0
+
+
+def test_a_navigation_stack_gets_its_periods_from_a_recording():
+    imported = read("dot_exomy_nav.dot", "rosbag2_chibi25_b_metadata.yaml")
+    periods = {task.name: str(task.period) for task in imported.model.tasks}
+    assert periods["/depthimage_to_laserscan_node"] == "25ms"
+    assert periods["/visual_odometry"] == "100ms"
+    after = {t.name: [p.task for p in t.versions[0].precedences] for t in imported.model.tasks}
+    assert components(after) == []
+
+
+@pytest.mark.parametrize(
+    "path", sorted(p for p in DATA.rglob("*") if p.is_file() and not p.name.startswith("caret_")), ids=lambda p: p.name
+)
+def test_any_other_file_alone_is_refused_with_a_reason(path):
+    with pytest.raises(HalpipeError) as caught:
+        read(path)
+    assert any(diagnostic.is_error for diagnostic in caught.value.diagnostics)
+    assert all(diagnostic.message for diagnostic in caught.value.diagnostics)

@@ -1,0 +1,106 @@
+"""The DOT language: what the tokenizer and the parser make of a file."""
+
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.importers.ros import codes, dot
+
+
+def edges(text):
+    return [(edge.tail, edge.head) for edge in dot.parse(text, "g.dot").edges]
+
+
+def error_of(text):
+    with pytest.raises(HalpipeError) as caught:
+        dot.parse(text, "g.dot")
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == codes.NOT_DOT.id
+    return diagnostic
+
+
+def test_chains_and_blocks_of_edges():
+    assert edges("digraph { a -> b -> c; {d e} -> f }") == [("a", "b"), ("b", "c"), ("d", "f"), ("e", "f")]
+
+
+def test_strict_names_ports_and_separators():
+    assert edges('strict digraph "my graph" { a:out:n -> "b c":in, } '.replace(",", "")) == [("a", "b c")]
+
+
+def test_comments_of_all_kinds():
+    assert edges("# first\ndigraph { // line\n /* block\n * more */ a -> b\n# last\n}") == [("a", "b")]
+
+
+def test_defaults_hold_inside_their_block_only():
+    graph = dot.parse("digraph { {node [shape=box]; a} b [shape=circle]; c }", "g.dot")
+    assert [v.attributes.get("shape") for v in graph.vertices.values()] == ["box", "circle", None]
+
+
+def test_edge_defaults_and_several_attribute_lists():
+    (edge,) = dot.parse("digraph { edge [weight=8]; a -> b [label=x; color=red][penwidth=2] }", "g.dot").edges
+    assert edge.attributes == {"weight": "8", "label": "x", "color": "red", "penwidth": "2"}
+
+
+def test_quoted_text_keeps_escapes_until_shown_and_can_be_joined():
+    graph = dot.parse('digraph { a [label="one\\n" + "\\N \\"two\\"\\\n!"] }', "g.dot")
+    assert dot.unescape(graph.vertices["a"].attributes["label"], "a") == 'one\na "two"!'
+
+
+def test_html_labels_and_keywords_in_any_case():
+    graph = dot.parse("DiGraph { Node [shape=box]; a [label=<<b>x</b>>] }", "g.dot")
+    assert graph.vertices["a"].attributes == {"shape": "box", "label": "<b>x</b>"}
+
+
+def test_lines_count_through_multi_line_values():
+    graph = dot.parse('digraph {\n a [x="1\n2"]\n b\n}', "g.dot")
+    assert [v.line for v in graph.vertices.values()] == [2, 4]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "part"),
+    [
+        ("digraph {\n a -> \n}", 3, 'expected a name, found "}"'),
+        ("digraph {\n a", 2, "found the end of the file"),
+        ('digraph {\n a [label="x]\n}', 2, "a quote is never closed"),
+        ("digraph {\n\n a [label=<x]}", 3, "HTML label is never closed"),
+        ("digraph { a ? b }", 1, "unexpected '?'"),
+        ("graph {\n a -- b }", 1, "undirected"),
+        ("digraph {\n a -- b }", 2, '"--" in a digraph'),
+        ("strict a", 1, 'expected digraph, found "a"'),
+        ("digraph " + "{" * 200, 1, "nests deeper than 100"),
+        ('digraph { a -> "b" + ', 1, "expected a name"),
+    ],
+)
+def test_errors_name_the_line(text, line, part):
+    diagnostic = error_of(text)
+    assert diagnostic.at.line == line
+    assert part in diagnostic.message
+
+
+def test_edges_between_blocks_are_bounded():
+    block = "{" + " ".join(f"a{i}" for i in range(1100)) + "}"
+    assert "more than 1000000 edges" in error_of(f"digraph {{ {block} -> {block} }}").message
+
+
+@given(st.text(string.printable, max_size=80))
+def test_any_text_is_parsed_or_refused(text):
+    try:
+        graph = dot.parse("digraph {" + text, "g.dot")
+    except HalpipeError as failure:
+        found = {diagnostic.code for diagnostic in failure.diagnostics}
+    else:
+        found = {vertex in graph.vertices for edge in graph.edges for vertex in (edge.tail, edge.head)}
+    assert found <= {codes.NOT_DOT.id, True}
+
+
+names = st.text(st.characters(blacklist_categories=("Cs",), blacklist_characters="\\"), min_size=1, max_size=8)
+
+
+@given(st.lists(st.tuples(names, names), max_size=12))
+def test_quoted_edges_come_back(pairs):
+    quoted = [tuple('"' + name.replace('"', '\\"') + '"' for name in pair) for pair in pairs]
+    graph = dot.parse("digraph {" + "".join(f"{a} -> {b};" for a, b in quoted) + "}", "g.dot")
+    assert [(dot.unescape(e.tail), dot.unescape(e.head)) for e in graph.edges] == pairs

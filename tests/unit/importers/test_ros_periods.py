@@ -1,0 +1,71 @@
+"""Periods: what was measured comes back as what was meant, exactly."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.durations import Duration, seconds
+from halpipe.importers.ros.periods import MEASURED, STATED, snap
+
+
+@pytest.mark.parametrize(
+    ("measured_ns", "meant"),
+    [
+        (100_001_000, "100ms"),
+        (19_999_999, "20ms"),
+        (1_000_000_099, "1s"),
+        (30_000_000, "30ms"),
+        (33_333_333, "1/30s"),
+        (16_666_667, "1/60s"),
+        (8_333_333, "1/120s"),
+        (12_500_000, "12.5ms"),
+        (99_000_000, "99ms"),
+        (1_000_100, "1ms"),
+    ],
+)
+def test_timers(measured_ns, meant):
+    assert snap(Duration(measured_ns), STATED) == Duration.parse(meant)
+
+
+@pytest.mark.parametrize(
+    ("messages", "duration_ns", "meant"),
+    [
+        (21052, 525_154_215_868, "25ms"),
+        (5252, 525_154_215_868, "100ms"),
+        (8038, 405_935_763_614, "50ms"),
+        (1201, 40_000_000_000, "1/30s"),
+        (100, 307_989_000_000, "3.1s"),
+    ],
+)
+def test_recorded_rates(messages, duration_ns, meant):
+    assert snap(Duration(duration_ns) / (messages - 1), MEASURED) == Duration.parse(meant)
+
+
+def test_a_timer_is_not_pulled_as_far_as_a_recorded_rate():
+    assert snap(Duration(24_947_000), STATED) == Duration(24_947_000)
+    assert snap(Duration(24_947_000), MEASURED) == Duration(25_000_000)
+
+
+def test_absolute_tolerance_does_not_swallow_short_periods():
+    assert snap(Duration(5_300), STATED) == Duration(5_300)
+
+
+@given(
+    st.fractions(min_value=Fraction(1, 10), max_value=10**13).filter(bool),
+    st.sampled_from([STATED, MEASURED]),
+)
+def test_snapping_stays_within_tolerance_and_settles(ns, tolerance):
+    period = Duration(ns)
+    snapped = snap(period, tolerance)
+    assert abs((snapped - period).fraction) <= tolerance.of(period).fraction
+    assert snapped > Duration(0)
+    assert snap(snapped, STATED) == snapped or snapped == period
+
+
+@given(st.integers(1, 1000))
+def test_whole_rates_cut_to_nanoseconds_come_back_or_stay_close(rate):
+    cut = Duration(10**9 // rate)
+    snapped = snap(cut, STATED)
+    assert abs((snapped - seconds(1) / rate).fraction) <= STATED.of(cut).fraction + 1

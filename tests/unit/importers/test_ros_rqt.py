@@ -1,0 +1,88 @@
+"""DOT graphs: rqt_graph's views, statistics and deadlines, and graphs drawn by hand."""
+
+from ros_case import found, periods, places, predecessors, read, reasons, refusal, rows, write
+
+from halpipe.diagnostics import Severity
+from halpipe.importers.ros import codes
+
+
+def test_topics_view_with_a_deadline_as_period():
+    imported = read("rqt_topics.dot")
+    assert periods(imported) == {"/driver": "25ms", "/filter": "25ms", "/planner": "25ms"}
+    assert predecessors(imported) == {"/driver": [], "/filter": ["/driver"], "/planner": ["/filter"]}
+    assert imported.model.task("/driver").origin.line == 11
+
+
+def test_a_loop_of_nodes_loses_the_edge_against_the_flow():
+    (warning,) = found(read("rqt_topics.dot").diagnostics, codes.FEEDBACK)
+    assert warning.severity is Severity.WARNING
+    assert "2 nodes feed each other: /filter, /planner" in warning.message
+    assert 'where "/filter" reads "/goal" (/filter -> /planner -> /filter)' in warning.message
+
+
+def test_topics_view_is_accounted_for():
+    imported = read("rqt_topics.dot")
+    assert rows(imported) == {
+        "file": [1, 1, 0],
+        "node": [4, 3, 1],
+        "publisher": [4, 2, 2],
+        "subscription": [5, 3, 2],
+        "topic": [4, 2, 2],
+    }
+    assert reasons(imported, "topic") == {
+        "/goal": "orders no two tasks",
+        "/tf": "is plumbing of ROS, not application data",
+    }
+
+
+def test_nodes_only_view_with_statistics():
+    imported = read("rqt_nodes_only.dot")
+    assert periods(imported) == {"/driver": "25ms", "/filter": "25ms", "/planner": "25ms"}
+    assert predecessors(imported)["/planner"] == ["/driver", "/filter"]
+    (note,) = found(imported.diagnostics, codes.SNAPPED)
+    assert (note.at.line, note.path) == (6, 'topic "/scan"')
+    assert "25.062657ms of the topic statistics rounded to 25ms" in note.message
+
+
+def test_a_task_graph_drawn_by_hand():
+    imported = read("tasks.dot", sources={"Lidar Driver": "25ms", "Front Camera": "1/30s"})
+    assert periods(imported) == {
+        "Lidar_Driver": "25ms",
+        "Front_Camera": "100/3ms",
+        "Sensor_Fusion": "25ms",
+        "_b_Control_/b_": "25ms",
+    }
+    assert predecessors(imported)["Sensor_Fusion"] == ["Lidar_Driver", "Front_Camera"]
+    assert len(found(imported.diagnostics, codes.RENAMED)) == 4
+    (warning,) = found(imported.diagnostics, codes.SEVERAL_PERIODS)
+    assert warning.path == 'node "Sensor\nFusion"'
+    (slower,) = [p for p in imported.model.task("Sensor_Fusion").versions[0].precedences if p.task == "Front_Camera"]
+    assert str(slower.max) == "100/3ms"
+
+
+def test_duplicate_nodes_are_errors(tmp_path):
+    path = write(tmp_path, 'digraph {\n a [label="/x"];\n b [label="/x"];\n a -> c [label="10 Hz"]\n}')
+    assert places(refusal(path).diagnostics, codes.DUPLICATE) == [(3, 'node "/x"')]
+
+
+def test_names_that_fall_together_stay_apart(tmp_path):
+    path = write(tmp_path, 'digraph { "a b" -> "a_b" [label="10 Hz"]; "a_b" -> "a*b" }')
+    assert list(periods(read(path))) == ["a_b", "a_b_2", "a_b_3"]
+
+
+def test_a_node_that_reads_its_own_topic_does_not_precede_itself(tmp_path):
+    imported = read(write(tmp_path, 'digraph { a -> a [label="10 Hz"] }'))
+    assert predecessors(imported) == {"a": []}
+    (note,) = found(imported.diagnostics, codes.FEEDBACK)
+    assert note.message.startswith("a node feeds itself: a;")
+
+
+def test_tools_and_plumbing_are_left_out(tmp_path):
+    tools = ("/rqt_gui_py_node_7", "/rviz", "/launch_ros_99", "/a/transform_listener_impl_0f3", "/rosout")
+    text = 'digraph { "/a" -> "/b" [label="/x\\n10 Hz"];' + "".join(f'"/a" -> "{tool}" [label="/x"];' for tool in tools)
+    topics = ("/rosout", "/parameter_events", "/tf_static", "/clock", "/go/_action/status")
+    text += "".join(f'"/b" -> "/a" [label="{topic}"];' for topic in topics) + "}"
+    imported = read(write(tmp_path, text))
+    assert list(periods(imported)) == ["/a", "/b"]
+    assert set(reasons(imported, "node")) == set(tools)
+    assert not found(imported.diagnostics, codes.FEEDBACK)
