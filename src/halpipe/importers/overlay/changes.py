@@ -1,0 +1,155 @@
+"""What applying an overlay reports: values replaced, defaults taken, names that nothing has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from halpipe.diagnostics import Findings, Location
+from halpipe.importers.overlay.codes import (
+    DOES_NOT_FIT,
+    NAMES_DROPPED,
+    OVERRIDDEN,
+    REMOVED,
+    REPLACED,
+    UNKNOWN_NAME,
+)
+from halpipe.models import Access, Precedence, Source
+from halpipe.quantities import format_rational
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable
+
+    from halpipe.diagnostics import Code
+    from halpipe.importers.base import Coverage
+    from halpipe.importers.overlay.entries import Stated
+
+T = TypeVar("T")
+E = TypeVar("E")
+
+# Near names cost about 20 us per known name; in a model of thousands of tasks not every typing error gets them.
+SUGGESTION_BUDGET = 50_000
+SHOWN_ITEMS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Ranks(Generic[E]):
+    """The entries for one element, the one that wins first; those of ``*`` only give defaults."""
+
+    firm_entries: tuple[E, ...]
+    default_entries: tuple[E, ...]
+
+    def firm(self, read: Callable[[E], Stated[T] | None]) -> Stated[T] | None:
+        """Return what overrules the source, if anything does."""
+        return next((found for found in map(read, self.firm_entries) if found is not None), None)
+
+    def default(self, read: Callable[[E], Stated[T] | None]) -> Stated[T] | None:
+        """Return what fills the gap where the source states nothing."""
+        return next((found for found in map(read, self.default_entries) if found is not None), None)
+
+
+@dataclass(slots=True)
+class Changes:
+    """Collects the account of one application of an overlay."""
+
+    coverage: Coverage
+    tasks: frozenset[str] = frozenset()
+    dropped: Collection[str] = ()
+    findings: Findings = field(default_factory=Findings)
+    _compared: int = 0
+    _reported: set[tuple[Location, str]] = field(default_factory=set)
+
+    def pick(
+        self, path: str, what: str, old: T, unset: T, ranks: Ranks[E], read: Callable[[E], Stated[T] | None]
+    ) -> T:
+        """Return the value that holds: stated by a firm entry, else by the source, else by a default entry."""
+        stated = ranks.firm(read)
+        if stated is not None:
+            if old != unset:
+                self.overridden(path, what, old, stated.value, stated.at)
+            return stated.value
+        stated = ranks.default(read) if old == unset else None
+        if stated is None:
+            return old
+        self.coverage.defaulted(path, what, show(stated.value), stated.at)
+        return stated.value
+
+    def overridden(self, path: str, what: str, old: object, new: object, at: Location) -> None:
+        """Report that the overlay replaces a value of the source, unless both say the same."""
+        if bare(old) != bare(new):
+            self.note(OVERRIDDEN, f"{what}: {show(new)} replaces {show(old)} of the source", at, path)
+
+    def replaced(self, what: str, old: Iterable[str], at: Location) -> None:
+        """Report that the overlay replaces imported elements."""
+        self.note(
+            REPLACED, f"{what} of the overlay replace those of the source: {show(tuple(old))}", at, what
+        )
+
+    def removed(self, message: str, at: Location, path: str) -> None:
+        """Report that an imported element went because something it refers to went."""
+        self.note(REMOVED, message, at, path)
+
+    def note(self, code: Code, message: str, at: Location, path: str) -> None:
+        """Collect a note."""
+        self.findings.add(code(message, at=at, path=path))
+
+    def fault(self, code: Code, message: str, at: Location, path: str, help: str) -> None:
+        """Collect an error."""
+        self.findings.add(code(message, at=at, path=path, help=help))
+
+    def does_not_fit(self, message: str, at: Location, path: str, help: str) -> None:
+        """Report values that contradict each other."""
+        self.fault(DOES_NOT_FIT, message, at, path, help)
+
+    def unknown(
+        self, kind: str, name: str, known: Iterable[str], at: Location, path: str, otherwise: str
+    ) -> None:
+        """Report a reference to nothing, once per place."""
+        if (at, name) not in self._reported:
+            self._reported.add((at, name))
+            help = self.suggest(name, known, otherwise)
+            self.fault(UNKNOWN_NAME, f'there is no {kind} "{name}"', at, path, help)
+
+    def knows_task(self, name: str, at: Location, path: str) -> bool:
+        """Return whether the model has the task; report where it does not."""
+        if name in self.tasks:
+            return True
+        if name in self.dropped:
+            if (at, name) not in self._reported:
+                self._reported.add((at, name))
+                help = "remove it here, or do not drop it"
+                self.fault(NAMES_DROPPED, f'task "{name}" is dropped by the overlay', at, path, help)
+        else:
+            self.unknown(
+                "task", name, sorted(self.tasks), at, path, "the source has no task that resembles it"
+            )
+        return False
+
+    def suggest(self, name: str, known: Iterable[str], otherwise: str) -> str:
+        """Return the nearest known names as a question, within a budget of comparisons."""
+        pool = list(known)
+        self._compared += len(pool)
+        return did_you_mean(name, pool, otherwise) if self._compared <= SUGGESTION_BUDGET else otherwise
+
+
+def bare(value: object) -> object:
+    """Return a value without its origins, to compare what an overlay and a source say."""
+    if isinstance(value, tuple):
+        return tuple(bare(item) for item in value)
+    return replace(value, origin=None) if isinstance(value, Precedence) else value
+
+
+def show(value: Any) -> str:
+    """Print a value of the model for a message."""
+    if isinstance(value, tuple):
+        more = f" and {len(value) - SHOWN_ITEMS} more" if len(value) > SHOWN_ITEMS else ""
+        return ", ".join(show(item) for item in value[:SHOWN_ITEMS]) + more or "none"
+    if isinstance(value, Fraction):
+        return format_rational(value)
+    if isinstance(value, Access):
+        return f'{value.start} to {value.end} on "{value.resource}"'
+    if isinstance(value, Precedence):
+        return f'{value.min} to {value.max} after the {value.anchor} of "{value.task}"'
+    return f"{value.entry}()" if isinstance(value, Source) else str(value)

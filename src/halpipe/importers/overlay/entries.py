@@ -1,0 +1,113 @@
+"""What overlay files state, parsed but not yet matched with any model.
+
+Elements that need nothing of the import (units, chains, constraints ...) are already elements of the model, with the
+overlay as their origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from fractions import Fraction
+
+    from halpipe.diagnostics import Location
+    from halpipe.durations import Duration
+    from halpipe.importers.overlay.use import OverlayUse
+    from halpipe.models import Access, Chain, Precedence, Resource, Source, Transition, Unit
+
+T_co = TypeVar("T_co", covariant=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated(Generic[T_co]):
+    """A value and the place in the overlay that states it."""
+
+    value: T_co
+    at: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VersionEntry:
+    """What an overlay states of a version; None is left to less specific entries, then to the source."""
+
+    wcet: Stated[Duration] | None = None
+    units: Stated[tuple[str, ...]] | None = None
+    gang: Stated[int] | None = None
+    accesses: Stated[tuple[Access, ...]] | None = None
+    precedences: Stated[tuple[Precedence, ...]] | None = None
+    source: Stated[Source] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskEntry:
+    """What an overlay states of the tasks that `pattern` matches; `common` holds for all their versions."""
+
+    pattern: str
+    at: Location
+    period: Stated[Duration] | None = None
+    slack: Stated[Fraction] | None = None
+    offset: Stated[Duration] | None = None
+    deadline: Stated[Duration] | None = None
+    drop: Stated[bool] | None = None
+    common: VersionEntry = field(default_factory=VersionEntry)
+    versions: Mapping[str, Stated[VersionEntry]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeEntry:
+    """A mode: patterns of the tasks that run in it, and for some of them the versions (all, if not stated)."""
+
+    name: str
+    at: Location
+    tasks: tuple[Stated[str], ...]
+    versions: tuple[tuple[Stated[str], tuple[str, ...]], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overlay:
+    """Everything that one or several overlay files state.
+
+    `sources` maps patterns of data sources to periods. `precedence` gives constraints by (predecessor, task).
+    """
+
+    units: Stated[tuple[Unit, ...]] | None = None
+    resources: Stated[tuple[Resource, ...]] | None = None
+    sources: tuple[tuple[Stated[str], Duration], ...] = ()
+    tasks: tuple[TaskEntry, ...] = ()
+    precedence: Mapping[tuple[str, str], tuple[Precedence, ...]] = field(default_factory=dict)
+    modes: Mapping[str, ModeEntry] = field(default_factory=dict)
+    transitions: Mapping[tuple[str, str], Transition] = field(default_factory=dict)
+    chains: Mapping[str, Chain] = field(default_factory=dict)
+    drops: tuple[Stated[str], ...] = ()
+
+    def begin(self) -> OverlayUse:
+        """Start one import: the result remembers which entries matched something."""
+        from halpipe.importers.overlay.use import OverlayUse
+
+        return OverlayUse(self)
+
+
+def merge(overlays: Iterable[Overlay]) -> Overlay:
+    """Join overlays, later before earlier.
+
+    Entries for tasks, sources and drops are all kept, since their order decides between them. A mode, transition or
+    chain, and the constraints between a pair of tasks, replace the earlier ones of the same name; a list of units or of
+    resources replaces the earlier list as a whole, so that one overlay can hold the tasks and another the board.
+    """
+    merged = Overlay()
+    for later in overlays:
+        merged = Overlay(
+            units=later.units or merged.units,
+            resources=later.resources or merged.resources,
+            sources=merged.sources + later.sources,
+            tasks=merged.tasks + later.tasks,
+            precedence={**merged.precedence, **later.precedence},
+            modes={**merged.modes, **later.modes},
+            transitions={**merged.transitions, **later.transitions},
+            chains={**merged.chains, **later.chains},
+            drops=merged.drops + later.drops,
+        )
+    return merged

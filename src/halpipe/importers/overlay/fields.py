@@ -1,0 +1,252 @@
+"""Typed access to one YAML mapping of an overlay: every value is checked, every problem collected with its line."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from halpipe.diagnostics import Location
+from halpipe.durations import ZERO, Duration
+from halpipe.files import YamlList, YamlMap
+from halpipe.importers.overlay.codes import BAD_VALUE, MISSING_KEY, UNKNOWN_KEY, WRONG_TYPE
+from halpipe.importers.overlay.entries import Stated
+from halpipe.importers.overlay.patterns import is_glob
+from halpipe.quantities import parse_rational
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from halpipe.diagnostics import Findings
+
+T = TypeVar("T")
+D = TypeVar("D")
+
+_NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
+_ONE = Fraction(1)
+
+
+class Fields:
+    """One mapping: `path` names it in messages, `keys` are the keys it may have."""
+
+    def __init__(
+        self, file: str, findings: Findings, data: YamlMap, path: str, keys: tuple[str, ...]
+    ) -> None:
+        self.path = path
+        self._file = file
+        self._findings = findings
+        self._data = data
+        for key in data:
+            if keys and key not in keys:
+                otherwise = "it may have: " + ", ".join(keys)
+                self.complain(
+                    UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise)
+                )
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def at(self, key: str = "") -> Location:
+        """Return the place of a key, or of the mapping."""
+        return Location(self._file, self._data.line_of(key) if key else self._data.line)
+
+    def complain(self, code: Any, message: str, key: str = "", *, line: int = 0, help: str = "") -> None:
+        """Collect a problem of this mapping."""
+        at = Location(self._file, line) if line else self.at(key)
+        self._findings.add(code(message, at=at, path=self.path, help=help))
+
+    def require(self, *keys: str) -> bool:
+        """Return whether all `keys` are there; report those that are not."""
+        missing = [key for key in keys if key not in self._data]
+        for key in missing:
+            self.complain(MISSING_KEY, f'lacks the key "{key}"', help=f'add "{key}: ..."')
+        return not missing
+
+    def get(self, key: str, read: Callable[[str], T]) -> Stated[T] | None:
+        """Return the value of `key` as `read` understands its text; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        return self._read(self._data[key], key, self._data.line_of(key), read)
+
+    def value(self, key: str, read: Callable[[str], T], default: D) -> T | D:
+        """Return the plain value of `key`, `default` when absent or wrong."""
+        found = self.get(key, read)
+        return default if found is None else found.value
+
+    def flag(self, key: str) -> Stated[bool] | None:
+        """Return a value that is ``true`` or ``false``."""
+        if key not in self._data:
+            return None
+        value = self._data[key]
+        if isinstance(value, bool):
+            return Stated(value, self.at(key))
+        self.complain(
+            WRONG_TYPE,
+            f'"{key}" is {_kind(value)}; it must be true or false',
+            key,
+            help="write true or false",
+        )
+        return None
+
+    def texts(self, key: str, read: Callable[[str], T]) -> tuple[Stated[T], ...]:
+        """Return a list of texts; a single text is a list of one."""
+        if key not in self._data:
+            return ()
+        value = self._data[key]
+        if not isinstance(value, YamlList):
+            found = self.get(key, read)
+            return () if found is None else (found,)
+        items = (self._read(item, key, line, read) for item, line in zip(value, value.lines, strict=True))
+        return tuple(item for item in items if item is not None)
+
+    def texts_of(self, key: str, read: Callable[[str], T]) -> Stated[tuple[T, ...]] | None:
+        """Return a list of at least one text as one value; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        items = self.texts(key, read)
+        if not items and self._data[key] == []:
+            self.complain(
+                BAD_VALUE, f'"{key}" is an empty list', key, help="list at least one name, or remove the key"
+            )
+        return Stated(tuple(item.value for item in items), self.at(key)) if items else None
+
+    def section(self, key: str, keys: tuple[str, ...], path: str) -> Fields | None:
+        """Return the mapping under `key`; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        return self._mapping(self._data[key], key, self._data.line_of(key), path, keys)
+
+    def entries(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[tuple[str, Fields, Location]]:
+        """Yield (name, mapping, place) for a mapping of mappings; ``{}`` in `path` stands for the name."""
+        outer = self.section(key, (), f"{self.path} {key}")
+        for name in outer or ():
+            found = outer.section(name, keys, path.format(name)) if outer else None
+            if outer and found:
+                yield name, found, outer.at(name)
+
+    def items(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[Fields]:
+        """Yield the mappings of a list."""
+        if key not in self._data:
+            return
+        value = self._data[key]
+        if not isinstance(value, YamlList):
+            self.complain(
+                WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a list', key, help="write [...] or - ..."
+            )
+            return
+        for item, line in zip(value, value.lines, strict=True):
+            found = self._mapping(item, key, line, path, keys)
+            if found is not None:
+                yield found
+
+    def _mapping(self, value: Any, key: str, line: int, path: str, keys: tuple[str, ...]) -> Fields | None:
+        if isinstance(value, YamlMap):
+            return Fields(self._file, self._findings, value, path, keys)
+        may = f"with the keys {', '.join(keys)}" if keys else "of names"
+        self.complain(
+            WRONG_TYPE,
+            f'"{key}" is {_kind(value)}; it must be a mapping {may}',
+            line=line,
+            help="write {...}",
+        )
+        return None
+
+    def _read(self, value: Any, key: str, line: int, read: Callable[[str], T]) -> Stated[T] | None:
+        if not isinstance(value, str):
+            help = f'quote it: "{str(value).lower()}"' if isinstance(value, bool) else "write a single value"
+            self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a text', line=line, help=help)
+            return None
+        try:
+            return Stated(read(value), Location(self._file, line))
+        except ValueError as failure:
+            message, _, help = str(failure).partition("; ")
+            self.complain(BAD_VALUE, f'"{key}": {message}', line=line, help=help or "correct the value")
+            return None
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return "true or false"
+    if isinstance(value, YamlMap):
+        return "a mapping"
+    return "a list" if isinstance(value, YamlList) else f'the text "{value}"'
+
+
+# The readers of single values: text to value; they raise ValueError("what is wrong; what to do").
+
+
+def name(text: str) -> str:
+    """Read the name of a model element."""
+    if _NAME.fullmatch(text) is None:
+        hint = (
+            "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
+        )
+        raise ValueError(f"{text[:80]!r} is not a name; {hint}")
+    return text
+
+
+def pattern(text: str) -> str:
+    """Read a name or a glob of names."""
+    if not text:
+        raise ValueError("the pattern is empty; write a name or a glob such as /sensing/*")
+    return text
+
+
+def word(text: str) -> str:
+    """Read a text without white space, such as a file name."""
+    if len(text.split()) != 1 or text.split()[0] != text:
+        raise ValueError(f"{text[:80]!r} is not a single word; remove the white space")
+    return text
+
+
+def positive(text: str) -> Duration:
+    """Read a duration above zero."""
+    duration = Duration.parse(text)
+    if duration == ZERO:
+        raise ValueError(f"{text} is not above zero; write a positive duration")
+    return duration
+
+
+def share(text: str) -> Fraction:
+    """Read a number in [0, 1]."""
+    number = parse_rational(text)
+    if number > _ONE:
+        raise ValueError(f"{text} is above 1; write a share between 0 and 1")
+    return number
+
+
+def bound(text: str) -> Fraction:
+    """Read a number in (0, 1]."""
+    number = share(text)
+    if not number:
+        raise ValueError(f"{text} is not above 0; write a share above 0, up to 1")
+    return number
+
+
+def count(text: str) -> int:
+    """Read a whole number from 1 to a million."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 7 and 1 <= int(text) <= 1_000_000):
+        raise ValueError(f"{text[:80]!r} is not a count; write a whole number from 1 to 1000000")
+    return int(text)
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Return a reader of one of `words`."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(
+                f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}"
+            )
+        return text
+
+    return read

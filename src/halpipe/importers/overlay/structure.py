@@ -1,0 +1,193 @@
+"""Applies what stands around the tasks: platform, drops, chains, modes and transitions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, TypeVar
+
+from halpipe.importers.overlay.changes import show
+from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
+from halpipe.importers.overlay.patterns import Patterns, expand, is_glob
+from halpipe.models import Mode, Origin, Run
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+
+    from halpipe.importers.overlay.changes import Changes
+    from halpipe.importers.overlay.entries import ModeEntry, Overlay, Stated
+    from halpipe.models import Chain, Resource, Task, TaskModel, Transition, Unit, Version
+
+E = TypeVar("E", bound="Unit | Resource")
+
+
+def platform_part(
+    what: str, imported: tuple[E, ...], stated: Stated[tuple[E, ...]] | None, changes: Changes
+) -> tuple[E, ...]:
+    """Return the units or resources that hold: those of the overlay if it lists any, else the imported ones."""
+    if stated is None:
+        return imported
+    if imported and [replace(e, origin=None) for e in imported] != [
+        replace(e, origin=None) for e in stated.value
+    ]:
+        changes.replaced(f"platform {what}", (e.name for e in imported), stated.at)
+    return stated.value
+
+
+def without(model: TaskModel, dropped: Collection[str], changes: Changes) -> TaskModel:
+    """Return the model without the dropped tasks and without what the source says of them."""
+    if not dropped:
+        return model
+    kept = [chain for chain in model.chains if not any(task in dropped for task in chain.tasks)]
+    for chain in model.chains:
+        if chain not in kept:
+            gone = tuple(task for task in chain.tasks if task in dropped)
+            changes.removed(f"went with its dropped tasks {show(gone)}", chain.at, f'chain "{chain.name}"')
+    modes = (replace(m, runs=tuple(run for run in m.runs if run.task not in dropped)) for m in model.modes)
+    tasks = (
+        _without_predecessors(task, dropped, changes) for task in model.tasks if task.name not in dropped
+    )
+    return replace(model, tasks=tuple(tasks), chains=tuple(kept), modes=tuple(modes))
+
+
+def _without_predecessors(task: Task, dropped: Collection[str], changes: Changes) -> Task:
+    if not any(p.task in dropped for v in task.versions for p in v.precedences):
+        return task
+    versions: list[Version] = []
+    for version in task.versions:
+        kept = tuple(p for p in version.precedences if p.task not in dropped)
+        if kept != version.precedences:
+            gone = tuple(p.task for p in version.precedences if p.task in dropped)
+            path = f'task "{task.name}" version "{version.name}"'
+            changes.removed(f"precedence after dropped tasks {show(gone)} is void", version.at, path)
+        versions.append(replace(version, precedences=kept))
+    return replace(task, versions=tuple(versions))
+
+
+def chains(imported: tuple[Chain, ...], overlay: Overlay, changes: Changes) -> tuple[Chain, ...]:
+    """Return the chains: the overlay's replace imported ones of the same name and join the others."""
+    found = {chain.name: chain for chain in imported}
+    for chain in overlay.chains.values():
+        path = f'chain "{chain.name}"'
+        known = [changes.knows_task(task, chain.at, path) for task in chain.tasks]
+        old = found.get(chain.name)
+        if old is not None and replace(old, origin=None) != replace(chain, origin=None):
+            changes.overridden(path, "tasks", old.tasks, chain.tasks, chain.at)
+            changes.overridden(path, "max-reaction", old.max_reaction, chain.max_reaction, chain.at)
+            changes.overridden(path, "max-age", old.max_age, chain.max_age, chain.at)
+        if all(known):
+            found[chain.name] = chain
+    return tuple(found.values())
+
+
+def modes(
+    imported: tuple[Mode, ...],
+    overlay: Overlay,
+    before: Mapping[str, Task],
+    after: Mapping[str, Task],
+    changes: Changes,
+) -> tuple[Mode, ...]:
+    """Return the overlay's modes, or, where it states none, the imported ones with the versions there are now."""
+    if not overlay.modes:
+        return tuple(replace(m, runs=tuple(_updated(run, before, after) for run in m.runs)) for m in imported)
+    built = tuple(_mode(entry, after, changes) for entry in overlay.modes.values())
+    if imported and [_bare_mode(m) for m in imported] != [_bare_mode(m) for m in built]:
+        changes.replaced("modes", (m.name for m in imported), next(iter(overlay.modes.values())).at)
+    return built
+
+
+def _bare_mode(mode: Mode) -> Mode:
+    return replace(mode, origin=None)
+
+
+def _updated(run: Run, before: Mapping[str, Task], after: Mapping[str, Task]) -> Run:
+    """Return an imported run: one that had every version has every version; others keep those that are left."""
+    if run.task not in after:
+        return run
+    new = tuple(v.name for v in after[run.task].versions)
+    left = tuple(name for name in run.versions if name in new)
+    had_all = {v.name for v in before[run.task].versions} <= set(run.versions)
+    return replace(run, versions=new if had_all or not left else left)
+
+
+def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode:
+    path = f'mode "{entry.name}"'
+    chosen: dict[str, Stated[str]] = {}
+    for stated in entry.tasks:
+        pattern = stated.value
+        if not is_glob(pattern):
+            if changes.knows_task(pattern, stated.at, path):
+                chosen[pattern] = stated
+            continue
+        matching = expand(pattern, tasks)
+        chosen.update((name, chosen.get(name, stated)) for name in matching)
+        if not matching:
+            _report_glob(pattern, stated, path, changes)
+    versions = Patterns((stated.value, (stated, names)) for stated, names in entry.versions)
+    used = {pattern for name in chosen for pattern, _ in versions.of(name)[:1]}
+    for stated, _ in entry.versions:
+        matched = stated.value in used or any(
+            stated.value in [p for p, _ in versions.of(name)] for name in chosen
+        )
+        if not matched:
+            help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
+            changes.fault(
+                MATCHES_NOTHING,
+                f'versions of "{stated.value}": no such task in this mode',
+                stated.at,
+                path,
+                help,
+            )
+    runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
+    return Mode(
+        name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, path), at=entry.at
+    )
+
+
+def _report_glob(pattern: str, stated: Stated[str], path: str, changes: Changes) -> None:
+    only_dropped = bool(expand(pattern, changes.dropped))
+    code, what = (NAMES_DROPPED, "only dropped tasks") if only_dropped else (MATCHES_NOTHING, "no task")
+    help = changes.suggest(pattern, sorted(changes.tasks), "correct the glob, or remove it")
+    changes.fault(code, f'tasks "{pattern}" match {what}', stated.at, path, help)
+
+
+def _run(
+    task: Task,
+    chosen: Stated[str],
+    versions: Patterns[tuple[Stated[str], tuple[str, ...]]],
+    path: str,
+    changes: Changes,
+) -> Run:
+    available = tuple(version.name for version in task.versions)
+    stated = next((entry for _, entry in versions.of(task.name)), None)
+    if stated is None:
+        return Run(task=task.name, versions=available, at=chosen.at)
+    place, names = stated
+    for name in names:
+        if name not in available:
+            otherwise = f'task "{task.name}" has: {show(available)}'
+            changes.unknown(f'version of task "{task.name}"', name, available, place.at, path, otherwise)
+    return Run(task=task.name, versions=tuple(n for n in names if n in available), at=place.at)
+
+
+def transitions(
+    imported: tuple[Transition, ...], overlay: Overlay, now: tuple[Mode, ...], changes: Changes
+) -> tuple[Transition, ...]:
+    """Return the overlay's transitions, or, where it states none, the imported ones between modes that are left."""
+    names = {mode.name for mode in now}
+    if not overlay.transitions:
+        for t in imported:
+            if not {t.source, t.target} <= names:
+                changes.removed("its modes are replaced", t.at, f'transition "{t.source}" to "{t.target}"')
+        return tuple(t for t in imported if {t.source, t.target} <= names)
+    valid = []
+    for t in overlay.transitions.values():
+        path = f'transition "{t.source}" to "{t.target}"'
+        missing = [name for name in (t.source, t.target) if name not in names]
+        for name in missing:
+            changes.unknown("mode", name, sorted(names), t.at, path, "add it under modes")
+        if not missing:
+            valid.append(t)
+    if imported and [replace(t, origin=None) for t in imported] != [replace(t, origin=None) for t in valid]:
+        at = next(iter(overlay.transitions.values())).at
+        changes.replaced("transitions", (f"{t.source} to {t.target}" for t in imported), at)
+    return tuple(valid)

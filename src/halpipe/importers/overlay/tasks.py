@@ -1,0 +1,233 @@
+"""Applies the entries for tasks and their versions, and the precedence constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, TypeVar
+
+from halpipe.importers.overlay.changes import Ranks, show
+from halpipe.importers.overlay.codes import MATCHES_NOTHING
+from halpipe.importers.overlay.patterns import EVERYTHING, expand, is_glob
+from halpipe.models import Origin, Version
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.diagnostics import Location
+    from halpipe.importers.overlay.changes import Changes
+    from halpipe.importers.overlay.entries import Overlay, Stated, TaskEntry, VersionEntry
+    from halpipe.models import Access, Precedence, Task
+
+E = TypeVar("E")
+Ranked = list[tuple[str, "TaskEntry"]]
+IMPORTED_VERSION = "default"
+NO_SLACK = Fraction(0)
+
+
+@dataclass(slots=True)
+class TaskMerger:
+    """Merges entries into tasks, given the platform that the model ends up with.
+
+    `units_at` is the place of the overlay's own list of units, None where the imported units stay. `constraints` holds
+    the overlay's precedence list by task and predecessor.
+    """
+
+    changes: Changes
+    units: tuple[str, ...]
+    resources: tuple[str, ...]
+    units_at: Location | None
+    constraints: Mapping[str, Mapping[str, tuple[Precedence, ...]]]
+    _unit_sets: dict[Stated[tuple[str, ...]], tuple[str, ...]] = field(default_factory=dict)
+
+    def merge(self, task: Task, ranked: Ranked) -> Task:
+        """Return `task` with what the entries that match it state, of which the first wins."""
+        path = f'task "{task.name}"'
+        entries = _ranks([(pattern == EVERYTHING, entry) for pattern, entry in ranked])
+        pick = self.changes.pick
+        key = _key_of_versions(task, ranked)
+        return replace(
+            task,
+            period=pick(path, "period", task.period, None, entries, lambda e: e.period),
+            slack=pick(path, "slack", task.slack, NO_SLACK, entries, lambda e: e.slack),
+            offset=pick(path, "offset", task.offset, None, entries, lambda e: e.offset),
+            deadline=pick(path, "deadline", task.deadline, None, entries, lambda e: e.deadline),
+            versions=tuple(
+                self._version(task.name, base, _statements(ranked, base.name, key))
+                for base in _base_versions(task, ranked, key)
+            ),
+        )
+
+    def _version(self, task: str, base: Version, entries: Ranks[VersionEntry]) -> Version:
+        path = f'task "{task}" version "{base.name}"'
+        pick = self.changes.pick
+        version = replace(
+            base,
+            wcet=pick(path, "WCET", base.wcet, None, entries, lambda v: v.wcet),
+            units=self._units(path, base, entries),
+            gang=pick(path, "gang", base.gang, 1, entries, lambda v: v.gang),
+            accesses=pick(path, "access phases", base.accesses, (), entries, lambda v: v.accesses),
+            precedences=self._precedences(path, task, base, entries),
+            source=pick(path, "source", base.source, None, entries, lambda v: v.source),
+        )
+        self._check_fit(path, base, version)
+        return version
+
+    # ---------------------------------------------------------------------------------------------- units
+
+    def _units(self, path: str, base: Version, entries: Ranks[VersionEntry]) -> tuple[str, ...]:
+        kept = tuple(unit for unit in base.units if unit in self.units) if self.units_at else base.units
+        stated = entries.firm(lambda v: v.units)
+        if stated is not None:
+            units = self._expand(stated, path)
+            if kept:
+                self.changes.overridden(path, "units", kept, units, stated.at)
+            return units
+        if kept:
+            if kept != base.units:
+                gone = tuple(unit for unit in base.units if unit not in self.units)
+                message = f"units {show(gone)} are not on the overlay's platform; {show(kept)} remain"
+                self.changes.removed(message, base.at, path)
+            return kept
+        stated = entries.default(lambda v: v.units)
+        units, at = (self._expand(stated, path), stated.at) if stated else (self.units, self.units_at)
+        if at is None:
+            return kept
+        self.changes.coverage.defaulted(path, "units", show(units), at)
+        return units
+
+    def _expand(self, stated: Stated[tuple[str, ...]], path: str) -> tuple[str, ...]:
+        """Return the platform's units that the names and globs mean; report, once, those that mean none."""
+        if stated in self._unit_sets:
+            return self._unit_sets[stated]
+        found: dict[str, None] = {}
+        for pattern in stated.value:
+            matching = (
+                expand(pattern, self.units)
+                if is_glob(pattern)
+                else [u for u in (pattern,) if u in self.units]
+            )
+            found.update(dict.fromkeys(matching))
+            otherwise = f"the units are: {show(self.units)}"
+            if not matching and is_glob(pattern):
+                self.changes.fault(
+                    MATCHES_NOTHING, f'units "{pattern}" match no unit', stated.at, path, otherwise
+                )
+            elif not matching:
+                self.changes.unknown("unit", pattern, self.units, stated.at, path, otherwise)
+        self._unit_sets[stated] = tuple(found)
+        return tuple(found)
+
+    # ----------------------------------------------------------------------------------------- precedence
+
+    def _precedences(
+        self, path: str, task: str, base: Version, entries: Ranks[VersionEntry]
+    ) -> tuple[Precedence, ...]:
+        """Return the version's constraints: exactly its own where it states some, else imported and listed ones."""
+        stated = entries.firm(lambda v: v.precedences)
+        if stated is not None:
+            own = self._valid(stated, task, path)
+            if base.precedences:
+                self.changes.overridden(path, "precedence", base.precedences, own, stated.at)
+            return own
+        found = base.precedences
+        for predecessor, listed in self.constraints.get(task, {}).items():
+            old = tuple(p for p in found if p.task == predecessor)
+            found = tuple(p for p in found if p.task != predecessor) + listed
+            if old:
+                self.changes.overridden(path, "precedence", old, listed, listed[0].at)
+        stated = None if found else entries.default(lambda v: v.precedences)
+        if stated is None:
+            return found
+        own = self._valid(stated, task, path)
+        self.changes.coverage.defaulted(path, "precedence", show(own), stated.at)
+        return own
+
+    def _valid(self, stated: Stated[tuple[Precedence, ...]], task: str, path: str) -> tuple[Precedence, ...]:
+        valid = []
+        for p in stated.value:
+            if p.task == task:
+                self.changes.does_not_fit("the task cannot precede itself", p.at, path, "name another task")
+            elif self.changes.knows_task(p.task, p.at, path):
+                valid.append(p)
+        return tuple(valid)
+
+    # --------------------------------------------------------------------------------------------- checks
+
+    def _check_fit(self, path: str, base: Version, version: Version) -> None:
+        changed = (version.wcet, version.accesses) != (base.wcet, base.accesses)
+        for access in version.accesses:
+            self._check_resource(path, access)
+            if changed and version.wcet is not None and access.end > version.wcet:
+                message = f"an access phase ends at {access.end}, the WCET is {version.wcet}"
+                self.changes.does_not_fit(
+                    message, access.at, path, "end the phase earlier, or raise the WCET"
+                )
+        if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
+            message = (
+                f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
+            )
+            self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
+
+    def _check_resource(self, path: str, access: Access) -> None:
+        if access.resource not in self.resources:
+            otherwise = "add it to the overlay's platform, under resources"
+            self.changes.unknown("resource", access.resource, self.resources, access.at, path, otherwise)
+
+
+def _key_of_versions(task: Task, ranked: Ranked) -> str | None:
+    """Return the key whose entries state the versions: the most specific; ``*`` only where no WCET is known."""
+    key = next((pattern for pattern, entry in ranked if entry.versions), None)
+    return None if key == EVERYTHING and any(v.wcet is not None for v in task.versions) else key
+
+
+def _base_versions(task: Task, ranked: Ranked, key: str | None) -> list[Version]:
+    """Return the imported versions, and empty ones for those that only the overlay has.
+
+    Stated versions replace the importer's version "default" if that has no WCET. A new version starts with the units
+    and the constraints of the imported one: data flows to it all the same.
+    """
+    stated: dict[str, Location] = {}
+    for pattern, entry in reversed(ranked):
+        if pattern == key:
+            stated.update(
+                {name: version.at for name, version in entry.versions.items() if name not in stated}
+            )
+    imported = {v.name: v for v in task.versions}
+    placeholder = imported.get(IMPORTED_VERSION)
+    template = placeholder or next(iter(task.versions), Version(name=""))
+    kept = dict(imported)
+    if stated and placeholder is not None and placeholder.wcet is None and IMPORTED_VERSION not in stated:
+        del kept[IMPORTED_VERSION]
+    for name, at in stated.items():
+        if name not in kept:
+            origin = Origin(at.file, at.line, f'task "{task.name}" version "{name}"')
+            kept[name] = replace(
+                template, name=name, wcet=None, accesses=(), source=None, origin=origin, at=at
+            )
+    return list(kept.values())
+
+
+def _statements(ranked: Ranked, version: str, key: str | None) -> Ranks[VersionEntry]:
+    """Return what the entries state of a version; in each, what it says of the version before what of the task."""
+    found: list[tuple[bool, VersionEntry]] = []
+    for pattern, entry in ranked:
+        if pattern == key and version in entry.versions:
+            found.append((pattern == EVERYTHING, entry.versions[version].value))
+        found.append((pattern == EVERYTHING, entry.common))
+    return _ranks(found)
+
+
+def _ranks(entries: list[tuple[bool, E]]) -> Ranks[E]:
+    """Split (is it of ``*``, entry) into what overrules the source and what only fills its gaps."""
+    return Ranks(tuple(e for rest, e in entries if not rest), tuple(e for rest, e in entries if rest))
+
+
+def constraints_by_task(overlay: Overlay, changes: Changes) -> dict[str, dict[str, tuple[Precedence, ...]]]:
+    """Return the precedence list by task and predecessor, without those that name no task of the model."""
+    found: dict[str, dict[str, tuple[Precedence, ...]]] = {}
+    for (predecessor, task), listed in overlay.precedence.items():
+        known = [changes.knows_task(name, listed[0].at, "precedence") for name in (predecessor, task)]
+        if all(known):
+            found.setdefault(task, {})[predecessor] = listed
+    return found

@@ -1,0 +1,132 @@
+"""One application of an overlay to one import."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import sort_diagnostics
+from halpipe.importers.overlay import structure
+from halpipe.importers.overlay.changes import Changes
+from halpipe.importers.overlay.codes import MATCHES_NOTHING
+from halpipe.importers.overlay.patterns import Patterns
+from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.diagnostics import Diagnostic, Location
+    from halpipe.durations import Duration
+    from halpipe.importers.base import Coverage
+    from halpipe.importers.overlay.entries import Overlay
+    from halpipe.models import Task, TaskModel
+
+
+class OverlayUse:
+    """What an importer asks of an overlay. It remembers what matched: an entry that matches nothing is an error."""
+
+    def __init__(self, overlay: Overlay) -> None:
+        self._overlay = overlay
+        self._sources = Patterns((stated.value, period) for stated, period in overlay.sources)
+        self._drops = Patterns((stated.value, stated) for stated in overlay.drops)
+        self._tasks = Patterns((entry.pattern, entry) for entry in overlay.tasks)
+        self._answers: dict[str, bool] = {}
+        self._asked_sources: dict[str, None] = {}
+        self._matched_sources: set[str] = set()
+        self._matched_drops: set[str] = set()
+        self._matched_tasks: set[str] = set()
+
+    def drops(self, name: str) -> bool:
+        """Return whether the element `name` is to be left out: listed under ``drop``, or a task with ``drop: true``."""
+        if name not in self._answers:
+            listed = [pattern for pattern, _ in self._drops.of(name)]
+            self._matched_drops.update(listed)
+            stated = (
+                (pattern, entry.drop) for pattern, entry in self._tasks.of(name) if entry.drop is not None
+            )
+            pattern, drop = next(stated, ("", None))
+            dropped = drop is not None and drop.value
+            if dropped:
+                self._matched_tasks.add(pattern)
+            self._answers[name] = bool(listed) or dropped
+        return self._answers[name]
+
+    def source_period(self, name: str) -> Duration | None:
+        """Return the period of the data source `name` (a topic that nothing periodic publishes), None if not stated."""
+        self._asked_sources[name] = None
+        found = self._sources.of(name)
+        self._matched_sources.update(pattern for pattern, _ in found)
+        return found[0][1] if found else None
+
+    def apply(self, model: TaskModel, coverage: Coverage) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
+        """Return the imported model with everything that the overlay states, and what to tell of it.
+
+        The diagnostics hold errors where the overlay does not fit the model: the caller reports them with its own and
+        does not use the model. Values of ``*`` entries go to `coverage` as defaults.
+        """
+        overlay, changes = self._overlay, Changes(coverage)
+        dropped_now = {task.name for task in model.tasks if self.drops(task.name)}
+        model = structure.without(model, dropped_now, changes)
+        changes.tasks = frozenset(task.name for task in model.tasks)
+        changes.dropped = tuple(name for name, dropped in self._answers.items() if dropped)
+        units = structure.platform_part("units", model.units, overlay.units, changes)
+        resources = structure.platform_part("resources", model.resources, overlay.resources, changes)
+        merger = TaskMerger(
+            changes=changes,
+            units=tuple(unit.name for unit in units),
+            resources=tuple(resource.name for resource in resources),
+            units_at=overlay.units.at if overlay.units else None,
+            constraints=constraints_by_task(overlay, changes),
+        )
+        tasks = tuple(self._merged(task, merger) for task in model.tasks)
+        before, after = {task.name: task for task in model.tasks}, {task.name: task for task in tasks}
+        modes = structure.modes(model.modes, overlay, before, after, changes)
+        result = replace(
+            model,
+            units=units,
+            resources=resources,
+            tasks=tasks,
+            chains=structure.chains(model.chains, overlay, changes),
+            modes=modes,
+            transitions=structure.transitions(model.transitions, overlay, modes, changes),
+        )
+        self._report_unmatched(changes)
+        return result, tuple(sort_diagnostics(changes.findings.items))
+
+    def _merged(self, task: Task, merger: TaskMerger) -> Task:
+        ranked = self._tasks.of(task.name)
+        self._matched_tasks.update(pattern for pattern, _ in ranked)
+        return merger.merge(task, ranked)
+
+    def _report_unmatched(self, changes: Changes) -> None:
+        """Report every entry that matched nothing; an entry for tasks that are dropped did match."""
+        for name in changes.dropped:
+            self._matched_tasks.update(pattern for pattern, _ in self._tasks.of(name))
+        tasks = sorted({*changes.tasks, *changes.dropped})
+        entries = ((entry.pattern, entry.at) for entry in self._overlay.tasks)
+        _report("tasks", "task", entries, self._matched_tasks, tasks, changes)
+        sources = ((stated.value, stated.at) for stated, _ in self._overlay.sources)
+        _report(
+            "sources",
+            "data source without a period",
+            sources,
+            self._matched_sources,
+            self._asked_sources,
+            changes,
+        )
+        drops = ((stated.value, stated.at) for stated in self._overlay.drops)
+        _report("drop", "element", drops, self._matched_drops, sorted({*tasks, *self._answers}), changes)
+
+
+def _report(
+    section: str,
+    kind: str,
+    entries: Iterable[tuple[str, Location]],
+    matched: set[str],
+    known: Iterable[str],
+    changes: Changes,
+) -> None:
+    for pattern, at in entries:
+        if pattern not in matched:
+            help = changes.suggest(pattern, known, "remove the entry, or correct its name")
+            changes.fault(MATCHES_NOTHING, f'"{pattern}" matches no {kind}', at, section, help)
