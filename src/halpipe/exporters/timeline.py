@@ -130,7 +130,7 @@ def resource_steps(model: TaskModel, placements: Iterable[Placement], window: Wi
     for placement in placements:
         for access in versions[placement.job.task, placement.job.version].accesses:
             begin = max(placement.start.ns + access.start.ns, low)
-            end = min(placement.start.ns + access.end.ns, high)
+            end = placement.start.ns + access.end.ns
             if begin < end and access.resource in changes:
                 changes[access.resource][begin] += access.bound
                 changes[access.resource][end] -= access.bound

@@ -93,6 +93,7 @@ def test_modes_can_be_boxes_or_be_chosen():
     assert "opponent_detection" not in one
     assert "coarse" in one
     assert "reduced" in one
+    assert "24ms" not in one  # both versions of 24 ms are not available there
 
 
 @pytest.mark.parametrize("sample", [roboracer, two_modes, thirds, hostile])

@@ -166,9 +166,28 @@ def test_demand_beyond_capacity_is_shown_apart():
     planned = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 2, "u2"), status=Status.NOT_FOUND)
     page = write(system, planned)
     (plot,) = plots(page)
-    assert [path.get("d")[:3] for path in plot.iter("path") if path.get("class") == "excess"]
+    drawn = {path.get("class"): path.get("d") for path in plot.iter("path")}
+    capacity = Fraction(plot.find("svg/line").get("y1"))
+    # Heights grow upwards from the foot at 60: the area stops at the capacity line, the excess starts there.
+    assert min(_heights(drawn["m0"])) == capacity == max(_heights(drawn["excess"]))
+    assert min(_heights(drawn["excess"])) == 6
     assert "peak 140%" in page
     assert "Not complete: 1 of 1 tables" in page
+
+
+def _heights(path):
+    return [Fraction(height) for height in re.findall(r"V([0-9.]+)", path)]
+
+
+def test_loads_beyond_the_whole_are_marked():
+    system, planned = roboracer()
+    table = planned.modes[0]
+    unit, resource = table.unit_loads[0], table.resource_loads[0]
+    for changes in (
+        {"unit_loads": (replace(unit, share=Fraction(9, 8)),)},
+        {"resource_loads": (replace(resource, peak=Fraction(9, 8)),)},
+    ):
+        assert 'class="track over"' in write(system, replace(planned, modes=(replace(table, **changes),)))
 
 
 def test_a_valid_schedule_has_no_excess_and_says_so():
@@ -264,6 +283,17 @@ def test_ticks_are_few_in_order_and_never_too_near_the_ends(length, start):
 )
 def test_ticks_are_round(length, labels):
     assert " ".join(tick.text for tick in ticks(Window(ms(0), ms(length)), fine=False)) == labels
+
+
+@pytest.mark.parametrize(
+    ("length", "steps"), [("25ms", "5ms 1ms 200us"), ("18ms", "2ms 500us 100us"), ("9ms", "1ms 200us 50us")]
+)
+def test_zooming_only_adds_round_ticks(length, steps):
+    found = ticks(Window(ms(0), ms(length)), fine=True)[1:-1]
+    for level, step in zip((0, 2, 4), steps.split(), strict=True):
+        shown = [tick for tick in found if tick.level <= level]
+        gaps = {b.x - a.x for a, b in pairwise(shown)}
+        assert {Fraction(round(gap, 2)) for gap in gaps} == {Fraction(round(ms(step) / ms(length) * 100, 2))}
 
 
 def test_numbers_are_rounded_without_floats_and_marked():

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -109,6 +110,20 @@ def test_without_context_only_what_touches_the_table_is_left():
     window, found = unroll_switch(table, planned.mode("safe-stop"), planned.mode("race"), context=False)
     assert (window.start, window.end) == (ZERO, ms(37))
     assert {p.part for p in found} == {""}
+    longer = replace(planned.transitions[0], length=ms(20))
+    window, found = unroll_switch(longer, planned.mode("race"), planned.mode("safe-stop"), context=False)
+    assert (window.start, window.end) == (ZERO, ms(20))
+    assert [(p.job.task, str(p.end)) for p in found] == [("path_planner", "11ms"), ("opponent_detection", "12ms")]
+
+
+def test_the_new_mode_begins_after_the_table():
+    _, planned = two_modes()
+    table = planned.transitions[1]
+    window, found = unroll_switch(table, planned.mode("safe-stop"), planned.mode("race"), context=True)
+    assert window.end == ms(50)
+    starts = {p.job.task: str(p.start) for p in found if p.part == "race"}
+    assert starts["particle_filter"] == "25ms"
+    assert starts["opponent_detection"] == "49ms"
 
 
 def test_context_is_dropped_when_it_would_be_large(monkeypatch):
@@ -116,6 +131,8 @@ def test_context_is_dropped_when_it_would_be_large(monkeypatch):
     assert shows_context(planned)
     monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 13)
     assert not shows_context(planned)  # twice 4 + 3 jobs
+    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 14)
+    assert shows_context(planned)
 
 
 @pytest.mark.parametrize("sample", [roboracer, thirds])
