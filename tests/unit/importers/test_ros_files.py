@@ -7,6 +7,8 @@ import pytest
 from ros_case import FIXTURES, found, periods, places, predecessors, read, reasons, refusal, rows, write
 
 from halpipe.diagnostics import Exit, HalpipeError, render_text
+from halpipe.exporters.native import format_model
+from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.sniff import FileKind, recognise
 
@@ -135,6 +137,21 @@ def test_the_model_is_named_by_option_or_file():
 
 def test_the_import_is_deterministic():
     assert read("stack.yaml") == read("stack.yaml")
+
+
+@pytest.mark.parametrize(
+    "file", ["stack.yaml", "contexts.yaml", "old_form.yaml", "rqt_topics.dot", "rqt_nodes_only.dot"]
+)
+def test_models_can_be_stored(file):
+    model = read(file).model
+    assert parse_model(format_model(model), "model.xml") == model
+
+
+def test_names_with_control_characters_can_be_stored(tmp_path):
+    path = write(tmp_path, 'digraph { "a\u0001b" -> "line\nbreak" [label="/t\u0002\\n10 Hz"] }')
+    model = read(path).model
+    assert [task.name for task in model.tasks] == ["a_b", "line_break"]
+    assert parse_model(format_model(model), "model.xml") == model
 
 
 def test_the_format_presents_itself():

@@ -1,9 +1,15 @@
 """DOT graphs: rqt_graph's views, statistics and deadlines, and graphs drawn by hand."""
 
+from hypothesis import given
+from hypothesis import strategies as st
 from ros_case import found, periods, places, predecessors, read, reasons, refusal, rows, write
 
-from halpipe.diagnostics import Severity
+from halpipe.diagnostics import Findings, Severity
 from halpipe.importers.ros import codes
+from halpipe.importers.ros.activation import Wiring, activate
+from halpipe.importers.ros.dataflow import order_by_data
+from halpipe.importers.ros.loops import components
+from halpipe.importers.ros.rqt import read_dot
 
 
 def test_topics_view_with_a_deadline_as_period():
@@ -55,9 +61,31 @@ def test_a_task_graph_drawn_by_hand():
     assert predecessors(imported)["Sensor_Fusion"] == ["Lidar_Driver", "Front_Camera"]
     assert len(found(imported.diagnostics, codes.RENAMED)) == 4
     (warning,) = found(imported.diagnostics, codes.SEVERAL_PERIODS)
-    assert warning.path == 'node "Sensor\nFusion"'
+    assert warning.path == 'node "Sensor Fusion"'
     (slower,) = [p for p in imported.model.task("Sensor_Fusion").versions[0].precedences if p.task == "Front_Camera"]
     assert str(slower.max) == "100/3ms"
+
+
+@st.composite
+def rated_graphs(draw):
+    """A task graph with arbitrary edges, some of which state a rate."""
+    node = st.sampled_from("abcdefg")
+    rates = st.sampled_from(["", ' [label="10 Hz"]', ' [label="40 Hz"]'])
+    edges = draw(st.lists(st.tuples(node, node, rates), min_size=1, max_size=20))
+    return "digraph {" + " ".join(f"{a} -> {b}{rate};" for a, b, rate in edges) + ' x -> a [label="20 Hz"] }'
+
+
+@given(rated_graphs())
+def test_precedence_of_any_graph_is_acyclic_with_wide_enough_windows(text):
+    findings = Findings()
+    wiring = Wiring.of(read_dot(text, "g.dot", findings))
+    activations = activate(wiring, wiring.graph.rates, None, findings)
+    flow = order_by_data(wiring, activations, findings)
+    after = {name: [edge.reader for edge in flow.edges if edge.publisher == name] for name in wiring.callbacks}
+    assert components(after) == []
+    assert all({edge.publisher, edge.reader} <= set(activations.of) for edge in flow.edges)
+    for edge in flow.lost:
+        assert components(after | {edge.publisher: [*after[edge.publisher], edge.reader]})
 
 
 def test_duplicate_nodes_are_errors(tmp_path):

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 
 
+def printable(text: str) -> str:
+    """Return text from a file on one line and without control characters, fit for messages and for XML."""
+    return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
+
+
 def clean(name: str) -> str:
     """Replace by ``_`` what a name of the task model may not contain."""
     return _FORBIDDEN.sub("_", name) or "_"

@@ -24,7 +24,7 @@ _FINE_GRIDS = tuple(Duration(step) for step in (100_000, 10_000, 1_000))
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """How far a period may be moved: a share of it, or an absolute amount (at most 1/100 of it) if that is more."""
+    """How far a period may be moved: a share of it, or an absolute amount (at most 1/1000 of it) if that is more."""
 
     relative: Fraction
     absolute: Duration
@@ -32,7 +32,7 @@ class Tolerance:
 
     def of(self, period: Duration) -> Duration:
         """Return the largest deviation allowed for `period`."""
-        return max(period * self.relative, min(self.absolute, period / 100))
+        return max(period * self.relative, min(self.absolute, period / 1000))
 
 
 STATED = Tolerance(Fraction(1, 10_000), Duration(1_000), rates_first=False)

@@ -10,6 +10,7 @@ from halpipe.durations import Duration
 from halpipe.files import YamlList, YamlMap
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Rate
+from halpipe.importers.ros.names import printable
 
 if TYPE_CHECKING:
     from halpipe.importers.base import Coverage
@@ -34,6 +35,7 @@ def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverag
         if not isinstance(name, str):
             reader.malformed("topics_with_message_count", "an entry has no topic_metadata with a name", line)
             continue
+        name = printable(name)
         count = reader.whole(entry, "message_count", f'topic "{name}"')
         if duration is None or count is None:
             continue

@@ -17,6 +17,7 @@ from halpipe.durations import Duration, seconds
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.dot import Digraph, Edge, Vertex, parse, unescape
 from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription
+from halpipe.importers.ros.names import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,7 +44,7 @@ class _Links:
 def read_dot(text: str, file: str, findings: Findings) -> RosGraph:
     """Read a DOT file into a graph; findings name duplicate nodes, `HalpipeError` is raised for broken syntax."""
     digraph = parse(text, file)
-    labels = {id: unescape(v.attributes.get("label", r"\N"), id).strip() or id for id, v in digraph.vertices.items()}
+    labels = {id: _label(vertex) for id, vertex in digraph.vertices.items()}
     topics = _topics(digraph, labels)
     _check_unique(digraph.vertices, labels, topics, file, findings)
     links = _Links()
@@ -65,6 +66,11 @@ def read_dot(text: str, file: str, findings: Findings) -> RosGraph:
         rates=tuple(links.rates),
         topics=tuple(dict.fromkeys(labels[id] for id in topics)),
     )
+
+
+def _label(vertex: Vertex) -> str:
+    shown = unescape(vertex.attributes.get("label", r"\N"), vertex.id)
+    return printable(shown) or printable(vertex.id) or "_"
 
 
 def _topics(digraph: Digraph, labels: dict[str, str]) -> dict[str, None]:
@@ -107,7 +113,7 @@ def _link(edge: Edge, labels: dict[str, str], topics: dict[str, None], file: str
         topic = tail
         links.subscribes.setdefault((head, topic), edge.line)
     else:
-        label = unescape(edge.attributes.get("label", "")).strip().split("\n")[0].strip()
+        label = printable(unescape(edge.attributes.get("label", "")).strip().split("\n")[0])
         topic = label if label and not _RATE.search(label) else tail
         links.publishes.setdefault((tail, topic), edge.line)
         links.subscribes.setdefault((head, topic), edge.line)

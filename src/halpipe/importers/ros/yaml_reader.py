@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.diagnostics import Findings, Location
 from halpipe.files import YamlList, YamlMap
 from halpipe.importers.ros import codes
+from halpipe.importers.ros.names import printable
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class Reader:
         """Return text under `key`, or None when the key is absent or null."""
         value = element.get(key)
         if value is None or isinstance(value, str):
-            return value or None
+            return printable(value or "") or None
         self.malformed(f"{key} is not plain text", element.line_of(key), path)
         return None
 
@@ -60,11 +61,11 @@ class Reader:
     def names(self, element: YamlMap, key: str, path: str) -> list[tuple[str, int]]:
         """Return the texts listed under `key` with their lines; one text stands for a list of one."""
         if isinstance(element.get(key), str):
-            return [(element[key], element.line_of(key))]
+            return [(printable(element[key]), element.line_of(key))]
         found = []
         for item, line in self._items(element, key, path):
             if isinstance(item, str):
-                found.append((item, line))
+                found.append((printable(item), line))
             else:
                 self.malformed(f"{key} lists something that is not plain text", line, path)
         return found
