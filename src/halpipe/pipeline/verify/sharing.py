@@ -129,10 +129,11 @@ def _across(found: Iterable[Excess]) -> Iterator[Excess]:
 
 
 def _overlap(unit: str, excess: Excess, clock: Clock, path: str, at: Location) -> Diagnostic:
-    text = f"is held by {excess.names()} from {clock.text(excess.start)} to {clock.text(excess.end)}"
+    span = f"from {clock.text(excess.start)} to {clock.text(excess.end)}"
+    span += f": {clock.text(excess.end - excess.start)} of overlap"
+    text = f"is held by {excess.names()} {span}"
     if len(excess.members) == 1:
-        text = f"is held twice by {excess.names()}, which is longer than the hyperperiod"
-    text += f": {clock.text(excess.end - excess.start)} of overlap"
+        text = f"is held twice by {excess.names()}, which is longer than the hyperperiod, {span}"
     where = next(iter(excess.members.values())).job.at if excess.members else at
     return codes.OVERLAP(text, at=where, path=f'{path} unit "{unit}"', help="move one of the jobs, or use another unit")
 

@@ -1,0 +1,138 @@
+"""Rule precedence, with the paper's own stack as the case that must wrap round."""
+
+import pytest
+from verify_helpers import codes_found, errors, messages, only
+
+from halpipe.pipeline.verify import codes
+from support import after, chain, job, mode, model, schedule, task, version
+
+
+def follow(low, high, anchor="start", wcet=3):
+    return model(
+        task("a", 10, version("v", wcet)),
+        task("b", 10, version("v", 1, "u2", after("a", low, high, anchor))),
+        units="u1 u2",
+    )
+
+
+def at(system, first, second):
+    return schedule(system, 10, job(system, "a", 0, first, "u1"), job(system, "b", 0, second, "u2"))
+
+
+def test_the_window_is_closed_on_both_sides():
+    system = follow(3, 5)
+    assert all(not errors(system, at(system, 1, start)) for start in (4, 5, 6))
+    text = only(system, at(system, 1, "6000001ns"), codes.OUT_OF_WINDOW)
+    assert (
+        'starts at 6.000001ms, 5.000001ms after the start of "a" job 0; the window is [3ms, 5ms]: 1ns too late' in text
+    )
+    text = only(system, at(system, 1, "3999999ns"), codes.OUT_OF_WINDOW)
+    assert '2.999999ms after the start of "a" job 0; the window is [3ms, 5ms]: 1ns too early' in text
+
+
+def test_from_the_end_of_the_predecessor():
+    system = follow(0, 2, "end")
+    assert all(not errors(system, at(system, 1, start)) for start in (4, 5, 6))
+    assert "1ms after the start" not in only(system, at(system, 1, 3), codes.OUT_OF_WINDOW)
+    assert '1ms before the end of "a" job 0' in only(system, at(system, 1, 3), codes.OUT_OF_WINDOW)
+    assert "1ms too late" in only(system, at(system, 1, 7), codes.OUT_OF_WINDOW)
+
+
+def test_the_predecessor_may_lie_in_an_earlier_hyperperiod():
+    system = follow(3, 5)
+    assert not errors(system, at(system, 8, 1))  # 3 after the start at -2
+    assert not errors(follow(23, 25), at(follow(23, 25), 8, 1))  # and two hyperperiods before that
+    assert codes_found(follow(24, 25), at(follow(24, 25), 8, 1)) == [codes.OUT_OF_WINDOW.id]
+    end = follow(0, 0, "end")
+    assert not errors(end, at(end, 9, 2))  # the end at 12 is the end at 2
+
+
+def test_any_job_of_the_predecessor_may_serve():
+    system = model(
+        task("a", 10, version("v", 1)),
+        task("b", 20, version("v", 1, "u2", after("a", 4, 6))),
+        units="u1 u2",
+    )
+    jobs = [job(system, "a", 0, 0, "u1"), job(system, "a", 1, 10, "u1")]
+    for start, good in [(5, True), (15, True), (3, False), (8, False), (13, False), (18, False)]:
+        found = errors(system, schedule(system, 20, *jobs, job(system, "b", 0, start, "u2")))
+        assert (not found) == good
+
+
+def test_a_predecessor_that_is_absent():
+    system = follow(3, 5)
+    alone = model(*system.tasks, units="u1 u2", modes=[mode("all", system.tasks[1:])])
+    plan = schedule(alone, 10, job(alone, "b", 0, 0, "u2"))
+    text = only(alone, plan, codes.OUT_OF_WINDOW)
+    assert 'needs a job of "a" whose start lies [3ms, 5ms] before it; there is none' in text
+
+
+def test_only_the_chosen_version_counts():
+    versions = [version("follows", 1, "u2", after("a", 3, 5)), version("free", 1, "u2")]
+    system = model(task("a", 10, version("v", 1)), task("b", 10, *versions), units="u1 u2")
+    first = job(system, "a", 0, 0, "u1")
+    assert not errors(system, schedule(system, 10, first, job(system, "b", 0, 9, "u2", "free")))
+    only(system, schedule(system, 10, first, job(system, "b", 0, 9, "u2", "follows")), codes.OUT_OF_WINDOW)
+
+
+def test_every_constraint_is_checked():
+    system = model(
+        task("a", 10, version("v", 1)),
+        task("b", 10, version("v", 1, "u2", after("a", 1, 2), after("a", 3, 4), after("a", 5, 6))),
+        units="u1 u2",
+    )
+    assert len(messages(system, at(system, 0, 3), codes.OUT_OF_WINDOW)) == 2
+
+
+# ------------------------------------------------------------------------------------------------ the paper's stack
+
+EVERY = "core1 core2 core3 core4"
+
+
+def roboracer(slack=0, reaction=None, age=None):
+    """Table II: 24 + 13 + 24 + 2 = 63 ms of work in a period of 25 ms, each task right after the one before."""
+    return model(
+        task("particle_filter", 25, version("full", 24, EVERY)),
+        task("opponent_detection", 25, version("full", 13, EVERY, after("particle_filter", 0, 0, "end"))),
+        task(
+            "local_planning",
+            25,
+            version("full", 24, EVERY, after("particle_filter", 24, 75), after("opponent_detection", 0, 0, "end")),
+        ),
+        task(
+            "pure_pursuit",
+            25,
+            version("full", 2, EVERY, after("particle_filter", 24, 75), after("local_planning", 0, 0, "end")),
+            slack=slack,
+        ),
+        units=EVERY,
+        chains=[chain("c", "particle_filter opponent_detection local_planning pure_pursuit", reaction, age)],
+    )
+
+
+def stack(system, pursuit=11):
+    """0, 24, 37, 61 on the line are 0, 24, 12, 11 on the circle."""
+    return schedule(
+        system,
+        25,
+        job(system, "particle_filter", 0, 0, "core1"),
+        job(system, "opponent_detection", 0, 24, "core2"),
+        job(system, "local_planning", 0, 12, "core3"),
+        job(system, "pure_pursuit", 0, pursuit, "core4"),
+    )
+
+
+def test_the_roboracer_stack_is_pipelined_over_three_hyperperiods():
+    assert not errors(roboracer(), stack(roboracer()))
+
+
+def test_it_passes_through_in_63_ms_and_reacts_a_period_later():
+    exact = roboracer(reaction=25 + 63, age=63)
+    assert not errors(exact, stack(exact))
+    tight = roboracer(reaction="87999999ns", age="62999999ns")
+    assert len(messages(tight, stack(tight), codes.CHAIN_LIMIT)) == 2
+
+
+@pytest.mark.parametrize(("start", "text"), [(10, "1ms before the end"), (12, "1ms too late")])
+def test_one_tick_off_the_end_of_the_stack(start, text):
+    assert text in only(roboracer(), stack(roboracer(), start), codes.OUT_OF_WINDOW)

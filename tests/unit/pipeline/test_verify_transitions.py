@@ -1,0 +1,258 @@
+"""The switch from one mode to another, on the line."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
+
+from halpipe.models import Status
+from halpipe.pipeline.verify import codes, verify
+from support import access, after, chain, job, mode, model, ms, task, version
+
+A = task("a", 10, version("v", 4, "u1 u2"), version("w", 4, "u1 u2"), slack=Fraction(1, 2))
+B = task("b", 10, version("v", 4, "u1 u2"))
+
+
+def two_modes(one=(A,), two=(A,), transitions=(("one", "two", 20),), **changes):
+    tasks = tuple(dict.fromkeys((*one, *two)))
+    return model(*tasks, units="u1 u2", modes=[mode("one", one), mode("two", two)], transitions=transitions, **changes)
+
+
+def tables(system, first, second):
+    """Jobs as (task, start, units) of each mode; all tasks have one job in 10 ms."""
+    jobs = [[job(system, t, 0, start, units) for t, start, units in part] for part in (first, second)]
+    return plan_of(system, table("one", 10, *jobs[0]), table("two", 10, *jobs[1]))
+
+
+def only_a(first=0, second=0, **changes):
+    system = two_modes(**changes)
+    return system, tables(system, [("a", first, "u1")], [("a", second, "u1")])
+
+
+def extra(system, start, units="u1", name="a", version=None, index=0):
+    return replace(job(system, name, 0, start, units, version), index=index)
+
+
+def test_tables_that_fit_end_to_end_need_no_table_between():
+    system, plan = only_a()
+    assert not errors(system, switch(plan, 0))
+
+
+def test_allowed_switches_without_a_table_are_notes():
+    system, plan = only_a(transitions=())
+    found = verify(system, plan)
+    assert [(d.code, d.path, d.is_error) for d in found] == [
+        (codes.NO_TABLE.id, 'transition "one" to "two"', False),
+        (codes.NO_TABLE.id, 'transition "two" to "one"', False),
+    ]
+    assert codes_found(*only_a()) == [codes.NO_TABLE.id]
+
+
+def test_a_switch_that_was_not_found_is_a_warning():
+    system, plan = only_a()
+    found = verify(system, switch(plan, 0, status=Status.NOT_FOUND))
+    assert [(d.code, str(d.severity)) for d in found] == [(codes.SWITCH_NOT_FOUND.id, "warning")]
+
+
+def test_switches_that_are_not_allowed_or_given_twice():
+    system, plan = only_a()
+    assert codes.NOT_ALLOWED.id in codes_found(system, switch(plan, 0, source="two", target="one"))
+    assert codes.NOT_ALLOWED.id in codes_found(system, switch(plan, 0, target="nowhere"))
+    only(system, switch(switch(plan, 0), 0), codes.REPEATED_TABLE)
+
+
+def test_length_keeps_its_limit():
+    system, plan = only_a(transitions=(("one", "two", 3),), second=2)
+    assert not errors(system, switch(plan, 3))
+    system, plan = only_a(transitions=(("one", "two", 2),), second=2)
+    assert "takes 3ms, the model allows at most 2ms" in only(system, switch(plan, 3), codes.TOO_LONG)
+    negative = switch(plan, 0)
+    table_ = replace(negative.transitions[0], length=ms(0) - ms(1), worst_latency=ms(9))
+    assert codes.TOO_LONG.id in codes_found(system, replace(negative, transitions=(table_,)))
+
+
+def test_worst_latency_is_the_hyperperiod_plus_the_length():
+    system, plan = only_a()
+    given = switch(plan, 0)
+    lie = replace(given, transitions=(replace(given.transitions[0], worst_latency=ms(11)),))
+    text = only(system, lie, codes.WRONG_FIGURE)
+    assert "worst latency 11ms; hyperperiod and length make 10ms" in text
+
+
+def test_starts_lie_in_the_table_and_jobs_are_numbered():
+    system, plan = only_a()
+    good = extra(system, 0)
+    assert not errors(system, switch(plan, 10, good))
+    late = switch(plan, 10, good, extra(system, 10, "u2", index=1))
+    assert "starts at 10ms, outside [0, 10ms)" in " ".join(messages(system, late, codes.BAD_START))
+    twice = switch(plan, 20, good, extra(system, 10))
+    only(system, twice, codes.REPEATED_JOB)
+    assert not errors(system, switch(plan, 20, good, extra(system, 10, index=1)))
+    wrong = switch(plan, 10, replace(good, end=ms(5)))
+    only(system, wrong, codes.WRONG_END)
+
+
+def test_a_task_may_not_starve():
+    system, plan = only_a(first=0, second=0)
+    assert not errors(system, switch(plan, 5))  # 15 ms from start to start: (1 + 1/2) * 10
+    text = only(system, switch(plan, "5000001ns"), codes.STARVED)
+    assert 'starts at 5.000001ms after the switch, 15.000001ms after "a" job 0 of mode "one"; at most 15ms' in text
+    assert "1ns too late" in text
+    with_job = switch(plan, 20, extra(system, 5))
+    assert not errors(system, with_job)
+    assert codes.STARVED.id in codes_found(system, switch(plan, 20, extra(system, "4999999ns")))
+    assert codes.STARVED.id in codes_found(system, switch(plan, 20, extra(system, "5000001ns")))
+
+
+def test_a_task_may_not_run_against_itself():
+    system = two_modes()
+    plan = tables(system, [("a", 8, "u1")], [("a", 2, "u2")])  # until 2 after the switch, from 2
+    assert not errors(system, switch(plan, 0))
+    early = tables(system, [("a", 8, "u1")], [("a", "1999999ns", "u2")])
+    assert 'while "a" job 0 of mode "one" runs until 2ms: 1ns too early' in only(
+        system, switch(early, 0), codes.AGAINST_ITSELF
+    )
+    assert codes.AGAINST_ITSELF.id in codes_found(system, switch(plan, 4, extra(system, 1, "u2")))
+
+
+def test_units_are_held_across_the_switch():
+    system = two_modes((A,), (B,))
+    plan = tables(system, [("a", 8, "u1")], [("b", 1, "u1")])
+    text = only(system, switch(plan, 0), codes.OVERLAP)
+    assert 'by "a" job 0 of mode "one" and "b" job 0 of mode "two" from 1ms to 2ms' in text
+    assert not errors(system, switch(plan, 1))
+    other = tables(system, [("a", 8, "u1")], [("b", 1, "u2")])
+    assert not errors(system, switch(other, 0))
+    # what mode two wraps round to its beginning was never started the first time
+    wrapped = tables(system, [("a", 8, "u1")], [("b", 8, "u1")])
+    assert not errors(system, switch(wrapped, 0))
+
+
+def test_the_table_shares_units_with_both_modes():
+    system = two_modes((A,), (A, B))
+    plan = tables(system, [("a", 6, "u2")], [("a", 6, "u2"), ("b", 0, "u1")])
+    text = only(system, switch(plan, 2, extra(system, 1, "u1")), codes.OVERLAP)
+    assert 'held by "a" job 0 of the table and "b" job 0 of mode "two" from 2ms to 5ms' in text
+    assert not errors(system, switch(plan, 2, extra(system, 1, "u2")))
+
+
+def test_resources_are_shared_across_the_switch():
+    c = task("c", 10, version("v", 4, "u1", access("r", "0ms", "4ms", "2/3")))
+    d = task("d", 10, version("v", 4, "u2", access("r", "0ms", "4ms", "2/3")))
+    system = two_modes((c,), (d,), resources="r")
+    plan = tables(system, [("c", 8, "u1")], [("d", 1, "u2")])
+    text = only(system, switch(plan, 0), codes.OVERLOAD)
+    assert 'from 1ms to 2ms by "c" job 0 of mode "one" and "d" job 0 of mode "two": 1/3 too much' in text
+    assert not errors(system, switch(plan, 1))
+
+
+@pytest.mark.parametrize(("version", "units", "code"), [("w", "u1", "WRONG_VERSION"), ("v", "u1 u2", "WRONG_UNIT")])
+def test_the_table_uses_versions_and_units_of_the_mode_to_come(version, units, code):
+    system, plan = only_a()
+    two = system.modes[1]
+    fewer = replace(two, runs=(replace(two.runs[0], versions=("v",)),))
+    system = replace(system, modes=(system.modes[0], fewer))
+    only(system, switch(plan, 10, extra(system, "0ms", units, version=version)), getattr(codes, code))
+
+
+def test_a_task_that_leaves_is_not_started():
+    system = two_modes((A, B), (A,))
+    plan = tables(system, [("a", 0, "u1"), ("b", 0, "u2")], [("a", 0, "u1")])
+    found = switch(plan, 10, extra(system, "0ms"), extra(system, "0ms", "u2", "b"))
+    assert 'task "b" job 0: starts at 0ms' in only(system, found, codes.STARTED_AFTER_LEAVING)
+    assert not errors(system, switch(plan, 0))
+
+
+# ------------------------------------------------------------------------------------------------ precedence
+
+FIRST = task("first", 10, version("v", 2, "u1"), slack=1)
+
+
+def following(low, high, anchor="start"):
+    return task("then", 10, version("v", 2, "u2", after("first", low, high, anchor)), slack=1)
+
+
+def test_predecessors_come_from_the_mode_before():
+    then = following(4, 6)
+    system = two_modes((FIRST, then), (FIRST, then))
+    plan = tables(system, [("first", 7, "u1"), ("then", 2, "u2")], [("first", 7, "u1"), ("then", 2, "u2")])
+    assert not errors(system, switch(plan, 0))
+    assert not errors(system, switch(plan, 1))
+    text = only(system, switch(plan, 2), codes.OUT_OF_WINDOW)
+    assert 'starts at 4ms after the switch and needs a job of "first" whose start lies [4ms, 6ms] before' in text
+    assert 'the nearest, "first" job 0, lies 7ms before' in text
+    # a job in the table serves as well
+    served = extra(system, "0ms", "u1", "first")
+    assert not errors(system, switch(plan, 2, served))
+    # and the jobs of the table have predecessors of their own
+    assert not errors(system, switch(plan, 4, served, extra(system, 1, "u2", "then")))
+    early = switch(plan, 4, served, extra(system, "0ms", "u2", "then"))
+    assert 'task "then" job 0 of the table: starts at 0ms' in only(system, early, codes.OUT_OF_WINDOW)
+
+
+def test_predecessors_may_lie_more_than_two_cycles_back():
+    then = following(31, 31)
+    system = two_modes((FIRST, then), (FIRST, then))
+    plan = tables(system, [("first", 0, "u1"), ("then", 1, "u2")], [("first", 0, "u1"), ("then", 1, "u2")])
+    assert not errors(system, switch(plan, 0))
+
+
+def test_a_task_that_enters_may_start_early_where_needed():
+    then = following(4, 6)
+    system = two_modes((A,), (A, FIRST, then))
+    plan = tables(system, [("a", 5, "u2")], [("a", 5, "u2"), ("first", 9, "u1"), ("then", 3, "u2")])
+    assert codes_found(system, switch(plan, 0)) == [codes.OUT_OF_WINDOW.id]
+    assert not errors(system, switch(plan, 3, extra(system, "0ms", "u1", "first")))
+    assert not errors(system, switch(plan, 3, extra(system, 2, "u1", "first")))
+    found = codes_found(system, switch(plan, 3, extra(system, "2000001ns", "u1", "first")))
+    assert found == [codes.OUT_OF_WINDOW.id, codes.STARTED_EARLY.id]
+
+
+def test_a_need_from_the_end_counts_from_the_end():
+    then = following(4, 6, "end")
+    system = two_modes((A,), (A, FIRST, then))
+    plan = tables(system, [("a", 5, "u2")], [("a", 5, "u2"), ("first", 7, "u1"), ("then", 3, "u2")])
+    assert not errors(system, switch(plan, 4, extra(system, 1, "u1", "first")))
+    assert codes.STARTED_EARLY.id in codes_found(system, switch(plan, 4, extra(system, 2, "u1", "first")))
+
+
+def test_a_task_that_enters_may_not_start_early_without_need():
+    system = two_modes((A,), (A, B))
+    plan = tables(system, [("a", 0, "u1")], [("a", 0, "u1"), ("b", 0, "u2")])
+    found = switch(plan, 10, extra(system, "0ms"), extra(system, "0ms", "u2", "b"))
+    assert 'task "b" job 0 of the table: starts at 0ms' in only(system, found, codes.STARTED_EARLY)
+
+
+# ------------------------------------------------------------------------------------------------ chains
+
+
+def test_chains_keep_their_limits_across_the_switch():
+    c = task("c", 10, version("v", 2, "u1"), slack=1)
+    d = task("d", 10, version("v", 2, "u2"), slack=1)
+    # steady: c@0 to 2, d@2 to 4: age 4, reaction 14
+    for length, reaction, age in [(0, 14, 4), (3, 17, 4), (9, 23, 4)]:
+        system = two_modes((c, d), (c, d), chains=[chain("k", "c d", reaction, age)])
+        plan = tables(system, [("c", 0, "u1"), ("d", 2, "u2")], [("c", 0, "u1"), ("d", 2, "u2")])
+        assert not errors(system, switch(plan, length))
+        if length:
+            tight = replace(system, chains=(chain("k", "c d", reaction - 1, age),))
+            text = only(tight, switch(plan, length), codes.CHAIN_LIMIT)
+            assert f'reaction time {reaction}ms for "c" job 0 of mode "one" at -10ms' in text
+            assert "across the switch" in text
+
+
+def test_data_may_not_get_too_old_across_the_switch():
+    c = task("c", 10, version("v", 2, "u1"), slack=1)
+    d = task("d", 10, version("v", 2, "u2"), slack=1)
+    system = two_modes((c, d), (c, d), chains=[chain("k", "c d", None, 14)])
+    plan = tables(system, [("c", 0, "u1"), ("d", 2, "u2")], [("c", 5, "u1"), ("d", 4, "u2")])
+    # d at L + 4 reads c@-10: ends at L + 6, so the age is 16 + L
+    text = only(system, switch(plan, 0), codes.CHAIN_LIMIT)
+    assert 'data age 16ms for "d" job 0 of mode "two" at 4ms, the limit is 14ms: 2ms too long' in text
+
+
+def test_chains_of_tasks_that_run_in_only_one_mode_are_left_alone():
+    system = two_modes((A, B), (A,), chains=[chain("k", "a b", 14, 100)])
+    plan = tables(system, [("a", 0, "u1"), ("b", 4, "u2")], [("a", 0, "u1")])
+    assert len(messages(system, switch(plan, 0), codes.CHAIN_LIMIT)) == 1  # mode one's own, 18 ms
