@@ -83,7 +83,7 @@ class _Check:
     def transition(self, table: TransitionTable) -> None:
         path = f'transition from "{table.source}" to "{table.target}"'
         for name in (table.source, table.target):
-            self._known("mode", name, self.scheduled, table.at, path)
+            self._known("mode", name, self.scheduled, table.at, path, "schedule")
         for job in table.jobs:
             self._job(job, path, None)
 
@@ -100,11 +100,13 @@ class _Check:
         if longest is not None and job.end - job.start > longest:
             self._time(f"lasts {job.end - job.start}, longer than the hyperperiod {longest}", job.at, where)
 
-    def _known(self, kind: str, name: str, known: Collection[str], at: Location, path: str) -> bool:
+    def _known(
+        self, kind: str, name: str, known: Collection[str], at: Location, path: str, owner: str = "model"
+    ) -> bool:
         if name in known:
             return True
         help = did_you_mean(name, sorted(known), REMAKE)
-        self.findings.add(FOREIGN_SCHEDULE(f'the model has no {kind} "{name}"', at=at, path=path, help=help))
+        self.findings.add(FOREIGN_SCHEDULE(f'the {owner} has no {kind} "{name}"', at=at, path=path, help=help))
         return False
 
     def _time(self, message: str, at: Location, path: str) -> None:

@@ -242,12 +242,15 @@ def test_a_transition_without_anything_to_draw_says_so(monkeypatch):
 def test_one_mode_can_be_chosen_and_the_title_set():
     page = write(*two_modes(), mode="safe-stop", title="Nightly & more")
     assert "<h1>Nightly &amp; more</h1>" in page
+    assert "not shown here: race." in page
     assert "opponent_detection" not in page.split('<h2 id="tasks">')[0]
 
 
 def test_an_empty_schedule_still_makes_a_page():
     page = write(model(units=""), Schedule(model="m", model_sha256=""))
     assert outline(page).wrong == []
+    assert "This schedule holds no mode" in page
+    assert "not shown here: all." in page
     empty = schedule(model(), 10)
     assert outline(write(model(), empty)).wrong == []
 

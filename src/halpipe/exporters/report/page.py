@@ -142,10 +142,12 @@ class TaskRow:
 def format_page(model: TaskModel, schedule: Schedule, title: str) -> str:
     """Return the HTML page of a schedule that fits `model` (see `select`)."""
     context = shows_context(schedule)
+    shown = {table.name for table in schedule.modes}
     return _template().render(
         title=title or f"{model.name} schedule",
         model=model,
         schedule=schedule,
+        missing=[mode.name for mode in model.modes if mode.name not in shown],
         facts=_facts(model, schedule),
         modes=[_mode(model, table, f"mode-{n}") for n, table in enumerate(schedule.modes, 1)],
         transitions=[
