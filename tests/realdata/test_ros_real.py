@@ -1,6 +1,7 @@
 """ROS graphs of real systems: Autoware as CARET exports it, rqt_graph files, recordings, and files that are neither."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from halpipe.durations import Duration, least_common_multiple
 from halpipe.importers.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.loops import components
+from halpipe.models import Status, Unit
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "ros"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real ROS graphs are not part of the project")
@@ -100,3 +102,20 @@ def test_any_other_file_alone_is_refused_with_a_reason(path):
         read(path)
     assert any(diagnostic.is_error for diagnostic in caught.value.diagnostics)
     assert all(diagnostic.message for diagnostic in caught.value.diagnostics)
+
+
+@pytest.mark.slow
+def test_autoware_can_be_scheduled_once_wcets_and_units_are_given(autoware):
+    from halpipe.pipeline.schedule import SearchOptions, schedule_model
+    from halpipe.pipeline.verify import verify
+
+    units = tuple(Unit(name=f"core{number}") for number in range(4))
+    tasks = []
+    for task in autoware.model.tasks:
+        (version,) = task.versions
+        stated = replace(version, wcet=Duration.parse("0.2ms"), units=tuple(unit.name for unit in units))
+        tasks.append(replace(task, versions=(stated,)))
+    model = replace(autoware.model, units=units, tasks=tuple(tasks))
+    found = schedule_model(model, SearchOptions(), lambda *_: True)
+    assert found.schedule.modes[0].status is Status.VALID
+    assert not [d for d in verify(model, found.schedule) if d.is_error]
