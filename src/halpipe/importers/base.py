@@ -74,8 +74,7 @@ class Coverage:
         ignored = Counter(element.kind for element in self.ignored_elements)
         kinds = sorted(set(self.mapped_counts) | set(ignored))
         return [
-            (kind, self.mapped_counts[kind] + ignored[kind], self.mapped_counts[kind], ignored[kind])
-            for kind in kinds
+            (kind, self.mapped_counts[kind] + ignored[kind], self.mapped_counts[kind], ignored[kind]) for kind in kinds
         ]
 
 

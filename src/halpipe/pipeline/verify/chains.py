@@ -4,12 +4,11 @@ A job of the next task reads what the newest job of the previous task had finish
 followed over as many hyperperiods as the chain spans.
 
 (D) Only chains all of whose tasks run in the mode are looked at. "Newest" is the job that ended last; "job a + 1" is
-the next one by start. A chain with a limit through which no instance ever gets breaks its limit.
+the next one that starts later. A chain with a limit through which no instance ever gets breaks its limit.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.models import Anchor
@@ -59,12 +58,7 @@ def reaction(table: ModeTable, chain: Chain) -> Found:
     def first(task: str, since: int) -> Found:
         return table.instants.of(task, Anchor.START).earliest(since)
 
-    jobs = _in_order(_known(table.by_task.get(chain.tasks[0], ())))
-    latencies = (
-        _reaction(placed, seen, chain.tasks[1:], first)
-        for placed, seen in zip(jobs, [*jobs[1:], *(p.moved(table.period, "") for p in jobs[:1])], strict=True)
-    )
-    return _worst(latencies)
+    return _worst(_reaction(placed, chain.tasks, first) for placed in table.by_task.get(chain.tasks[0], ()))
 
 
 def age(table: ModeTable, chain: Chain) -> Found:
@@ -73,7 +67,7 @@ def age(table: ModeTable, chain: Chain) -> Found:
     def last(task: str, until: int) -> Found:
         return table.instants.of(task, Anchor.END).latest(until)
 
-    jobs = _in_order(_known(table.by_task.get(chain.tasks[-1], ())))
+    jobs = _known(table.by_task.get(chain.tasks[-1], ()))
     return _worst(_age(placed, chain.tasks[-2::-1], last) for placed in jobs)
 
 
@@ -81,24 +75,20 @@ def _known(jobs: Sequence[Placed]) -> list[Placed]:
     return [p for p in jobs if p.wcet is not None]
 
 
-def _in_order(jobs: list[Placed]) -> list[Placed]:
-    return sorted(jobs, key=lambda p: (p.start, p.job.index))
-
-
 def _worst(latencies: Iterator[tuple[int, Placed] | None]) -> Found:
     found = [latency for latency in latencies if latency is not None]
     return max(found, key=lambda pair: pair[0]) if found else None
 
 
-def _reaction(missed: Placed, seen: Placed, tasks: Sequence[str], first: Search) -> Found:
-    """Follow a stimulus that arrives just after `missed` starts, through `seen` and the further `tasks`."""
-    end = _follow(seen, tasks, first)
+def _reaction(missed: Placed, tasks: Sequence[str], first: Search) -> Found:
+    """Follow a stimulus that arrives just after `missed` starts through `tasks`."""
+    end = _follow(missed.start + 1, tasks, first)
     return None if end is None else (end[0] - missed.start, missed)
 
 
-def _follow(seen: Placed, tasks: Sequence[str], first: Search) -> tuple[int, int] | None:
-    """Return the end and the start of the last job that `seen` leads to."""
-    start, end = seen.start, seen.start + (seen.wcet or 0)
+def _follow(since: int, tasks: Sequence[str], first: Search) -> tuple[int, int] | None:
+    """Return the end and the start of the last job that a stimulus at `since` leads to; starts are whole ticks."""
+    start = end = since
     for task in tasks:
         found = first(task, end)
         if found is None or found[1].wcet is None:
@@ -174,25 +164,21 @@ class _Line:
     def _last(self, task: str, until: int) -> Found:
         return self._instants.latest(task, Anchor.END, until)
 
-    def _jobs(self, task: str, before: int, after: int) -> list[Placed]:
-        switch = self._switch
-        line = (*switch.before(before), *switch.jobs, *switch.after(after))
-        return _in_order(_known([p for p in line if p.job.task == task]))
-
     def reactions(self, chain: Chain, turns: int) -> Iterator[Found]:
         """Yield the reaction times of the paths that do not lie within one of the modes."""
-        jobs = self._jobs(chain.tasks[0], turns, 1)
-        for missed, seen in pairwise(jobs):
-            path = _follow(seen, chain.tasks[1:], self._first)
-            if path is not None and path[1] >= 0 and missed.start < self._switch.length:
-                yield path[0] - missed.start, missed
+        for missed in (*self._switch.before(turns), *self._switch.jobs):
+            if missed.job.task == chain.tasks[0]:
+                path = _follow(missed.start + 1, chain.tasks, self._first)
+                if path is not None and path[1] >= 0:
+                    yield path[0] - missed.start, missed
 
     def ages(self, chain: Chain, turns: int) -> Iterator[Found]:
         """Yield the data ages of the paths that do not lie within one of the modes."""
-        for placed in self._jobs(chain.tasks[-1], 0, turns):
-            start = _trace(placed, chain.tasks[-2::-1], self._last)
-            if start is not None and start < self._switch.length and placed.start >= 0:
-                yield placed.start + (placed.wcet or 0) - start, placed
+        for placed in _known([*self._switch.jobs, *self._switch.after(turns)]):
+            if placed.job.task == chain.tasks[-1]:
+                start = _trace(placed, chain.tasks[-2::-1], self._last)
+                if start is not None and start < self._switch.length:
+                    yield placed.start + (placed.wcet or 0) - start, placed
 
 
 CHAIN = Rule(

@@ -1,0 +1,5 @@
+"""``python -m halpipe``."""
+
+from halpipe.cli import main
+
+main()

@@ -1,0 +1,43 @@
+"""``halpipe doctor``."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+from importlib.metadata import PackageNotFoundError, version
+
+from halpipe import __version__
+from halpipe.cli import output
+from halpipe.diagnostics import Exit
+
+PACKAGES = ("lxml", "xmlschema", "numpy", "numba", "pyyaml", "jinja2", "typer", "rich", "graphviz")
+EXTRAS = {"autosar-data": "halpipe[arxml]", "ortools": "halpipe[exact]"}
+PROGRAMS = {"dot": "apt-get install graphviz"}
+
+
+def doctor() -> int:
+    """Say what is installed, what is missing, and how to get it."""
+    from halpipe.pipeline.stages import EXPORTERS, IMPORTERS, formats
+
+    output.result(
+        f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
+    )
+    missing = False
+    for name in PACKAGES:
+        found = _version(name)
+        missing = missing or not found
+        output.result(f"  {name} {found or 'MISSING: pip install halpipe'}")
+    for name, extra in EXTRAS.items():
+        output.result(f"  {name} {_version(name) or f'not installed (optional): pip install {extra}'}")
+    for name, install in PROGRAMS.items():
+        output.result(f"  {name}: {'found' if shutil.which(name) else f'not found (optional): {install}'}")
+    output.result(f"  importers: {', '.join(formats(IMPORTERS))}")
+    output.result(f"  exporters: {', '.join(formats(EXPORTERS))}")
+    return Exit.FINDINGS if missing else Exit.OK
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""

@@ -1,0 +1,47 @@
+"""``halpipe run``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
+from halpipe.diagnostics import Exit
+
+
+def run(
+    pipeline: Annotated[
+        str, typer.Argument(metavar="PIPELINE", help="YAML file that names sources, stages and exports.")
+    ],
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Run a whole pipeline from one file: import, validate, schedule, verify, export."""
+    from halpipe.cli.export import write_export
+    from halpipe.cli.import_ import summarise
+    from halpipe.cli.searching import find_schedule
+    from halpipe.exporters.native import format_model
+    from halpipe.files import write_output
+    from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline import stages
+    from halpipe.pipeline.plan import read_plan
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    plan = read_plan(pipeline)
+    if plan.imports is not None:
+        source = plan.imports
+        imported = stages.import_model(source.format, source.inputs, source.overlays, source.options)
+        output.report(imported.diagnostics)
+        write_output(plan.model, format_model(imported.model))
+        summarise(imported, plan.model, every=False)
+    model = read_model(plan.model)
+    code = find_schedule(model, plan.search, plan.schedule)
+    if code != Exit.OK:
+        return code
+    schedule = read_schedule(plan.schedule)
+    for step in plan.exports:
+        write_export(stages.export(step.format, model, schedule, step.options), step.output)
+    return Exit.OK

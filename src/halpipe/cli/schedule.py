@@ -1,0 +1,68 @@
+"""``halpipe schedule``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.models import TaskModel
+
+
+def schedule(
+    model: ModelFile,
+    output_file: Output,
+    seed: Seed = 1,
+    budget: Annotated[int, typer.Option(min=1, help="Moves per task before the search gives up.")] = 20_000,
+    time_limit: Annotated[
+        float,
+        typer.Option(min=0, help="Seconds before it gives up (0: none); the outcome then depends on the machine."),
+    ] = 0,
+    tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
+    mode: Annotated[list[str] | None, typer.Option(help="Schedule this mode only; repeatable.")] = None,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Find a schedule for every mode and write it once it has passed the independent check.
+
+    Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
+    """
+    from halpipe.cli.searching import find_schedule
+    from halpipe.importers.native import read_model
+    from halpipe.pipeline.schedule import SearchOptions
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    grid = _parse_tick(tick)
+    system = read_model(model)
+    _check_modes(system, mode or [])
+    options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()))
+    return find_schedule(system, options, output_file, time_limit)
+
+
+def _parse_tick(text: str) -> Duration | None:
+    from halpipe.durations import Duration
+
+    if not text:
+        return None
+    try:
+        tick = Duration.parse(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--tick") from None
+    if not tick:
+        raise typer.BadParameter("must be longer than 0", param_hint="--tick")
+    return tick
+
+
+def _check_modes(model: TaskModel, chosen: list[str]) -> None:
+    known = [mode.name for mode in model.modes]
+    for name in chosen:
+        if name not in known:
+            hint = did_you_mean(name, known, "the model has: " + ", ".join(known))
+            raise typer.BadParameter(f'the model has no mode "{name}"; {hint}', param_hint="--mode")
