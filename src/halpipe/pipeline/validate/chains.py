@@ -1,0 +1,172 @@
+"""Checks of cause-effect chains and of transitions between modes."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.models import AccessKind
+from halpipe.pipeline.validate import codes
+from halpipe.pipeline.validate.context import Check, lookup, place, quoted, repeated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Chain, Task
+    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
+
+
+def _path(chain: Chain) -> str:
+    return f'chain "{chain.name}"'
+
+
+def check_tasks(context: Context) -> Iterator[Diagnostic]:
+    """A chain lists tasks, and normally each once.
+
+    (D) One task makes a chain: its reaction time is one wait for the next job and one execution.
+    """
+    for chain in context.model.chains:
+        at, path = place(chain), _path(chain)
+        if not chain.tasks:
+            yield codes.EMPTY_CHAIN("lists no task", at=at, path=path, help="list the tasks from cause to effect")
+        elif len(chain.tasks) == 1:
+            help = "add the tasks before or after it, if there are any"
+            yield codes.SHORT_CHAIN(f'consists of task "{chain.tasks[0]}" alone', at=at, path=path, help=help)
+        for name in repeated(chain.tasks):
+            help = "list it once, unless the data really passes it again"
+            yield codes.REPEATED_IN_CHAIN(f'passes task "{name}" more than once', at=at, path=path, help=help)
+
+
+def check_modes(context: Context) -> Iterator[Diagnostic]:
+    """A chain is checked in the modes in which all its tasks run."""
+    for chain in context.model.chains:
+        known = [name for name in chain.tasks if name in context.tasks]
+        if not known or not context.active:
+            continue
+        absent = {mode.path: [n for n in dict.fromkeys(known) if n not in mode.tasks] for mode in context.active}
+        at, path = place(chain), _path(chain)
+        if all(absent.values()):
+            text = "in no mode do all its tasks run, so it is never checked"
+            help = "let its tasks run together in a mode, or remove the chain"
+            yield codes.CHAIN_NEVER_RUNS(text, at=at, path=path, help=help)
+            continue
+        for mode, names in absent.items():
+            if names:
+                text = f"is not checked in {mode}, where {quoted(names)} {'do' if len(names) > 1 else 'does'} not run"
+                help = "nothing to do, unless the chain matters in that mode"
+                yield codes.CHAIN_NOT_IN_MODE(text, at=at, path=path, help=help)
+
+
+# ------------------------------------------------------------------------------------------------ limits
+
+
+def check_limits(context: Context) -> Iterator[Diagnostic]:
+    """No limit of a chain lies below what its jobs need in any case.
+
+    Each job of a chain starts at or after the end of the one before, so both latencies are at least the sum of the
+    smallest WCETs. The N starts of a periodic first task are on average a period apart round the hyperperiod, so some
+    stimulus waits at least a period for the job that sees it, and the reaction time is at least that much longer.
+    """
+    for chain in context.model.chains:
+        for mode in context.active:
+            if chain.tasks and all(name in mode.tasks for name in chain.tasks):
+                yield from _limits(chain, mode)
+
+
+def _limits(chain: Chain, mode: ActiveMode) -> Iterator[Diagnostic]:
+    work = Duration(sum(_shortest(mode.tasks[name]).ns for name in chain.tasks))
+    first = mode.tasks[chain.tasks[0]]
+    wait = first.task.period if first.is_periodic and first.task.period is not None else ZERO
+    bounds = (
+        ("reaction time", chain.max_reaction, work + wait, f"the period {wait} and the WCETs {work}"),
+        ("data age", chain.max_age, work, f"the WCETs {work}"),
+    )
+    for what, limit, least, why in bounds:
+        if limit is not None and limit < least:
+            text = f"limits its {what} to {limit}, but in {mode.path} {why} of its tasks make at least {least}"
+            help = f"raise the limit to at least {least}, or shorten the tasks"
+            yield codes.CHAIN_LIMIT_TOO_LOW(text, at=place(chain), path=_path(chain), help=help)
+
+
+def _shortest(active: ActiveTask) -> Duration:
+    return min((v.wcet for v in active.versions if v.wcet is not None), default=ZERO)
+
+
+# ------------------------------------------------------------------------------------------------ data
+
+
+def check_data(context: Context) -> Iterator[Diagnostic]:
+    """Neighbours in a chain are connected: by a precedence constraint, or by a buffer written and then read."""
+    for chain in context.model.chains:
+        for before, after in pairwise(lookup(context.tasks, chain.tasks)):
+            if before is not after and not _is_connected(before, after):
+                text = f'nothing says that "{after.name}" uses data of "{before.name}"'
+                help = "nothing to do if it does; a constraint or a shared buffer would say so"
+                yield codes.CHAIN_WITHOUT_DATA(text, at=place(chain), path=_path(chain), help=help)
+
+
+def _is_connected(before: Task, after: Task) -> bool:
+    if any(p.task == before.name for version in after.versions for p in version.precedences):
+        return True
+    return bool(_buffers(before, AccessKind.WRITE) & _buffers(after, AccessKind.READ))
+
+
+def _buffers(task: Task, kind: AccessKind) -> set[str]:
+    """Return the buffers that the task moves in phases of this kind, or of no stated kind."""
+    phases = (access for version in task.versions for access in version.accesses if access.kind in (kind, None))
+    return {transfer.buffer for access in phases for transfer in access.transfers}
+
+
+# ------------------------------------------------------------------------------------------------ transitions
+
+
+def check_transitions(context: Context) -> Iterator[Diagnostic]:
+    """A transition leads to another mode and is listed once."""
+    seen: set[tuple[str, str]] = set()
+    for transition in context.model.transitions:
+        pair = (transition.source, transition.target)
+        at, path = place(transition), f'transition "{pair[0]}" to "{pair[1]}"'
+        if pair[0] == pair[1]:
+            yield codes.SELF_TRANSITION(
+                "leads nowhere", at=at, path=path, help="remove it, or correct one of the modes"
+            )
+        elif pair in seen:
+            yield codes.DUPLICATE_TRANSITION("is listed twice", at=at, path=path, help="keep one of the two")
+        seen.add(pair)
+
+
+CHECKS = (
+    Check(
+        "chains",
+        "Every chain lists at least one task; a single task, or one listed twice, is pointed out.",
+        (codes.EMPTY_CHAIN, codes.SHORT_CHAIN, codes.REPEATED_IN_CHAIN),
+        check_tasks,
+    ),
+    Check(
+        "chain-modes",
+        "All tasks of every chain run together in some mode; modes in which they do not are noted.",
+        (codes.CHAIN_NEVER_RUNS, codes.CHAIN_NOT_IN_MODE),
+        check_modes,
+    ),
+    Check(
+        "chain-limits",
+        "In every mode the limits of a chain are at least the sum of its tasks' smallest WCETs, for the reaction time "
+        "plus the period of its first task.",
+        (codes.CHAIN_LIMIT_TOO_LOW,),
+        check_limits,
+    ),
+    Check(
+        "chain-data",
+        "Neighbours in a chain are connected by a precedence constraint or a shared buffer.",
+        (codes.CHAIN_WITHOUT_DATA,),
+        check_data,
+    ),
+    Check(
+        "transitions",
+        "Every transition leads from one mode to another and is listed once.",
+        (codes.SELF_TRANSITION, codes.DUPLICATE_TRANSITION),
+        check_transitions,
+    ),
+)

@@ -1,0 +1,238 @@
+"""The diagnostic codes of validate: HAL02xx."""
+
+from halpipe.diagnostics import error, note, warning
+
+# ---------------------------------------------------------------------------- names and structure
+
+BAD_NAME = error(
+    "HAL0201",
+    "Name with characters that names cannot have",
+    "Names are 1 to 1000 characters of A-Z a-z 0-9 _ . / : ~ + @ $ % -. White space would break the lists of names in "
+    "the XML, and glob characters the patterns of the overlay.",
+)
+DUPLICATE_NAME = error(
+    "HAL0202",
+    "Name defined twice",
+    "Units, resources, tasks, chains and modes are each told apart by their names, and so are the versions of a task.",
+)
+DUPLICATE_RUN = error(
+    "HAL0203",
+    "Task listed twice in a mode",
+    "A mode says once for each task which of its versions are available. Merge the two lists.",
+)
+REPEATED_IN_LIST = error(
+    "HAL0204",
+    "Name repeated in a list",
+    "The valid units of a version and the versions available in a mode are sets. A repeated name is probably a slip "
+    "for another one.",
+)
+UNKNOWN_UNIT = error("HAL0205", "Unknown unit", "A version names a valid unit that the platform does not have.")
+UNKNOWN_RESOURCE = error(
+    "HAL0206", "Unknown resource", "An access phase names a resource that the platform does not have."
+)
+UNKNOWN_TASK = error(
+    "HAL0207",
+    "Unknown task",
+    "A precedence constraint, a chain or a mode names a task that the model does not have.",
+)
+UNKNOWN_VERSION = error("HAL0208", "Unknown version", "A mode names a version that the task does not have.")
+UNKNOWN_MODE = error("HAL0209", "Unknown mode", "A transition names a mode that the model does not have.")
+NO_UNITS = error("HAL0210", "Model without units", "A schedule needs at least one execution unit.")
+NO_TASKS = error("HAL0211", "Model without tasks", "There is nothing to schedule.")
+NO_MODES = error(
+    "HAL0212",
+    "Model without modes",
+    "A mode says which tasks run together, and in which versions. A model needs at least one.",
+)
+EMPTY_MODE = error("HAL0213", "Mode selects nothing", "A mode needs at least one task that runs in it.")
+NOTHING_PERIODIC = error(
+    "HAL0214",
+    "Mode without a periodic task",
+    "The hyperperiod is the least common multiple of the periods, and tasks without a period run only on demand of "
+    "others. A mode in which no task has a period therefore has no schedule.",
+)
+NO_VERSIONS = error("HAL0215", "Task without versions", "A task runs as one of its versions, so it needs at least one.")
+RUN_SELECTS_NOTHING = error(
+    "HAL0216",
+    "Mode lists a task but none of its versions",
+    "A task that does not run in a mode is left out of it; a task that is listed needs at least one version.",
+)
+VERSION_WITHOUT_UNITS = error(
+    "HAL0217", "Version without units", "A version must say on which units its jobs may execute."
+)
+
+# ---------------------------------------------------------------------------- tasks and versions
+
+ZERO_PERIOD = error(
+    "HAL0220",
+    "Period is zero",
+    "A period is positive. A task that runs only on demand of others has no period at all.",
+)
+BAD_SLACK = error(
+    "HAL0221",
+    "Slack is not a share of the period",
+    "The allowed slack is a number from 0 to 1 (paper, Table I).",
+)
+NEEDS_PERIOD = error(
+    "HAL0222",
+    "Offset or deadline without a period",
+    "Both count from the releases of a periodic task. A task on demand has no releases; bound it by the precedence "
+    "constraints that demand it, or by a chain.",
+)
+SLACK_WITHOUT_PERIOD = warning(
+    "HAL0223",
+    "Slack without a period",
+    "Slack is a share of the period, so it has no effect on a task that runs on demand.",
+)
+NEGATIVE_TIME = error("HAL0224", "Negative time", "Every duration of the model is zero or more.")
+MISSING_WCET = error(
+    "HAL0230",
+    "WCET is missing",
+    "A version whose worst-case execution time no source has stated can be stored, but not scheduled.",
+)
+WCET_BEYOND_DEADLINE = error(
+    "HAL0231",
+    "WCET beyond the deadline",
+    "A job of this version can never end in time. The deadline of a task that states none is its period.",
+)
+WCET_BEYOND_PERIOD = warning(
+    "HAL0232",
+    "WCET beyond the period",
+    "The deadline allows it, but successive jobs of the task then overlap, on different units; and no switch of modes "
+    "that keeps the task running is possible, because across a switch a task never runs against itself.",
+)
+ZERO_WCET = error("HAL0233", "WCET is zero", "A job that takes no time cannot be placed on a unit.")
+WCET_BEYOND_HYPERPERIOD = error(
+    "HAL0234",
+    "WCET beyond the hyperperiod",
+    "The schedule repeats with the hyperperiod, so a job that is longer would overlap its own repetition on its unit.",
+)
+BAD_GANG = error(
+    "HAL0235",
+    "Gang does not fit its units",
+    "A job occupies as many distinct units as its gang size, at least 1 and at most the number of valid units.",
+)
+
+# ---------------------------------------------------------------------------- access phases
+
+EMPTY_PHASE = error("HAL0240", "Access phase is empty", "A phase is in force on [start, end), so start < end.")
+PHASE_BEYOND_WCET = error(
+    "HAL0241", "Access phase beyond the WCET", "The phases of a version lie within the execution of its jobs."
+)
+BAD_BOUND = error(
+    "HAL0242",
+    "Bound is not a share of the resource",
+    "A bound is greater than 0 and at most 1, the whole resource (paper, Table I).",
+)
+PHASES_OVERLOAD = error(
+    "HAL0243",
+    "Access phases of one job overload a resource",
+    "Phases of one version that overlap on a resource add up, and more than 1 can never be granted.",
+)
+EMPTY_TRANSFER = error("HAL0244", "Transfer of no data", "A transfer moves at least one byte.")
+
+# ---------------------------------------------------------------------------- precedence constraints
+
+EMPTY_WINDOW = error(
+    "HAL0250", "Precedence window is empty", "No distance between two jobs is at least min and at most max."
+)
+SELF_PRECEDENCE = error(
+    "HAL0251",
+    "Task is its own predecessor",
+    "Precedence constraints must not reference the task itself, directly or indirectly (paper, section III).",
+)
+PRECEDENCE_CYCLE = error(
+    "HAL0252",
+    "Precedence constraints form a cycle",
+    "Among the tasks of a mode the predecessor relation must be acyclic, over all versions available there (paper, "
+    "section III). Where data flows in a circle, leave out the constraint of the edge that may carry old data.",
+)
+PREDECESSOR_ABSENT = error(
+    "HAL0253",
+    "Predecessor does not run in the mode",
+    "Every version of the task that is available in the mode is constrained by a task that does not run there.",
+)
+VERSION_UNUSABLE = warning(
+    "HAL0254",
+    "Version cannot be chosen in the mode",
+    "The version is constrained by a task that does not run in the mode. Another available version is not, so the task "
+    "can still be scheduled.",
+)
+NEVER_DEMANDED = warning(
+    "HAL0255",
+    "Task on demand that nobody demands",
+    "A task without a period has one job for each precedence constraint that names it, so here it never runs.",
+)
+
+# ---------------------------------------------------------------------------- chains and transitions
+
+EMPTY_CHAIN = error("HAL0260", "Chain without tasks", "A cause-effect chain is a sequence of tasks.")
+SHORT_CHAIN = note(
+    "HAL0261",
+    "Chain of one task",
+    "Its data age is the task's execution time, its reaction time that plus the wait for the next job.",
+)
+REPEATED_IN_CHAIN = warning(
+    "HAL0262",
+    "Task twice in a chain",
+    "The latency is followed through the task as often as it is listed. This is right for a loop; otherwise it is a "
+    "slip.",
+)
+CHAIN_NOT_IN_MODE = note(
+    "HAL0263",
+    "Chain is not checked in a mode",
+    "A chain has latencies only in the modes in which all its tasks run.",
+)
+CHAIN_NEVER_RUNS = warning(
+    "HAL0264",
+    "Chain is never checked",
+    "In no mode do all tasks of the chain run, so its limits have no effect.",
+)
+CHAIN_LIMIT_TOO_LOW = error(
+    "HAL0265",
+    "Chain limit cannot be kept",
+    "The jobs of a chain follow each other, so no latency is shorter than the sum of the smallest WCETs; a stimulus "
+    "that just misses a job of the first task waits, at worst, a whole period longer.",
+)
+CHAIN_WITHOUT_DATA = note(
+    "HAL0266",
+    "Neighbours in a chain share no data",
+    "No precedence constraint and no buffer connects a task of the chain with the next. The latency is computed all "
+    "the same.",
+)
+SELF_TRANSITION = error(
+    "HAL0270", "Transition from a mode to itself", "A transition leads from one mode to another one."
+)
+DUPLICATE_TRANSITION = error("HAL0271", "Transition listed twice", "An ordered pair of modes has one transition.")
+
+# ---------------------------------------------------------------------------- a whole mode
+
+UNITS_OVERLOADED = error(
+    "HAL0280",
+    "Units overloaded",
+    "In a mode, the tasks that can run only on these units need more time of them than there is, even in their "
+    "shortest versions. No schedule exists.",
+)
+RESOURCE_OVERLOADED = error(
+    "HAL0281",
+    "Resource overloaded",
+    "In a mode, the access phases of the least demanding versions need more of a resource than there is. No schedule "
+    "exists.",
+)
+TOO_MANY_JOBS = error(
+    "HAL0290",
+    "Hyperperiod has too many jobs",
+    "The hyperperiod is the least common multiple of the periods of a mode. Periods that fit each other badly make it "
+    "explode; 10 000 000 jobs is the limit. Often a rounded period is the cause: a 30 Hz camera has the period "
+    "1/30s, not 33ms.",
+)
+TOO_MANY_TICKS = error(
+    "HAL0291",
+    "Hyperperiod has too many ticks",
+    "The tick is the largest duration that divides every duration of a mode. The hyperperiod counted in ticks must "
+    "stay below 2 to the power of 62; one needlessly exact duration is enough to break that.",
+)
+UNUSED_UNIT = note("HAL0295", "Unused unit", "No version may run on this unit.")
+UNUSED_RESOURCE = note("HAL0296", "Unused resource", "No version accesses this resource.")
+TASK_NEVER_RUNS = note("HAL0297", "Task runs in no mode", "The task is not scheduled at all.")
+VERSION_NEVER_RUNS = note("HAL0298", "Version is available in no mode", "The version is never chosen.")

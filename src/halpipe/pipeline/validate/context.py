@@ -1,0 +1,214 @@
+"""What the checks look things up in, built once per model, and the shape of a check."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+from itertools import chain
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from halpipe.diagnostics import NOWHERE
+from halpipe.durations import ZERO, Duration, least_common_multiple
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+
+    from halpipe.diagnostics import Code, Diagnostic, Location
+    from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
+
+Named = TypeVar("Named")
+
+_MAX_COMPARISONS = 30_000
+"""Names compared for suggestions in one validation; a model full of unknown names must not take minutes."""
+
+_MAX_BITS = 4096
+"""Size of a hyperperiod, in periods of the most frequent task, beyond which it is not computed any further."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that is checked: a sentence for the manual, the codes it may report, and the procedure."""
+
+    name: str
+    sentence: str
+    codes: tuple[Code, ...]
+    run: Callable[[Context], Iterable[Diagnostic]]
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveTask:
+    """A task of a mode, with the versions available there that exist."""
+
+    task: Task
+    run: Run
+    versions: tuple[Version, ...]
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether the task has releases of its own; one with a useless period has neither releases nor demands."""
+        return self.task.period is not None and self.task.period > ZERO
+
+    def named(self) -> dict[str, list[int]]:
+        """Return, for every task the versions name, the number of constraints on it in each version."""
+        named = [[p.task for p in version.precedences] for version in self.versions]
+        return {name: [names.count(name) for names in named] for name in dict.fromkeys(chain(*named))}
+
+
+@dataclass(frozen=True)
+class ActiveMode:
+    """A mode with the tasks that run in it (T_n), by name, in the order of its runs."""
+
+    mode: Mode
+    tasks: dict[str, ActiveTask]
+
+    @property
+    def path(self) -> str:
+        """How messages name the mode."""
+        return f'mode "{self.mode.name}"'
+
+    @cached_property
+    def named(self) -> dict[str, dict[str, list[int]]]:
+        """For every task, how often each of its versions names each other task of the mode."""
+        return {
+            name: {other: counts for other, counts in active.named().items() if other in self.tasks and other != name}
+            for name, active in self.tasks.items()
+        }
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The tasks, predecessors first; empty where the relation has a cycle."""
+        try:
+            return tuple(TopologicalSorter(self.named).static_order())
+        except CycleError:
+            return ()
+
+    @cached_property
+    def hyperperiod(self) -> Duration | None:
+        """The least common multiple t_P of the periods; None where it is out of reach or nothing is periodic."""
+        periods = {active.task.period for active in self.tasks.values() if active.task.period and active.is_periodic}
+        found = shortest = min(periods, default=ZERO)
+        for period in sorted(periods):
+            found = least_common_multiple((found, period))
+            if (found // shortest).bit_length() > _MAX_BITS:
+                return None
+        return found or None
+
+    def job_counts(self, pick: Callable[[list[int]], int]) -> dict[str, int]:
+        """Return N of every task in a hyperperiod (paper, section III); zeros where there is none.
+
+        Of the versions of a demanding task the one with `pick` (``min`` or ``max``) demands counts. Where the relation
+        has a cycle the counts are lower bounds.
+        """
+        counts = dict.fromkeys(self.tasks, 0)
+        for name in reversed(self.order or tuple(self.tasks)):
+            active = self.tasks[name]
+            if active.task.period is not None and active.is_periodic and self.hyperperiod:
+                counts[name] = self.hyperperiod // active.task.period
+            for other, demands in self.named[name].items():
+                if self.tasks[other].task.period is None:
+                    counts[other] += pick(demands) * counts[name]
+        return counts
+
+
+@dataclass
+class Context:
+    """The model with its elements by name; where a name is defined twice, the first counts."""
+
+    model: TaskModel
+    _compared: int = 0
+    _suggested: dict[tuple[str, str], str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.units = by_name(self.model.units)
+        self.resources = by_name(self.model.resources)
+        self.tasks = by_name(self.model.tasks)
+        self.modes = by_name(self.model.modes)
+        self.versions = {name: by_name(task.versions) for name, task in self.tasks.items()}
+
+    @cached_property
+    def active(self) -> tuple[ActiveMode, ...]:
+        """Every mode with its active tasks."""
+        return tuple(ActiveMode(mode, self._running(mode)) for mode in self.modes.values())
+
+    def _running(self, mode: Mode) -> dict[str, ActiveTask]:
+        tasks: dict[str, ActiveTask] = {}
+        for run in mode.runs:
+            task = self.tasks.get(run.task)
+            if task is None or run.task in tasks:
+                continue
+            known = self.versions[run.task]
+            versions = tuple(known[name] for name in dict.fromkeys(run.versions) if name in known)
+            if versions:
+                tasks[run.task] = ActiveTask(task, run, versions)
+        return tasks
+
+    def each_version(self) -> Iterator[tuple[Task, Version]]:
+        """Yield every version with its task."""
+        for task in self.model.tasks:
+            for version in task.versions:
+                yield task, version
+
+    def each_access(self) -> Iterator[tuple[Task, Version, Access]]:
+        """Yield every access phase with its version and task."""
+        for task, version in self.each_version():
+            for access in version.accesses:
+                yield task, version, access
+
+    def suggest(self, kind: str, name: str, known: Collection[str]) -> str:
+        """Say which known name was probably meant, or what to do; `kind` says what is named."""
+        key = (kind, name)
+        if key not in self._suggested:
+            otherwise = f"declare the {kind}, or correct the name"
+            self._compared += len(known)
+            near = did_you_mean(name, known, otherwise) if self._compared <= _MAX_COMPARISONS else otherwise
+            self._suggested[key] = near
+        return self._suggested[key]
+
+
+def by_name(elements: Iterable[Named]) -> dict[str, Named]:
+    """Return the elements by their names; the first counts."""
+    found: dict[str, Named] = {}
+    for element in elements:
+        found.setdefault(element.name, element)  # type: ignore[attr-defined]
+    return found
+
+
+def repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that occur more than once, in order."""
+    return [name for name, count in Counter(names).items() if count > 1]
+
+
+def place(*elements: Any) -> Location:
+    """Return where the first of `elements` (innermost first) stands in the model file, or else in its source."""
+    for element in elements:
+        if element.at.file:
+            return element.at  # type: ignore[no-any-return]
+        origin = getattr(element, "origin", None)
+        if origin is not None and origin.file:
+            return origin.location  # type: ignore[no-any-return]
+    return NOWHERE
+
+
+def task_path(task: Task) -> str:
+    """Return how messages name a task."""
+    return f'task "{task.name}"'
+
+
+def version_path(task: Task, version: Version) -> str:
+    """Return how messages name a version."""
+    return f'task "{task.name}" version "{version.name}"'
+
+
+def quoted(names: Iterable[str], most: int = 5) -> str:
+    """List names for a message: the first few, and how many more there are."""
+    listed = list(names)
+    shown = ", ".join(f'"{name}"' for name in listed[:most])
+    return shown + (f" and {len(listed) - most} more" if len(listed) > most else "")
+
+
+def lookup(mapping: Mapping[str, Named], names: Iterable[str]) -> list[Named]:
+    """Return what is known of `names`."""
+    return [mapping[name] for name in names if name in mapping]

@@ -1,0 +1,249 @@
+"""Checks that a mode stays within reach: its number of jobs, and its length in ticks (MODEL 1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds
+from halpipe.pipeline.validate import codes
+from halpipe.pipeline.validate.context import Check, place, quoted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from fractions import Fraction
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
+
+MAX_JOBS = 10_000_000
+MAX_TICKS = 2**62
+
+_MAX_COMPARED = 100
+"""The most used periods, against which every period is compared to see how well it fits."""
+
+_MAX_MISFIT = 100
+"""How many times longer than both a hyperperiod may become by a period that still fits it well."""
+
+_MAX_SNAPPED = 50
+"""Guilty periods up to which a choice is looked for that cures all of them."""
+
+_MAX_STEPS = 1000
+"""Divisors tried on each side for a period on the grid."""
+
+_NAMED = 5
+
+
+# ------------------------------------------------------------------------------------------------ jobs
+
+
+def check_jobs(context: Context) -> Iterator[Diagnostic]:
+    """A mode has at most ten million jobs; else the periods that cause more are named, with the nearest that do not."""
+    for mode in context.active:
+        hyperperiod = mode.hyperperiod
+        if not any(active.is_periodic for active in mode.tasks.values()):
+            continue
+        jobs = None if hyperperiod is None else sum(mode.job_counts(max).values())
+        if jobs is not None and jobs <= MAX_JOBS:
+            continue
+        size = "is beyond all measure" if hyperperiod is None else f"of {hyperperiod} has {jobs} jobs"
+        cause = _find_cause(mode)
+        text = f"the hyperperiod {size}, {MAX_JOBS} are allowed; "
+        text += f"the cause: {cause.describe()}" if cause.guilty and cause.base else "demands multiply its jobs"
+        yield codes.TOO_MANY_JOBS(text, at=place(mode.mode), path=mode.path, help=cause.cure())
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """Why a hyperperiod explodes: the `guilty` periods do not fit `base`, the hyperperiod of all others.
+
+    `jobs` is the number of jobs without the guilty ones; `weights` that of all jobs that one job of each period
+    causes, with those on demand, summed over its tasks.
+    """
+
+    guilty: tuple[Duration, ...]
+    base: Duration
+    jobs: int
+    weights: dict[Duration, int]
+    tasks: dict[Duration, list[str]]
+
+    def describe(self) -> str:
+        """Name the guilty periods with their tasks, and what the others make."""
+        named = [f"{p} (task {quoted(self.tasks[p], 2)})" for p in self.guilty[:_NAMED]]
+        more = len(self.guilty) - len(named)
+        text = ("the period " if len(self.guilty) == 1 else "the periods ") + ", ".join(named)
+        text += f" and {more} more" if more else ""
+        return f"{text}; without {'it' if len(self.guilty) == 1 else 'them'} the hyperperiod is {self.base}"
+
+    def cure(self) -> str:
+        """Propose for every guilty period the nearest that fits, if that brings the mode within the limit."""
+        choices: list[str] = []
+        base, jobs = self.base, self.jobs
+        grid = greatest_common_divisor(self.weights)
+        for period in self.guilty[:_MAX_SNAPPED] if base else ():
+            near = nearest_harmonic(period, base)
+            base, jobs = _extended(base, jobs, near, self.weights[period])
+            choices.append(_choice(period, near, nearest_on_grid(period, self.base, grid)))
+        if not choices or jobs > MAX_JOBS or len(choices) < len(self.guilty):
+            shortest, longest = min(self.weights), max(self.weights)
+            return (
+                f"make the periods multiples of each other and bring the shortest ({shortest}) and the longest "
+                f"({longest}) closer together, or split the mode"
+            )
+        more = f" and {len(choices) - _NAMED} more" if len(choices) > _NAMED else ""
+        return f"use {', '.join(choices[:_NAMED])}{more}; the mode then has {jobs} jobs"
+
+
+def _choice(period: Duration, near: Duration, on_grid: Duration) -> str:
+    other = f" (or {on_grid})" if on_grid and on_grid != near else ""
+    return f"{near}{other} instead of {period}"
+
+
+def _find_cause(mode: ActiveMode) -> _Cause:
+    """Keep the periods that fit each other, those that fit most tasks first, up to the limit; the rest is guilty."""
+    caused = _jobs_caused(mode)
+    weights: dict[Duration, int] = {}
+    tasks: dict[Duration, list[str]] = {}
+    for name, active in mode.tasks.items():
+        if active.task.period is not None and active.is_periodic:
+            weights[active.task.period] = weights.get(active.task.period, 0) + caused[name]
+            tasks.setdefault(active.task.period, []).append(name)
+    guilty: list[Duration] = []
+    base, jobs = ZERO, 0
+    for period in _by_fit({period: len(names) for period, names in tasks.items()}):
+        longer, more = _extended(base, jobs, period, weights[period])
+        fits = not base or longer // max(base, period) <= _MAX_MISFIT
+        if fits and more <= MAX_JOBS:
+            base, jobs = longer, more
+        else:
+            guilty.append(period)
+    return _Cause(tuple(sorted(guilty)), base, jobs, weights, tasks)
+
+
+def _extended(base: Duration, jobs: int, period: Duration, weight: int) -> tuple[Duration, int]:
+    """Return hyperperiod and number of jobs once tasks of `period` are added."""
+    longer = least_common_multiple((base, period)) if base else period
+    return longer, jobs * (longer // base if base else 1) + weight * (longer // period)
+
+
+def _jobs_caused(mode: ActiveMode) -> dict[str, int]:
+    """Return, for every task, how many jobs one of its jobs makes at most: itself and, transitively, those demanded."""
+    caused: dict[str, int] = {}
+    for name in mode.order or mode.tasks:
+        demanded = (
+            max(counts) * caused.get(other, 1)
+            for other, counts in mode.named[name].items()
+            if mode.tasks[other].task.period is None
+        )
+        caused[name] = 1 + sum(demanded)
+    return caused
+
+
+def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
+    """Order periods by the number of tasks whose periods are multiples or divisors of theirs, most first."""
+    popular = sorted(counts, key=lambda period: (-counts[period], period))[:_MAX_COMPARED]
+    fit = {
+        period: sum(counts[other] for other in popular if not (period % other and other % period)) for period in counts
+    }
+    return sorted(counts, key=lambda period: (-fit[period], -counts[period], period))
+
+
+def nearest_harmonic(period: Duration, base: Duration) -> Duration:
+    """Return the divisor or multiple of `base` nearest to `period`, the shorter of two equally near."""
+    if period >= base:
+        below = base * (period // base)
+        return min((below, below + base), key=lambda choice: (abs(period.ns - choice.ns), choice))
+    parts = base // period
+    return min((base / parts, base / (parts + 1)), key=lambda choice: (abs(period.ns - choice.ns), choice))
+
+
+def nearest_on_grid(period: Duration, base: Duration, grid: Duration) -> Duration:
+    """Return the divisor of `base` nearest to `period` that is a multiple of `grid`; zero if none is near.
+
+    Near means by at most half of `period`.
+    """
+    if not base or period >= base:
+        return ZERO
+    steps, parts = base // grid, base // period
+    longer = (k for k in range(parts, max(parts - _MAX_STEPS, 0), -1) if steps % k == 0)
+    shorter = (k for k in range(parts + 1, min(parts + _MAX_STEPS, steps) + 1) if steps % k == 0)
+    found = [base / k for k in (next(longer, 0), next(shorter, 0)) if k]
+    found = [choice for choice in found if 2 * abs(choice.ns - period.ns) <= period.ns]
+    return min(found, key=lambda choice: (abs(period.ns - choice.ns), choice), default=ZERO)
+
+
+# ------------------------------------------------------------------------------------------------ ticks
+
+
+def check_ticks(context: Context) -> Iterator[Diagnostic]:
+    """The hyperperiod in ticks fits 64-bit integers with room to add; else the finest durations are named."""
+    for mode in context.active:
+        hyperperiod = mode.hyperperiod
+        if hyperperiod is None:
+            continue
+        tick = _tick({d.ns for active in mode.tasks.values() for d, _ in _durations(active)}, hyperperiod)
+        if hyperperiod // tick < MAX_TICKS:
+            continue
+        finest: dict[Duration, str] = {}
+        for active in mode.tasks.values():
+            for duration, what in _durations(active):
+                if duration not in finest:
+                    finest[duration] = f'the {what} {duration} of task "{active.task.name}"'
+        guilty = sorted(finest, key=lambda d: (greatest_common_divisor((d, hyperperiod)), finest[d]))[:3]
+        text = f"the hyperperiod of {hyperperiod} has 2^62 ticks or more, because every duration of the mode must be "
+        text += f"a whole number of ticks; the finest: {', '.join(finest[d] for d in guilty)}"
+        help = f"round it to whole {_coarser(hyperperiod)}, WCETs and access phases outward; or state a coarser --tick"
+        yield codes.TOO_MANY_TICKS(text, at=place(mode.mode), path=mode.path, help=help)
+
+
+def _durations(active: ActiveTask) -> Iterator[tuple[Duration, str]]:
+    """Yield what the tick of a mode must divide; deadlines and limits are compared with, never added up."""
+    task = active.task
+    if task.period:
+        yield task.period, "period"
+    if task.offset:
+        yield task.offset, "offset"
+    for version in active.versions:
+        if version.wcet:
+            yield version.wcet, "WCET"
+        for access in version.accesses:
+            yield access.start, "access start"
+            yield access.end, "access end"
+        for constraint in version.precedences:
+            yield constraint.min, "window minimum"
+            yield constraint.max, "window maximum"
+
+
+def _tick(values: set[int | Fraction], hyperperiod: Duration) -> Duration:
+    """Return the largest duration that divides all values, or some divisor that is already too small."""
+    whole = math.gcd(*(value for value in values if isinstance(value, int)))
+    tick = greatest_common_divisor((hyperperiod, Duration(whole)))
+    for value in values:
+        if not isinstance(value, int) and hyperperiod // tick < MAX_TICKS:
+            tick = greatest_common_divisor((tick, Duration(value)))
+    return tick
+
+
+def _coarser(hyperperiod: Duration) -> Duration:
+    """Return the smallest power of ten in milliseconds that makes few enough ticks."""
+    unit = milliseconds(1)
+    while hyperperiod // (unit / 10) < MAX_TICKS // 1000:
+        unit = unit / 10
+    return unit
+
+
+CHECKS = (
+    Check(
+        "hyperperiod-jobs",
+        "Every mode has at most 10 000 000 jobs in its hyperperiod.",
+        (codes.TOO_MANY_JOBS,),
+        check_jobs,
+    ),
+    Check(
+        "hyperperiod-ticks",
+        "The hyperperiod of every mode is shorter than 2^62 of the largest tick that divides all its durations.",
+        (codes.TOO_MANY_TICKS,),
+        check_ticks,
+    ),
+)

@@ -1,0 +1,201 @@
+"""Checks of names: well-formed, defined once, and defined at all where they are used."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from halpipe.pipeline.validate import codes
+from halpipe.pipeline.validate.context import Check, place, repeated, task_path, version_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.pipeline.validate.context import Context
+
+_NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
+_FORM = "use only A-Z a-z 0-9 _ . / : ~ + @ $ % -"
+
+
+def _named_elements(context: Context) -> Iterator[tuple[str, list[Any]]]:
+    """Yield the kinds of elements whose names are unique in the model."""
+    model = context.model
+    yield "unit", list(model.units)
+    yield "resource", list(model.resources)
+    yield "task", list(model.tasks)
+    yield "chain", list(model.chains)
+    yield "mode", list(model.modes)
+
+
+def check_form(context: Context) -> Iterator[Diagnostic]:
+    """Names have the form that the schema gives them, also in models that were never XML."""
+    yield from _form("model", context.model.name, context.model)
+    for kind, elements in _named_elements(context):
+        for element in elements:
+            yield from _form(kind, element.name, element)
+    for unit in context.model.units:
+        if unit.type:
+            yield from _form(f'unit "{unit.name}": type', unit.type, unit)
+    for task, version in context.each_version():
+        yield from _form(f'task "{task.name}" version', version.name, version, task)
+    for task, version, access in context.each_access():
+        for transfer in access.transfers:
+            path = f"{version_path(task, version)}: "
+            yield from _form(f"{path}buffer", transfer.buffer, transfer, access, version, task)
+            yield from _form(f"{path}symbol", transfer.symbol, transfer, access, version, task)
+
+
+def _form(kind: str, name: str, *elements: Any) -> Iterator[Diagnostic]:
+    if _NAME.fullmatch(name):
+        return
+    shown = name if len(name) <= 60 else f"{name[:60]}..."
+    text = "is not a name" if name else "has no name"
+    yield codes.BAD_NAME(text, at=place(*elements), path=f'{kind} "{shown}"', help=_FORM)
+
+
+def check_duplicates(context: Context) -> Iterator[Diagnostic]:
+    """Every name is defined once."""
+    for kind, elements in _named_elements(context):
+        yield from _duplicates(kind, elements)
+    for task in context.model.tasks:
+        yield from _duplicates(f"{task_path(task)} version", list(task.versions), task)
+
+
+def _duplicates(kind: str, elements: list[Any], *owners: Any) -> Iterator[Diagnostic]:
+    first: dict[str, Any] = {}
+    for element in elements:
+        if element.name not in first:
+            first[element.name] = element
+        else:
+            before = place(first[element.name])
+            text = f"is defined twice, first in line {before.line}" if before.line else "is defined twice"
+            at = place(element, *owners)
+            yield codes.DUPLICATE_NAME(text, at=at, path=f'{kind} "{element.name}"', help="rename one of the two")
+
+
+def check_lists(context: Context) -> Iterator[Diagnostic]:
+    """A mode lists a task once, and no list of units or versions repeats a name."""
+    for mode in context.model.modes:
+        tasks: set[str] = set()
+        for run in mode.runs:
+            path = f'mode "{mode.name}" task "{run.task}"'
+            at = place(run, mode)
+            if run.task in tasks:
+                help = "merge the two lists of versions"
+                yield codes.DUPLICATE_RUN("is listed twice in the mode", at=at, path=path, help=help)
+            tasks.add(run.task)
+            for name in repeated(run.versions) if len(run.versions) > 1 else ():
+                text = f'lists version "{name}" more than once'
+                yield codes.REPEATED_IN_LIST(text, at=at, path=path, help="list it once")
+    for task, version in context.each_version():
+        if len(set(version.units)) == len(version.units):
+            continue
+        for name in repeated(version.units):
+            at = place(version, task)
+            text = f'lists unit "{name}" more than once'
+            yield codes.REPEATED_IN_LIST(text, at=at, path=version_path(task, version), help="list it once")
+
+
+def check_units(context: Context) -> Iterator[Diagnostic]:
+    """The units of a version exist."""
+    for task, version in context.each_version():
+        for name in dict.fromkeys(version.units):
+            if name not in context.units:
+                path = version_path(task, version)
+                text = f'unit "{name}" does not exist'
+                help = context.suggest("unit", name, context.units)
+                yield codes.UNKNOWN_UNIT(text, at=place(version, task), path=path, help=help)
+
+
+def check_resources(context: Context) -> Iterator[Diagnostic]:
+    """The resource of an access phase exists."""
+    for task, version, access in context.each_access():
+        if access.resource not in context.resources:
+            at, path = place(access, version, task), version_path(task, version)
+            help = context.suggest("resource", access.resource, context.resources)
+            yield codes.UNKNOWN_RESOURCE(f'resource "{access.resource}" does not exist', at=at, path=path, help=help)
+
+
+def check_tasks(context: Context) -> Iterator[Diagnostic]:
+    """The tasks that precedence constraints, chains and modes name exist."""
+    for task, version in context.each_version():
+        for constraint in version.precedences:
+            if constraint.task not in context.tasks:
+                yield _task(context, constraint.task, version_path(task, version), constraint, version, task)
+    for chain in context.model.chains:
+        for name in dict.fromkeys(chain.tasks):
+            if name not in context.tasks:
+                yield _task(context, name, f'chain "{chain.name}"', chain)
+    for mode in context.model.modes:
+        for run in mode.runs:
+            if run.task not in context.tasks:
+                yield _task(context, run.task, f'mode "{mode.name}"', run, mode)
+
+
+def _task(context: Context, name: str, path: str, *elements: Any) -> Diagnostic:
+    help = context.suggest("task", name, context.tasks)
+    return codes.UNKNOWN_TASK(f'task "{name}" does not exist', at=place(*elements), path=path, help=help)
+
+
+def check_versions(context: Context) -> Iterator[Diagnostic]:
+    """The versions that a mode lists exist."""
+    for mode in context.model.modes:
+        for run in mode.runs:
+            known = context.versions.get(run.task)
+            if known is None:
+                continue
+            for name in dict.fromkeys(run.versions):
+                if name not in known:
+                    path = f'mode "{mode.name}" task "{run.task}"'
+                    text = f'version "{name}" does not exist'
+                    help = context.suggest(f'version of task "{run.task}"', name, known)
+                    yield codes.UNKNOWN_VERSION(text, at=place(run, mode), path=path, help=help)
+
+
+def check_modes(context: Context) -> Iterator[Diagnostic]:
+    """The modes of a transition exist."""
+    for transition in context.model.transitions:
+        for name in dict.fromkeys((transition.source, transition.target)):
+            if name not in context.modes:
+                path = f'transition "{transition.source}" to "{transition.target}"'
+                help = context.suggest("mode", name, context.modes)
+                text = f'mode "{name}" does not exist'
+                yield codes.UNKNOWN_MODE(text, at=place(transition), path=path, help=help)
+
+
+CHECKS = (
+    Check("names", "Every name has at least one and only allowed characters.", (codes.BAD_NAME,), check_form),
+    Check(
+        "unique-names",
+        "No two units, resources, tasks, chains or modes, and no two versions of a task, have the same name.",
+        (codes.DUPLICATE_NAME,),
+        check_duplicates,
+    ),
+    Check(
+        "lists",
+        "A mode lists a task once, and no list of versions or units repeats a name.",
+        (codes.DUPLICATE_RUN, codes.REPEATED_IN_LIST),
+        check_lists,
+    ),
+    Check("unit-references", "The units of every version exist.", (codes.UNKNOWN_UNIT,), check_units),
+    Check(
+        "resource-references",
+        "The resource of every access phase exists.",
+        (codes.UNKNOWN_RESOURCE,),
+        check_resources,
+    ),
+    Check(
+        "task-references",
+        "The tasks named by precedence constraints, chains and modes exist.",
+        (codes.UNKNOWN_TASK,),
+        check_tasks,
+    ),
+    Check(
+        "version-references",
+        "The versions that a mode lists exist.",
+        (codes.UNKNOWN_VERSION,),
+        check_versions,
+    ),
+    Check("mode-references", "The modes of every transition exist.", (codes.UNKNOWN_MODE,), check_modes),
+)

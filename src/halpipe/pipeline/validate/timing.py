@@ -1,0 +1,150 @@
+"""Checks of the times of tasks and versions: period, slack, offset, deadline, WCET, gang."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.validate import codes
+from halpipe.pipeline.validate.context import Check, place, task_path, version_path
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.durations import Duration
+    from halpipe.models import Task, Version
+    from halpipe.pipeline.validate.context import Context
+
+_STATE_WCET = "state it in the model, or in an overlay: tasks: {%s: {versions: {%s: {wcet: 1ms}}}}"
+
+
+def check_tasks(context: Context) -> Iterator[Diagnostic]:
+    """A period is positive, a slack is a share, and only periodic tasks have offset, deadline or slack."""
+    for task in context.model.tasks:
+        at, path = place(task), task_path(task)
+        if task.period == ZERO:
+            help = "give a positive period, or none if the task runs only on demand"
+            yield codes.ZERO_PERIOD("has the period zero", at=at, path=path, help=help)
+        if not 0 <= task.slack <= 1:
+            text = f"has the slack {format_rational(task.slack)}, which is not a number from 0 to 1"
+            help = "state it as a share of the period, such as 0.1 for ten percent"
+            yield codes.BAD_SLACK(text, at=at, path=path, help=help)
+        if task.period is None:
+            yield from _without_period(task)
+
+
+def _without_period(task: Task) -> Iterator[Diagnostic]:
+    at, path = place(task), task_path(task)
+    for what, value in (("offset", task.offset), ("deadline", task.deadline)):
+        if value is not None:
+            text = f"has the {what} {value} but no period to count it from"
+            help = f"give the task a period, or remove the {what}"
+            yield codes.NEEDS_PERIOD(text, at=at, path=path, help=help)
+    if task.slack:
+        text = f"has the slack {format_rational(task.slack)} but no period, so it has no effect"
+        yield codes.SLACK_WITHOUT_PERIOD(text, at=at, path=path, help="give the task a period, or remove the slack")
+
+
+def check_wcet(context: Context) -> Iterator[Diagnostic]:
+    """Every version states a positive WCET that its task's deadline allows."""
+    for task, version in context.each_version():
+        wcet = version.wcet
+        if wcet is not None and wcet > ZERO:
+            yield from _too_long(task, version, wcet)
+            continue
+        at, path = place(version, task), version_path(task, version)
+        if wcet is None:
+            help = _STATE_WCET % (task.name, version.name)
+            yield codes.MISSING_WCET("has no WCET", at=at, path=path, help=help)
+        elif wcet == ZERO:
+            help = "state the worst-case execution time, rounded up"
+            yield codes.ZERO_WCET("has the WCET zero", at=at, path=path, help=help)
+
+
+def _too_long(task: Task, version: Version, wcet: Duration) -> Iterator[Diagnostic]:
+    period = task.period
+    if period is None or period <= ZERO:
+        return
+    deadline = period if task.deadline is None else task.deadline
+    if wcet > deadline:
+        text = f'version "{version.name}" needs {wcet}, its deadline is {deadline}'
+        text += " (its period)" if task.deadline is None else ""
+        help = f"shorten the WCET by at least {wcet - deadline}, raise the deadline, or remove the version"
+        yield codes.WCET_BEYOND_DEADLINE(text, at=place(version, task), path=task_path(task), help=help)
+    elif wcet > period:
+        text = f'version "{version.name}" needs {wcet}, its period is {period}: successive jobs overlap'
+        help = "shorten the WCET or lengthen the period, unless the jobs may run beside each other on different units"
+        yield codes.WCET_BEYOND_PERIOD(text, at=place(version, task), path=task_path(task), help=help)
+
+
+def check_gang(context: Context) -> Iterator[Diagnostic]:
+    """The gang of a version fits its units."""
+    for task, version in context.each_version():
+        if version.gang == 1:
+            continue
+        at, path = place(version, task), version_path(task, version)
+        units = len(set(version.units))
+        if version.gang < 1:
+            text = f"has the gang size {version.gang}"
+            yield codes.BAD_GANG(text, at=at, path=path, help="a job occupies at least 1 unit")
+        elif version.units and version.gang > units:
+            text = f"has the gang size {version.gang} but only {units} valid unit{'s' if units > 1 else ''}"
+            yield codes.BAD_GANG(text, at=at, path=path, help="add units, or make the gang smaller")
+
+
+def check_negative(context: Context) -> Iterator[Diagnostic]:
+    """No duration is negative, also in models that were never XML."""
+    for what, path, value, elements in _durations(context):
+        if value is not None and value < ZERO:
+            text = f"has the negative {what} {value}"
+            yield codes.NEGATIVE_TIME(text, at=place(*elements), path=path, help="durations are zero or more")
+
+
+def _durations(context: Context) -> Iterator[tuple[str, str, Duration | None, tuple[Any, ...]]]:
+    """Yield every duration of the model with what it is, its element's path, and the elements around it."""
+    for task in context.model.tasks:
+        path = task_path(task)
+        yield "period", path, task.period, (task,)
+        if task.offset is not None or task.deadline is not None:
+            yield "offset", path, task.offset, (task,)
+            yield "deadline", path, task.deadline, (task,)
+        for version in task.versions:
+            path = version_path(task, version)
+            yield "WCET", path, version.wcet, (version, task)
+            for access in version.accesses:
+                yield "access start", path, access.start, (access, version, task)
+            for constraint in version.precedences:
+                yield "window minimum", path, constraint.min, (constraint, version, task)
+    for chain in context.model.chains:
+        yield "limit of reaction time", f'chain "{chain.name}"', chain.max_reaction, (chain,)
+        yield "limit of data age", f'chain "{chain.name}"', chain.max_age, (chain,)
+    for transition in context.model.transitions:
+        path = f'transition "{transition.source}" to "{transition.target}"'
+        yield "maximum length", path, transition.max_length, (transition,)
+
+
+CHECKS = (
+    Check(
+        "tasks",
+        "Periods are positive and slacks lie in [0, 1]; only a task with a period has an offset, a deadline or a "
+        "slack.",
+        (codes.ZERO_PERIOD, codes.BAD_SLACK, codes.NEEDS_PERIOD, codes.SLACK_WITHOUT_PERIOD),
+        check_tasks,
+    ),
+    Check(
+        "wcet",
+        "Every version states a positive WCET, not beyond its task's deadline (the period, where no deadline is "
+        "given); one beyond the period is pointed out.",
+        (codes.MISSING_WCET, codes.ZERO_WCET, codes.WCET_BEYOND_DEADLINE, codes.WCET_BEYOND_PERIOD),
+        check_wcet,
+    ),
+    Check(
+        "gang",
+        "The gang size of every version is at least 1 and at most the number of its units.",
+        (codes.BAD_GANG,),
+        check_gang,
+    ),
+    Check("negative-times", "No duration is negative.", (codes.NEGATIVE_TIME,), check_negative),
+)

@@ -1,0 +1,130 @@
+"""Hyperperiods that explode: who is guilty, and what would do."""
+
+import re
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from validate_cases import found, the
+
+from halpipe.durations import Duration, least_common_multiple, milliseconds
+from halpipe.pipeline.expand import expand
+from halpipe.pipeline.validate import codes, validate
+from halpipe.pipeline.validate.hyperperiod import MAX_JOBS, MAX_TICKS, nearest_harmonic, nearest_on_grid
+from support import after, model, ms, task, version
+
+
+def periodic(*periods, **more):
+    """One short task for each period, named t0, t1, ..."""
+    return model(*(task(f"t{i}", period, version("v", "1ns")) for i, period in enumerate(periods)), **more)
+
+
+def test_harmonic_periods_are_fine():
+    assert validate(periodic("5ms", "10ms", "20ms", "1/30s", "100ms", "1s")) == ()
+
+
+def test_limit_on_jobs_is_exact():
+    at_limit = periodic("1us", f"{MAX_JOBS - 1}us")
+    assert expand(at_limit, at_limit.modes[0]).job_count == MAX_JOBS
+    assert validate(at_limit) == ()
+    beyond = periodic("1us", f"{MAX_JOBS}us")
+    assert expand(beyond, beyond.modes[0]).job_count == MAX_JOBS + 1
+    assert f"has {MAX_JOBS + 1} jobs" in the(beyond, codes.TOO_MANY_JOBS).message
+
+
+def test_guilty_period_and_the_nearest_that_fits():
+    system = periodic("5ms", "10ms", "20ms", "33333333ns", "100ms")
+    finding = the(system, codes.TOO_MANY_JOBS)
+    assert 'the cause: the period 33.333333ms (task "t3"); without it the hyperperiod is 100ms' in finding.message
+    assert finding.help == "use 100/3ms (or 25ms) instead of 33.333333ms; the mode then has 39 jobs"
+    assert finding.path == 'mode "all"'
+
+
+def test_following_the_help_cures_the_model():
+    system = periodic("5ms", "10ms", "20ms", "9973us", "10007us", "100ms")
+    help = the(system, codes.TOO_MANY_JOBS).help
+    swaps = {
+        Duration.parse(old): Duration.parse(new)
+        for new, old in re.findall(r"(\S+ms)(?: \(or \S+\))? instead of (\S+ms)", help)
+    }
+    assert sorted(swaps) == [ms("9.973ms"), ms("10.007ms")]
+    cured = replace(system, tasks=tuple(replace(t, period=swaps.get(t.period, t.period)) for t in system.tasks))
+    assert validate(cured) == ()
+    assert f"has {expand(cured, cured.modes[0]).job_count} jobs" in help
+
+
+def test_many_guilty_periods_are_counted():
+    primes = [9973, 9967, 9949, 9941, 9931, 9929, 9923, 9907]
+    finding = the(periodic(*["10ms"] * 20, *(f"{p}us" for p in primes)), codes.TOO_MANY_JOBS)
+    assert "and 3 more" in finding.message
+    assert "and 3 more" in finding.help
+
+
+def test_periods_far_apart_have_no_harmonic_choice():
+    finding = the(periodic("1ns", "1s"), codes.TOO_MANY_JOBS)
+    assert "shortest (1ns)" in finding.help
+    assert "longest (1s)" in finding.help
+
+
+def test_jobs_on_demand_count():
+    chain_of_demands = [task("d0", None, version("v", "1ns"))]
+    for i in range(1, 8):
+        rows = [after(f"d{i - 1}", 0, n) for n in range(10)]
+        chain_of_demands.append(task(f"d{i}", None, version("v", "1ns", "u1", *rows)))
+    asks = task("a", "1s", version("v", "1ns", "u1", after("d7", 0, 10)))
+    assert "11111112 jobs" in the(model(asks, *chain_of_demands), codes.TOO_MANY_JOBS).message
+    assert (
+        validate(model(replace(asks, versions=(version("v", "1ns", "u1", after("d6", 0, 10)),)), *chain_of_demands[:7]))
+        == ()
+    )
+
+
+def test_hyperperiod_beyond_all_measure_is_still_explained():
+    system = periodic(*["10ms"] * 3, *(f"{10**29 + i}/{10**28 + 2 * i + 1}ms" for i in range(300)))
+    finding = the(system, codes.TOO_MANY_JOBS)
+    assert "is beyond all measure" in finding.message
+    assert finding.message.endswith("and 295 more; without them the hyperperiod is 10ms")
+
+
+def test_one_duration_too_fine_for_64_bits():
+    fine = task("a", "1s", version("v", "1/9999999999ns"))
+    finding = the(model(fine, task("b", "10ms", version("v", "1ms"))), codes.TOO_MANY_TICKS)
+    assert 'the finest: the WCET 1/9999999999ns of task "a"' in finding.message
+    rounded = Duration.parse(re.search(r"round it to whole (\S+),", finding.help)[1])
+    assert validate(model(replace(fine, versions=(replace(fine.versions[0], wcet=rounded),)))) == ()
+
+
+def test_limit_on_ticks_is_exact():
+    tick = Duration(Fraction(milliseconds(1).ns, MAX_TICKS - 1))
+    system = periodic("1ms")
+    for wcet, count in ((tick, 0), (Duration(Fraction(milliseconds(1).ns, MAX_TICKS)), 1)):
+        owner = replace(system.tasks[0], versions=(replace(system.tasks[0].versions[0], wcet=wcet),))
+        assert len(found(replace(system, tasks=(owner,)), codes.TOO_MANY_TICKS)) == count
+
+
+PERIODS = st.integers(1, 10**6).map(Duration)
+
+
+@given(PERIODS, PERIODS)
+def test_nearest_harmonic_divides_or_is_divided_and_none_is_nearer(period, base):
+    near = nearest_harmonic(period, base)
+    assert not (base % near and near % base)
+    others = [base * k for k in range(1, 4)] + [base / k for k in range(1, 50)]
+    assert all(abs(period.ns - near.ns) <= abs(period.ns - other.ns) for other in others)
+
+
+@given(st.integers(1, 1000), st.integers(1, 1000), st.integers(1, 20))
+def test_nearest_on_grid_is_the_nearest_divisor_on_the_grid(period, base, step):
+    near = nearest_on_grid(Duration(period * step), Duration(base * step), Duration(step))
+    divisors = (d for d in range(1, base + 1) if base % d == 0 and 2 * abs(d - period) <= period and period < base)
+    assert near == Duration(min(divisors, key=lambda d: (abs(d - period), d), default=0) * step)
+
+
+@pytest.mark.parametrize("periods", [("25ms", "1/30s"), ("7ms", "11ms", "13ms"), ("1us", "3us")])
+def test_jobs_agree_with_the_expansion(periods):
+    system = periodic(*periods)
+    assert validate(system) == ()
+    hyperperiod = least_common_multiple(Duration.parse(p) for p in periods)
+    assert expand(system, system.modes[0]).hyperperiod == hyperperiod

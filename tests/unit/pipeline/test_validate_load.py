@@ -1,0 +1,135 @@
+"""Units and resources that no schedule could satisfy, and jobs longer than the hyperperiod."""
+
+from dataclasses import replace
+
+from validate_cases import alone, codes_of, found, the
+
+from halpipe.diagnostics import Severity
+from halpipe.models import Mode, Run
+from halpipe.pipeline.validate import codes, validate
+from support import access, after, mode, model, task, version
+
+
+def busy(name, wcet, units="u1", period=20, *parts, gang=1):
+    return task(name, period, version("v", wcet, units, *parts, gang=gang))
+
+
+def test_unit_filled_exactly_is_not_overloaded():
+    assert validate(model(busy("a", 12), busy("b", 8))) == ()
+
+
+def test_unit_overloaded_by_a_nanosecond():
+    finding = the(model(busy("a", 12), busy("b", "8000001ns")), codes.UNITS_OVERLOADED)
+    assert finding.path == 'mode "all"'
+    assert '"u1" need 20.000001ms, 1ns more than the 20ms there are; the largest: "a" 12ms' in finding.message
+
+
+def test_periods_of_different_length_add_up_over_the_hyperperiod():
+    assert validate(model(busy("a", 6, period=12), busy("b", 9, period=18))) == ()
+    assert codes_of(model(busy("a", 6, period=12), busy("b", 10, period=18))) == {codes.UNITS_OVERLOADED.id}
+
+
+def test_tasks_confined_to_part_of_the_units():
+    system = model(busy("a", 15), busy("b", 15, "u1 u2"), busy("c", 15, "u1 u2"), units="u1 u2 u3")
+    finding = the(system, codes.UNITS_OVERLOADED)
+    assert 'only on "u1", "u2" need 45ms' in finding.message
+
+
+def test_all_units_together():
+    tasks = [busy("a", 15, "u1 u2"), busy("b", 15, "u2 u3"), busy("c", 15, "u1 u3"), busy("d", 16, "u1 u2")]
+    assert '"u1", "u2", "u3" need 61ms' in the(model(*tasks, units="u1 u2 u3"), codes.UNITS_OVERLOADED).message
+
+
+def test_only_the_smallest_overloaded_set_is_named():
+    system = model(busy("a", 15), busy("b", 15), busy("c", 20, "u2"), units="u1 u2")
+    assert 'only on "u1" need' in the(system, codes.UNITS_OVERLOADED).message
+
+
+def test_gang_counts_every_unit_it_takes():
+    assert validate(model(busy("a", 10, "u1 u2", gang=2), busy("b", 10, "u1 u2", gang=2), units="u1 u2")) == ()
+    overloaded = model(busy("a", 11, "u1 u2", gang=2), busy("b", 10, "u1 u2", gang=2), units="u1 u2")
+    assert codes_of(overloaded) == {codes.UNITS_OVERLOADED.id}
+
+
+def test_the_shortest_available_version_counts():
+    a = task("a", 20, version("long", 15), version("short", 5))
+    only_long = [Mode(name="m", runs=(Run(task="a", versions=("long",)), Run(task="b", versions=("v",))))]
+    b = busy("b", 12)
+    assert validate(model(a, b)) == ()
+    assert codes_of(model(a, b, modes=[mode("n", [a, b]), *only_long])) == {codes.UNITS_OVERLOADED.id}
+
+
+def test_a_version_for_other_units_lets_the_task_leave():
+    a = task("a", 20, version("cpu", 15), version("gpu", 15, "u2"))
+    assert validate(model(a, busy("b", 12), units="u1 u2")) == ()
+
+
+def test_jobs_on_demand_count_as_often_as_they_must_be_demanded():
+    server = task("d", None, version("v", 7))
+    once = task(
+        "a", 20, version("v", 1, "u1", after("d", 0, 20)), version("w", 1, "u1", after("d", 0, 20), after("d", 0, 9))
+    )
+    assert validate(model(once, server)) == ()
+    twice = task("b", 10, version("v", 1, "u1", after("d", 0, 20)))
+    assert '"d" 21ms' in the(model(once, twice, server), codes.UNITS_OVERLOADED).message
+
+
+def test_demand_that_a_version_avoids_does_not_count():
+    server = task("d", None, version("v", 7))
+    a = task("a", 5, version("asks", 1, "u1", after("d", 0, 20)), version("does-without", 1))
+    assert found(model(a, server), codes.UNITS_OVERLOADED) == []
+
+
+def phased(name, length, bound, *more, period=20):
+    return busy(name, 20, f"u{name}", period, access("bus", 0, length, bound), *more)
+
+
+def test_resource_filled_exactly_and_overloaded():
+    parts = [phased("1", 10, "1/2"), phased("2", 15, "2/3"), phased("3", 20, "1/4")]
+    assert validate(model(*parts, units="u1 u2 u3", resources="bus")) == ()
+    parts[2] = phased("3", 20, "251/1000")
+    finding = the(model(*parts, units="u1 u2 u3", resources="bus"), codes.RESOURCE_OVERLOADED)
+    assert 'resource "bus" for 20.02ms' in finding.message
+    assert '"2" 10ms' in finding.message
+
+
+def test_the_least_demanding_version_counts_resource_by_resource():
+    heavy, light = version("x", 20, "u1", access("bus", 0, 20)), version("y", 20, "u1", access("bus", 0, 1, "1/2"))
+    none = version("z", 20, "u1")
+    other = phased("2", 19, 1)
+    for versions, overloaded in (
+        ((heavy,), True),
+        ((heavy, light), False),
+        ((light, heavy), False),
+        ((heavy, none), False),
+    ):
+        system = model(task("a", 20, *versions), other, units="u1 u2", resources="bus")
+        assert (codes.RESOURCE_OVERLOADED.id in codes_of(system)) is overloaded
+
+
+def test_several_phases_with_unlike_bounds_add_up():
+    a = phased("1", 3, "1/3", access("bus", 5, 8, "1/2"), access("bus", 8, 10, "1/2"))
+    assert "for 3.5ms" not in str(found(model(a, units="u1", resources="bus"), codes.RESOURCE_OVERLOADED))
+    short = replace(a, period=None)
+    asks = [task(f"t{i}", 7, version("v", "1ns", "u1", after("1", 0, 20))) for i in range(3)]
+    finding = the(model(short, *asks, units="u1", resources="bus"), codes.RESOURCE_OVERLOADED)
+    assert "for 10.5ms" in finding.message
+
+
+def test_job_longer_than_the_hyperperiod():
+    server = task("d", None, version("v", 21, "u2"))
+    asks = busy("a", 1, "u1", 20, after("d", 0, 40))
+    finding = the(model(asks, server, units="u1 u2"), codes.WCET_BEYOND_HYPERPERIOD)
+    assert (finding.path, finding.is_error) == ('mode "all" task "d"', True)
+    assert found(model(busy("b", 1, "u1", 40), asks, server, units="u1 u2"), codes.WCET_BEYOND_HYPERPERIOD) == []
+
+
+def test_job_longer_than_the_hyperperiod_in_one_version_only():
+    server = task("d", None, version("v", 21, "u2"), version("w", 20, "u2"))
+    asks = busy("a", 1, "u1", 20, after("d", 0, 40))
+    finding = the(model(asks, server, units="u1 u2"), codes.WCET_BEYOND_HYPERPERIOD)
+    assert finding.severity is Severity.WARNING
+
+
+def test_wcet_beyond_deadline_is_not_reported_a_second_time():
+    assert codes.WCET_BEYOND_HYPERPERIOD.id not in codes_of(alone("26ms"))

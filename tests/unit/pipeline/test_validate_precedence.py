@@ -1,0 +1,103 @@
+"""Windows, cycles, absent predecessors, and tasks that nobody demands."""
+
+from dataclasses import replace
+
+import pytest
+from validate_cases import codes_of, found, the
+
+from halpipe.diagnostics import Location, Severity
+from halpipe.models import Mode, Run
+from halpipe.pipeline.validate import codes, validate
+from halpipe.pipeline.validate.precedence import MAX_CYCLES
+from support import after, mode, model, task, version
+
+
+def runs(name, *predecessors, period=25):
+    return task(name, period, version("v", 1, "u1", *(after(p, 0, 20) for p in predecessors)))
+
+
+def test_empty_window():
+    assert validate(model(runs("a"), task("b", 25, version("v", 1, "u1", after("a", 5, 5))))) == ()
+    finding = the(model(runs("a"), task("b", 25, version("v", 1, "u1", after("a", 5, 4)))), codes.EMPTY_WINDOW)
+    assert finding.path == 'task "b" version "v" precedence on "a"'
+
+
+def test_task_after_itself():
+    assert codes_of(model(runs("a", "a"))) == {codes.SELF_PRECEDENCE.id}
+
+
+def test_cycle_is_named_from_its_first_task_on():
+    a = replace(runs("a", "c"), at=Location("m.xml", 1))
+    finding = the(model(a, runs("b", "a"), runs("c", "b"), runs("d", "c")), codes.PRECEDENCE_CYCLE)
+    assert finding.path == 'mode "all"'
+    steps = '"c" needs "b", "b" needs "a", "a" needs "c"'
+    assert sorted(finding.message.split(": ")[1].split(", ")) == sorted(steps.split(", "))
+    assert finding.message.startswith("3 tasks")
+
+
+def test_two_separate_cycles_are_two_findings():
+    system = model(runs("a", "b"), runs("b", "a"), runs("c", "d"), runs("d", "c"))
+    assert len(found(system, codes.PRECEDENCE_CYCLE)) == 2
+
+
+def test_cycle_over_versions_that_are_never_available_together():
+    a = task("a", 25, version("free", 1), version("bound", 1, "u1", after("b", 0, 20)))
+    b = task("b", 25, version("free", 1), version("bound", 1, "u1", after("a", 0, 20)))
+    apart = [
+        Mode(name="m", runs=(Run(task="a", versions=("free",)), Run(task="b", versions=("bound",)))),
+        Mode(name="n", runs=(Run(task="a", versions=("bound",)), Run(task="b", versions=("free",)))),
+    ]
+    assert validate(model(a, b, modes=apart)) == ()
+    assert [d.path for d in found(model(a, b, modes=[*apart, mode("o", [a, b])]), codes.PRECEDENCE_CYCLE)] == [
+        'mode "o"'
+    ]
+
+
+def test_cycle_of_a_model_that_has_no_modes_yet():
+    assert the(model(runs("a", "b"), runs("b", "a"), modes=[]), codes.PRECEDENCE_CYCLE).path == 'model "m"'
+
+
+def test_dense_knot_ends():
+    names = [f"t{i}" for i in range(30)]
+    system = model(*(runs(name, *(n for n in names if n != name)) for name in names))
+    assert len(found(system, codes.PRECEDENCE_CYCLE)) == MAX_CYCLES
+
+
+def test_predecessor_absent_from_a_mode():
+    a, b = runs("a"), runs("b", "a")
+    system = model(a, b, modes=[mode("m", [a, b]), mode("n", [b])])
+    finding = the(system, codes.PREDECESSOR_ABSENT)
+    assert finding.path == 'mode "n" task "b" version "v"'
+    assert finding.is_error
+    assert validate(model(a, b)) == ()
+
+
+def test_predecessor_absent_but_another_version_does_without():
+    a = runs("a")
+    b = task("b", 25, version("needy", 1, "u1", after("a", 0, 20)), version("free", 1))
+    system = model(a, b, modes=[mode("m", [a, b]), mode("n", [b])])
+    finding = the(system, codes.VERSION_UNUSABLE)
+    assert (finding.path, finding.severity) == ('mode "n" task "b" version "needy"', Severity.WARNING)
+    assert found(system, codes.PREDECESSOR_ABSENT) == []
+
+
+def test_every_version_with_an_absent_predecessor_is_named_when_none_is_left():
+    a, c = runs("a"), runs("c")
+    b = task("b", 25, version("x", 1, "u1", after("a", 0, 20)), version("y", 1, "u1", after("c", 0, 20)))
+    system = model(a, b, c, modes=[mode("m", [a, b, c]), mode("n", [b])])
+    assert len(found(system, codes.PREDECESSOR_ABSENT)) == 2
+
+
+def test_task_that_nobody_demands():
+    a, d = runs("a"), runs("d", period=None)
+    finding = the(model(a, d), codes.NEVER_DEMANDED)
+    assert (finding.path, finding.severity) == ('mode "all" task "d"', Severity.WARNING)
+    assert validate(model(runs("a", "d"), d)) == ()
+
+
+@pytest.mark.parametrize("asks", [True, False])
+def test_demand_counts_per_mode(asks):
+    d = runs("d", period=None)
+    a, b = runs("a", "d"), runs("b", *(["d"] if asks else []))
+    system = model(a, b, d, modes=[mode("m", [a, d]), mode("n", [b, d])])
+    assert len(found(system, codes.NEVER_DEMANDED)) == (0 if asks else 1)
