@@ -33,7 +33,7 @@ RULE_OF = {
 }
 
 RANDOMS = st.randoms(use_true_random=False)
-FAST = settings(max_examples=120, deadline=None, derandomize=True)
+FAST = settings(max_examples=80, deadline=None, derandomize=True)
 
 
 def errors(system, plan):
@@ -61,7 +61,7 @@ def test_switches_valid_by_construction_are_accepted(rng):
     assert {d.code for d in errors(system, plan)} <= {codes.AGAINST_ITSELF.id}
 
 
-@settings(FAST, max_examples=8)
+@settings(FAST, max_examples=5)
 @given(rng=RANDOMS)
 @pytest.mark.parametrize("name", systems.OPERATORS)
 def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rng):
@@ -72,30 +72,27 @@ def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rn
     assert bool(errors(*mutant)) == bool(expected), f"oracle: {expected}\n{told(errors(*mutant))}"
 
 
-def campaign(seeds, make):
-    """Count the mutants that each operator breaks, comparing every verdict with the oracle's."""
-    killed = Counter()
-    for seed in seeds:
-        for name, mutate in systems.OPERATORS.items():
-            rng = random.Random(f"{seed} {name}")
-            mutant = mutate(rng, *make(rng))
-            if mutant is not None:
-                expected = oracle.broken(*mutant)
-                assert bool(errors(*mutant)) == bool(expected), f"{name} {seed}: {expected}\n{told(errors(*mutant))}"
-                killed[name] += bool(expected)
-    return killed
+def breaks(name, seed, make):
+    """Tell whether the operator, so seeded, breaks a schedule; verify must say the same as the oracle."""
+    rng = random.Random(f"{seed} {name}")
+    mutant = systems.OPERATORS[name](rng, *make(rng))
+    if mutant is None:
+        return False
+    expected = oracle.broken(*mutant)
+    assert bool(errors(*mutant)) == bool(expected), f"{name} {seed}: {expected}\n{told(errors(*mutant))}"
+    return bool(expected)
 
 
-def test_every_operator_breaks_schedules():
-    killed = campaign(range(12), systems.switching_system)
-    assert set(killed) == set(systems.OPERATORS)
-    assert [name for name, count in killed.items() if not count] == []
+@pytest.mark.parametrize("name", systems.OPERATORS)
+def test_every_operator_breaks_schedules(name):
+    assert any(breaks(name, seed, systems.switching_system) for seed in range(60))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [systems.valid_system, systems.switching_system])
 def test_mutants_at_length(make):
-    assert sum(campaign(range(100, 180), make).values()) > 1000
+    found = Counter(breaks(name, seed, make) for seed in range(100) for name in systems.OPERATORS)
+    assert found[True] > 3000
 
 
 def rules_found(system, plan):
@@ -124,13 +121,13 @@ def compare_rules(system, plan):
     assert line - in_modes <= on_line
 
 
-@settings(FAST, max_examples=400)
+@settings(FAST, max_examples=250)
 @given(RANDOMS)
 def test_the_same_rules_are_broken_in_wild_schedules(rng):
     compare_rules(*systems.wild_system(rng))
 
 
-@settings(FAST, max_examples=250)
+@settings(FAST, max_examples=150)
 @given(RANDOMS)
 @example(random.Random(0))
 def test_the_same_rules_are_broken_in_wild_switches(rng):

@@ -237,8 +237,11 @@ def chain_latency(chain, placed, total):
 def reactions_of(chain, line):
     """(start of the job missed, end of the last, part of the line, start of the last) of every stimulus."""
     own = latency_jobs(a for a in line if a.job.task == chain.tasks[0])
-    for missed, seen in pairwise(own):
-        reached = seen
+    for missed in own:
+        later = [a for a in own if a.start > missed.start]
+        if not later:
+            continue
+        reached = later[0]
         for name in chain.tasks[1:]:
             later = [a for a in line if a.job.task == name and a.start >= reached.end]
             if not later:

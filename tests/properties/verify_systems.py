@@ -57,7 +57,7 @@ class Builder:
             self.add_constraint()
         if self.rng.random() < 0.4:
             self.add_on_demand()
-        if self.rng.random() < 0.7:
+        if self.rng.random() < 0.8:
             self.add_accesses()
         chains = self.chains() if self.rng.random() < 0.7 else ()
         return tuple(self.tasks), tuple(self.jobs), chains
@@ -159,8 +159,10 @@ class Builder:
         """Give phases to versions, each with as much of the resource as all others leave it."""
         for owner in self.rng.sample(self.tasks, self.rng.randint(1, len(self.tasks))):
             for chosen in owner.versions:
-                start = self.rng.randrange(oracle.ticks(chosen.wcet))
-                end = self.rng.randint(start + 1, oracle.ticks(chosen.wcet))
+                start, end = 0, oracle.ticks(chosen.wcet)
+                if self.rng.random() < 0.4:
+                    start = self.rng.randrange(end)
+                    end = self.rng.randint(start + 1, end)
                 room = 1 - self.claimed(owner.name, chosen.name, start, end)
                 twice = self.stacked(owner.name, chosen.name, start, end)
                 bound = room / twice * self.rng.choice((1, Fraction(1, 2), Fraction(2, 3)))
