@@ -60,11 +60,10 @@ class _ModelBinder(Binder):
     """One method per element type, in the order of the schema."""
 
     def model(self, root: etree._Element, digest: str) -> TaskModel:
-        platform = root[0] if len(root) else root
         return TaskModel(
             name=self.text(root, "name"),
-            units=tuple(self.unit(e) for e in self.children(platform, "unit")),
-            resources=tuple(self.resource(e) for e in self.children(platform, "resource")),
+            units=tuple(self.unit(e) for e in self._section(root, "platform", "unit")),
+            resources=tuple(self.resource(e) for e in self._section(root, "platform", "resource")),
             tasks=tuple(self.task(e) for e in self._section(root, "tasks", "task")),
             chains=tuple(self.chain(e) for e in self._section(root, "chains", "chain")),
             modes=tuple(self.mode(e) for e in self._section(root, "modes", "mode")),

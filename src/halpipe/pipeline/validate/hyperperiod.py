@@ -169,7 +169,7 @@ def nearest_on_grid(period: Duration, base: Duration, grid: Duration) -> Duratio
     longer = (k for k in range(parts, max(parts - _MAX_STEPS, 0), -1) if steps % k == 0)
     shorter = (k for k in range(parts + 1, min(parts + _MAX_STEPS, steps) + 1) if steps % k == 0)
     found = [base / k for k in (next(longer, 0), next(shorter, 0)) if k]
-    found = [choice for choice in found if 2 * abs(choice.ns - period.ns) <= period.ns]
+    found = [choice for choice in found if 2 * abs(choice.fraction - period.fraction) <= period.fraction]
     return min(found, key=lambda choice: (abs(period.ns - choice.ns), choice), default=ZERO)
 
 
