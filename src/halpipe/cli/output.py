@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from enum import StrEnum
 from typing import TYPE_CHECKING, TextIO
 
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
 
-SHOWN = {Severity.ERROR: 100, Severity.WARNING: 20, Severity.NOTE: 0}
-"""Diagnostics shown in text before the rest is only counted; JSON, SARIF and --verbose have all."""
+SHOWN_PER_CODE = {Severity.ERROR: 20, Severity.WARNING: 4, Severity.NOTE: 0}
+"""Diagnostics of one code shown in text before the rest is only counted; JSON, SARIF and --verbose have all."""
 
 _COLOURS = {Severity.ERROR: "31;1", Severity.WARNING: "33;1", Severity.NOTE: "36"}
 
@@ -82,17 +83,31 @@ def _text(diagnostics: Sequence[Diagnostic], colour: bool) -> list[str]:
     source = SourceLines()
     lines: list[str] = []
     for severity in (Severity.ERROR, Severity.WARNING, Severity.NOTE):
-        found = [d for d in diagnostics if d.severity is severity]
         if Settings.quiet and severity is not Severity.ERROR:
             continue
-        shown = found if Settings.verbose else found[: SHOWN[severity]]
+        found = [d for d in diagnostics if d.severity is severity]
+        shown = _selection(found, SHOWN_PER_CODE[severity])
         for diagnostic in shown:
             text = render_text(diagnostic, source(diagnostic.at))
             lines.append(_coloured(text, diagnostic) if colour else text)
-        if len(found) > len(shown):
-            hidden = len(found) - len(shown)
-            lines.append(f"{hidden} {'more ' if shown else ''}{severity}{'s' * (hidden > 1)}; --verbose shows all")
+        hidden = len(found) - len(shown)
+        if hidden:
+            plural = "s" if hidden > 1 else ""
+            lines.append(f"{hidden} {'more ' if shown else ''}{severity}{plural}; --verbose shows all")
     return lines
+
+
+def _selection(diagnostics: Sequence[Diagnostic], most: int) -> list[Diagnostic]:
+    """Return the first `most` diagnostics of every code, so that many of one kind do not hide one of another."""
+    if Settings.verbose:
+        return list(diagnostics)
+    counts: Counter[str] = Counter()
+    chosen = []
+    for diagnostic in diagnostics:
+        counts[diagnostic.code] += 1
+        if counts[diagnostic.code] <= most:
+            chosen.append(diagnostic)
+    return chosen
 
 
 def _coloured(text: str, diagnostic: Diagnostic) -> str:

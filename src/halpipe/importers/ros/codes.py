@@ -88,7 +88,7 @@ FEEDBACK = warning(
     "HAL0624",
     "Data flows in a loop",
     "Precedence must be free of cycles. Where a loop of data is cut, the reader takes the value of the round before. "
-    "A note when no precedence was lost, because the loop passes through a callback that something else triggers.",
+    "No precedence is lost where the loop passes through a callback that something else triggers.",
 )
 EXCLUSION = note(
     "HAL0625",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Severity
 from halpipe.importers.ros import codes
 
 if TYPE_CHECKING:
@@ -63,7 +62,6 @@ def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]
         at=wiring.callbacks[first.name].at,
         path=f'node "{nodes[0]}"',
         help="state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place",
-        severity=Severity.WARNING if costs else Severity.NOTE,
     )
 
 
