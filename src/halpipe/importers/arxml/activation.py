@@ -1,0 +1,120 @@
+"""What starts what: every event of every component instance with its OS task, and OS tasks on their own."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from halpipe.importers.arxml.names import legal_name
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.importers.arxml.dataflow import Actor
+    from halpipe.importers.arxml.system import Event, Instance, Mapping, OsTask, Place, Runnable, System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Activation:
+    """One reason for work to be done: an event of an instance that starts a runnable, or an OsTask on its own.
+
+    `name` is what a task of it is called. `period` None means that it does not recur, as `reason` explains; `used`
+    are the OS elements that the period comes from, where it is not the event's own.
+    """
+
+    name: str
+    place: Place
+    context: tuple[str, ...] = ()
+    runnable: Runnable | None = None
+    event: Event | None = None
+    mapping: Mapping | None = None
+    os_task: OsTask | None = None
+    period: Duration | None = None
+    offset: Duration | None = None
+    reason: str = ""
+    used: tuple[Place, ...] = ()
+    twin: Actor | None = None
+
+    @property
+    def kind(self) -> str:
+        """The kind of event, or OsTask."""
+        return self.event.place.kind if self.event else self.place.kind
+
+    @property
+    def actor(self) -> Actor:
+        """The runnable of this instance, or the OsTask."""
+        return self.context, self.place.path
+
+    @property
+    def work(self) -> Actor:
+        """What is executed: the runnable, or for a BSW entity the runnable that is the same function (`twin`)."""
+        return self.twin or self.actor
+
+
+def find_activations(system: System) -> list[Activation]:
+    """Pair the events of every instance with runnables and OS tasks; add the OS tasks that run no event."""
+    tasks = {task.place.path: task for task in system.configuration.tasks}
+    mappings: dict[str, list[Mapping]] = {}
+    for mapping in system.configuration.mappings:
+        if mapping.event is not None:
+            mappings.setdefault(mapping.event, []).append(mapping)
+    found = [activation for instance in system.instances for activation in _of_instance(instance, mappings, tasks)]
+    hosting = {mapping.task for mapping in system.configuration.mappings}
+    found += [
+        Activation(name=legal_name(task.place.name), place=task.place, os_task=task)
+        for path, task in tasks.items()
+        if path not in hosting
+    ]
+    return _named_apart(_joined(found, system))
+
+
+def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: dict[str, OsTask]) -> list[Activation]:
+    runnables = {runnable.place.path: runnable for runnable in instance.component.runnables}
+    found = []
+    for event in instance.component.events:
+        runnable = runnables.get(event.runnable or "")
+        if runnable is None:
+            continue
+        mapping = _mapping(instance, mappings.get(event.place.path, []))
+        found.append(
+            Activation(
+                name=legal_name(f"{instance.label}/{runnable.place.name}"),
+                place=runnable.place,
+                context=instance.context,
+                runnable=runnable,
+                event=event,
+                mapping=mapping,
+                os_task=tasks.get(mapping.task or "") if mapping else None,
+            )
+        )
+    return found
+
+
+def _mapping(instance: Instance, mappings: list[Mapping]) -> Mapping | None:
+    """Choose the mapping of an event for one instance: its own, or one that names no instance."""
+    own = [mapping for mapping in mappings if mapping.prototype in instance.context]
+    general = [mapping for mapping in mappings if mapping.prototype is None]
+    any_instance = mappings if len(instance.context) == 1 else []
+    found = own or general or any_instance
+    return next((mapping for mapping in found if mapping.task is not None), found[0] if found else None)
+
+
+def _joined(activations: list[Activation], system: System) -> list[Activation]:
+    """Point BSW entities to the runnable that is the same function, where an instance of it exists."""
+    runnable_of = {twin.entity: twin.runnable for twin in system.twins}
+    actors = {a.place.path: a.actor for a in reversed(activations) if a.runnable is not None}
+    return [replace(a, twin=actors.get(runnable_of.get(a.place.path, ""))) for a in activations]
+
+
+def _named_apart(activations: list[Activation]) -> list[Activation]:
+    """Give runnables that would be called the same their whole AUTOSAR path as a name."""
+    actors = {activation.actor: activation.name for activation in activations}
+    shared = {name for name, count in Counter(actors.values()).items() if count > 1}
+    return [replace(a, name=_full_name(a)) if a.name in shared else a for a in activations]
+
+
+def _full_name(activation: Activation) -> str:
+    if len(activation.context) < 2:
+        return legal_name(activation.place.path.lstrip("/"))
+    steps = [activation.context[0].lstrip("/"), *(path.rpartition("/")[2] for path in activation.context[1:])]
+    return legal_name("/".join((*steps, activation.place.name)))

@@ -1,0 +1,243 @@
+"""Every diagnostic of the ARXML importer."""
+
+from __future__ import annotations
+
+from halpipe.diagnostics import error, note, warning
+
+# ------------------------------------------------------------------------------------------------ files
+NOT_ARXML = error(
+    "HAL0501",
+    "File is not AUTOSAR R4 XML",
+    "The root element must be AUTOSAR in the namespace http://autosar.org/schema/r4.0, which every Classic and "
+    "Adaptive release since 4.0 uses. The schema file named in xsi:schemaLocation is not looked at.",
+)
+OLD_RELEASE = error(
+    "HAL0502",
+    "AUTOSAR release before 4.0",
+    "Releases 2.x and 3.x name and nest their elements differently. Export the model as release 4.x.",
+)
+ADAPTIVE_ONLY = error(
+    "HAL0503",
+    "Only Adaptive Platform elements",
+    "Adaptive manifests state processes, machines and modes, but no periods and no execution times, so no task "
+    "model can be made of them.",
+)
+EB_XDM = error(
+    "HAL0504",
+    "EB tresos project data instead of ARXML",
+    "The file is in the vendor's own format (root element datamodel). The tool can export the same content as ARXML.",
+)
+NO_INPUT = error(
+    "HAL0505",
+    "No ARXML file found",
+    "Nothing was named, or the directories named hold no file that ends in .arxml.",
+)
+SKIPPED_FILE = warning(
+    "HAL0506",
+    "File of a directory was skipped",
+    "A file found while searching a directory is broken, of another release, or no ARXML. Named directly, such a "
+    "file is an error.",
+)
+ADAPTIVE_PART = warning(
+    "HAL0507",
+    "Adaptive elements are not imported",
+    "Beside Classic elements the input holds elements of the Adaptive Platform; only the Classic ones are read.",
+)
+NO_TASKS = error(
+    "HAL0508",
+    "No periodic task in the input",
+    "Neither a runnable, nor a BSW schedulable entity, nor an OS task has a period. Name the files that hold the "
+    "component types with their events, and the ECU configuration of Os and Rte, or give periods in an overlay.",
+)
+GRANULARITY = error(
+    "HAL0509",
+    "Unknown granularity",
+    "Tasks are cut by runnable (one per runnable instance and period), by event (one per event) or by ostask (one "
+    "per OS task and period).",
+)
+
+# ---------------------------------------------------------------------------------------- elements and references
+CONFLICT = error(
+    "HAL0510",
+    "Two parts of one element disagree",
+    "Elements of the same path are one element, split over files. A value that two of its parts state differently "
+    "cannot be merged. Only values that the importer reads are compared.",
+)
+DANGLING = warning(
+    "HAL0511",
+    "Reference to nothing",
+    "No file of the input defines the path that a reference names, so that what depends on it is left out.",
+)
+WRONG_DEST = warning(
+    "HAL0512",
+    "Reference states a wrong kind of target",
+    "The attribute DEST names another kind of element than the one found at the path. The path counts.",
+)
+MALFORMED = warning(
+    "HAL0513",
+    "Element is incomplete",
+    "A child that the element needs to have an effect is missing or empty; the element is left out.",
+)
+VARIANT = warning(
+    "HAL0514",
+    "Variant-dependent elements are imported unconditionally",
+    "Elements with a VARIATION-POINT exist in some variants only. Conditions are not evaluated.",
+)
+
+# ------------------------------------------------------------------------------------------------ periods
+BAD_PERIOD = warning(
+    "HAL0520",
+    "Period is not a positive time",
+    "A period is a positive number of seconds. Zero is what some tools write for 'not periodic'. The event gets its "
+    "period from the OS (schedule table or alarm that triggers it), or else none.",
+)
+SYMBOLIC_UNKNOWN = warning(
+    "HAL0521",
+    "Symbolic period is not defined",
+    "The period is a name instead of a number, and no ECU configuration parameter of that name is in the input, or "
+    "several with different values.",
+)
+SYMBOLIC = note(
+    "HAL0522",
+    "Symbolic period was looked up",
+    "The period is a name; its value is that of the ECU configuration parameter of the same name.",
+)
+FINE_PERIOD = warning(
+    "HAL0523",
+    "Time is not a whole number of nanoseconds",
+    "The value is kept exactly, but a rounded 0.0333333333 in place of 1/30 makes hyperperiods of years. Correct it "
+    "in the source.",
+)
+OS_PERIOD = note(
+    "HAL0524",
+    "Period comes from the OS configuration",
+    "The event itself states no usable period; the schedule table or alarm that triggers it does.",
+)
+BAD_OFFSET = warning(
+    "HAL0525",
+    "Offset is not a time",
+    "An offset is a non-negative number of seconds. The task is imported without an offset.",
+)
+BAD_NUMBER = warning(
+    "HAL0526",
+    "Parameter is not a number",
+    "ECU configuration numbers are decimal, hexadecimal (0x), binary (0b), octal (leading 0) or have an exponent.",
+)
+NO_TICK = warning(
+    "HAL0527",
+    "Counter has no tick duration",
+    "Cycle times of alarms and schedule tables count ticks; without OsSecondsPerTick of the counter they are no time.",
+)
+UNEVEN_TABLE = note(
+    "HAL0528",
+    "Schedule table triggers unevenly",
+    "A task that a table triggers several times at unequal distances becomes one periodic task per expiry point.",
+)
+NO_PERIOD = warning(
+    "HAL0530",
+    "Events that the model cannot express",
+    "Only what recurs with a period is scheduled in a time-triggered system. These events start work at unforeseen "
+    "times: give their runnables a period in the overlay (sources), or accept that the schedule leaves them out.",
+)
+NOT_SCHEDULED = note(
+    "HAL0531",
+    "Events that need no schedule of their own",
+    "Server runnables run within their clients, and initialisation before the schedule begins.",
+)
+SENDERS_DIFFER = warning(
+    "HAL0532",
+    "Data arrives at different rates",
+    "A DATA-RECEIVED-EVENT inherits the period of the runnables that send its data only if they have one in common.",
+)
+
+# ------------------------------------------------------------------------------------------------ the model
+DEFAULT_UNIT = note(
+    "HAL0540",
+    "Execution unit was assumed",
+    "The input configures no core (EcucCoreDefinition, OsApplicationCoreAssignment); one core per ECU is assumed.",
+)
+UNMAPPED = note(
+    "HAL0541",
+    "Tasks may run on every core",
+    "No OsTask, or no core of its OsApplication, is configured for these tasks.",
+)
+NO_WCET = note(
+    "HAL0542",
+    "Execution times are missing",
+    "ARXML files hardly ever state worst-case execution times. The model can be stored and completed by an overlay, "
+    "but not scheduled before.",
+)
+DEFAULT_WINDOW = note(
+    "HAL0543",
+    "Precedence windows were assumed",
+    "AUTOSAR states an order, not distances. A task starts between 0 and one period (the longer one, where two "
+    "tasks differ) after the end of its predecessor.",
+)
+CYCLE = warning(
+    "HAL0544",
+    "Orders contradict each other",
+    "Precedence must be free of cycles. The order of the weakest source that closes the cycle is left out: execution "
+    "order constraints are stronger than positions in OS tasks, those stronger than data-received chains.",
+)
+SEVERAL_GROUPS = note(
+    "HAL0545",
+    "Several mode groups switch tasks off",
+    "Modes of different groups can be active together, and their product would be vast. The model has one mode per "
+    "mode of every group (group.mode), in which only that group switches tasks off, and a mode default with all tasks.",
+)
+ORDER_LOST = warning(
+    "HAL0546",
+    "Part of an execution order was left out",
+    "The constraint names something that is no task here, or uses nested groups or LET intervals.",
+)
+TIMING_IGNORED = warning(
+    "HAL0547",
+    "Timing constraints are not imported",
+    "Latency, offset, synchronisation and triggering constraints of the timing extension have no counterpart in the "
+    "import yet. State deadlines and chains in the overlay.",
+)
+BAD_EXECUTION_TIME = warning(
+    "HAL0548",
+    "Execution time cannot be read",
+    "Execution times are read in microseconds (CSE-CODE 0) only, and must be positive.",
+)
+RENAMED = note(
+    "HAL0549",
+    "Name was adapted",
+    "Names of model elements have no white space and no glob characters, and are unique; a second task of the same "
+    "name is called by its whole AUTOSAR path.",
+)
+COPY = note(
+    "HAL0550",
+    "Composition was taken for a copy",
+    "Tools write the system twice, as it was designed and flattened for the ECU. The Rte configuration names the "
+    "component instances that exist; compositions of which it names none are left out.",
+)
+SEVERAL_ROOTS = warning(
+    "HAL0551",
+    "Component type is used by several root compositions",
+    "Without an Rte configuration it is not known whether they are copies of one system or different systems. All "
+    "are imported.",
+)
+DATA_FLOW = note(
+    "HAL0552",
+    "Data dependencies are not precedence",
+    "Sender-receiver connections deliver the last value written; they order nothing. List them as chains in the "
+    "overlay where data must be fresh.",
+)
+NOT_INSTANTIATED = warning(
+    "HAL0554",
+    "Component type is not part of the system",
+    "The input has compositions, and none of those that are imported uses the type. Its runnables are left out.",
+)
+SAME_FUNCTION = note(
+    "HAL0555",
+    "Two tasks look like the same function",
+    "A runnable of a service component and an entity of its BSW module have the same name, OsTask and position. Tools "
+    "state with an SWC-BSW-MAPPING that they are one function; without it both are imported.",
+)
+TOO_MANY = error(
+    "HAL0553",
+    "Compositions multiply beyond all reason",
+    "Compositions nested into each other make more component instances than any vehicle has.",
+)

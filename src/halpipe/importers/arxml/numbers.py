@@ -1,0 +1,56 @@
+"""Numbers as AUTOSAR writes them, read exactly: times in seconds, and integers of the ECU configuration."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+from halpipe.durations import Duration, seconds
+
+_DOUBLE = re.compile(
+    r"(?P<sign>[+-]?)(?P<digits>[0-9]{1,40}(?:\.[0-9]{0,40})?|\.[0-9]{1,40})(?:[eE](?P<exp>[+-]?[0-9]{1,3}))?"
+)
+_SPECIAL = re.compile(r"[+-]?INF|NaN", re.IGNORECASE)
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_PREFIXED = re.compile(
+    r"(?P<sign>[+-]?)(?:0[xX](?P<hex>[0-9A-Fa-f]{1,32})|0[bB](?P<bin>[01]{1,128})|0(?P<oct>[0-7]{1,40}))"
+)
+_MAX_EXPONENT = 40
+
+
+def parse_number(text: str) -> Fraction | None:
+    """Read an ECU configuration number (``20``, ``0x14``, ``0b10100``, ``024``, ``2.5E-8``); None if it is none."""
+    stripped = text.strip()
+    match = _PREFIXED.fullmatch(stripped)
+    if match is None:
+        return parse_double(stripped)
+    for group, base in (("hex", 16), ("bin", 2), ("oct", 8)):
+        if match[group]:
+            value = int(match[group], base)
+            return Fraction(-value if match["sign"] == "-" else value)
+    return None
+
+
+def parse_double(text: str) -> Fraction | None:
+    """Read an xsd:double other than INF and NaN exactly, never through a binary float; None if it is none."""
+    match = _DOUBLE.fullmatch(text.strip())
+    if match is None:
+        return None
+    exponent = int(match["exp"] or 0)
+    if abs(exponent) > _MAX_EXPONENT:
+        return None
+    whole, _, decimals = match["digits"].partition(".")
+    value = Fraction(int((whole + decimals) or "0"), 10 ** len(decimals)) * Fraction(10) ** exponent
+    return -value if match["sign"] == "-" else value
+
+
+def parse_seconds(text: str) -> Duration | None:
+    """Read a time in seconds; None if it is negative, infinite or no number at all."""
+    value = parse_double(text)
+    return seconds(value) if value is not None and value >= 0 else None
+
+
+def is_symbolic(text: str) -> bool:
+    """Whether `text` is a name in place of a number."""
+    stripped = text.strip()
+    return _NAME.fullmatch(stripped) is not None and _SPECIAL.fullmatch(stripped) is None

@@ -1,0 +1,159 @@
+"""The order of tasks: execution order constraints, positions in OS tasks, data-received chains; without cycles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.periods import senders_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.durations import Duration
+    from halpipe.importers.arxml.dataflow import Actor, DataFlow
+    from halpipe.importers.arxml.grouping import Draft
+    from halpipe.importers.arxml.system import Place, System
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """`first` before `second` (task names), because of the element at `cause`."""
+
+    first: str
+    second: str
+    cause: Place
+
+
+def find_edges(system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> list[Edge]:
+    """Return the precedence between tasks, strongest source first, each pair once, free of cycles."""
+    edges = [
+        *_from_constraints(system, drafts, findings),
+        *_from_positions(drafts),
+        *_from_received_data(drafts, dataflow),
+    ]
+    unique: dict[tuple[str, str], Edge] = {}
+    for edge in edges:
+        if edge.first != edge.second:
+            unique.setdefault((edge.first, edge.second), edge)
+    return _without_cycles(list(unique.values()), findings)
+
+
+# ------------------------------------------------------------------------------------------------- sources
+
+
+def _from_constraints(system: System, drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
+    """Execution order constraints; two runnables of one component type are ordered within each instance only."""
+    by_path: dict[str, list[tuple[Draft, tuple[str, ...]]]] = {}
+    for draft in drafts:
+        for member in draft.members:
+            paths = [member.place.path, *([member.event.place.path] if member.event else [])]
+            for path in paths:
+                by_path.setdefault(path, []).append((draft, member.context))
+    for order in system.orders:
+        lost = [path for path in (order.first, order.second) if path not in by_path]
+        if lost:
+            findings.add(
+                codes.ORDER_LOST(
+                    f"orders {order.first} before {order.second}, but {' and '.join(lost)} is no periodic task",
+                    at=order.place.at,
+                    path=f'{order.place.kind} "{order.place.path}"',
+                    help="give it a period in the overlay (sources) if the order matters",
+                )
+            )
+        same_type = order.first.rpartition("/")[0] == order.second.rpartition("/")[0]
+        for first, first_context in by_path.get(order.first, ()):
+            for second, second_context in by_path.get(order.second, ()):
+                if first_context == second_context or not same_type:
+                    yield Edge(first.name, second.name, order.place)
+
+
+def _from_positions(drafts: Sequence[Draft]) -> Iterator[Edge]:
+    """RtePositionInTask orders what one OsTask runs with one period and offset; equal positions are not ordered."""
+    hosted: dict[tuple[str, Duration, Duration | None], dict[int, list[Draft]]] = {}
+    for draft in drafts:
+        position = draft.position
+        if draft.os_task is not None and position is not None:
+            slots = hosted.setdefault((draft.os_task.place.path, draft.period, draft.offset), {})
+            slots.setdefault(position, []).append(draft)
+    for slots in hosted.values():
+        for earlier, later in pairwise(sorted(slots)):
+            for first in slots[earlier]:
+                for second in slots[later]:
+                    mapping = second.members[0].mapping
+                    assert mapping is not None
+                    yield Edge(first.name, second.name, mapping.place)
+
+
+def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
+    """A task that data starts comes after the tasks of the same period that send the data."""
+    senders: dict[tuple[Actor, Duration], list[Draft]] = {}
+    for draft in drafts:
+        for member in draft.members:
+            senders.setdefault((member.actor, draft.period), []).append(draft)
+    for draft in drafts:
+        for member in draft.members:
+            if member.event is None:
+                continue
+            for actor in senders_of(member, dataflow):
+                for sender in senders.get((actor, draft.period), ()):
+                    yield Edge(sender.name, draft.name, member.event.place)
+
+
+# -------------------------------------------------------------------------------------------------- cycles
+
+
+def _without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
+    """Keep edges in order of strength, leaving out and reporting every one that would close a cycle."""
+    if _is_acyclic(edges):
+        return edges
+    kept: list[Edge] = []
+    successors: dict[str, list[str]] = {}
+    for edge in edges:
+        way = _way(successors, edge.second, edge.first)
+        if way:
+            findings.add(
+                codes.CYCLE(
+                    f'the order "{edge.first}" before "{edge.second}" is left out, because it contradicts '
+                    + " before ".join(f'"{name}"' for name in way),
+                    at=edge.cause.at,
+                    path=f'{edge.cause.kind} "{edge.cause.path}"',
+                    help="correct one of them in the source, or state the order in the overlay (precedence)",
+                )
+            )
+            continue
+        kept.append(edge)
+        successors.setdefault(edge.first, []).append(edge.second)
+    return kept
+
+
+def _is_acyclic(edges: list[Edge]) -> bool:
+    sorter: TopologicalSorter[str] = TopologicalSorter()
+    for edge in edges:
+        sorter.add(edge.second, edge.first)
+    try:
+        sorter.prepare()
+    except CycleError:
+        return False
+    return True
+
+
+def _way(successors: dict[str, list[str]], start: str, end: str) -> list[str]:
+    """Return a shortest way from `start` to `end`, empty if there is none."""
+    came_from = {start: ""}
+    todo = [start]
+    for name in todo:
+        if name == end:
+            way = [end]
+            while came_from[way[-1]]:
+                way.append(came_from[way[-1]])
+            return way[::-1]
+        for following in successors.get(name, ()):
+            if following not in came_from:
+                came_from[following] = name
+                todo.append(following)
+    return []

@@ -1,0 +1,148 @@
+"""What the user is told about an import as a whole: what is no task and why, what was assumed, what data flows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError, Location, sort_diagnostics
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.periods import NOT_SCHEDULED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.arxml.activation import Activation
+    from halpipe.importers.arxml.dataflow import DataFlow
+    from halpipe.importers.arxml.grouping import Draft
+    from halpipe.importers.arxml.platform import Platform
+    from halpipe.importers.arxml.system import System
+    from halpipe.importers.base import Coverage
+    from halpipe.models import TaskModel
+
+_SHOWN = 5
+
+
+def report_periodless(activations: Sequence[Activation], findings: Findings) -> None:
+    """Report events that make no task, one finding for each kind of event and reason."""
+    groups: dict[tuple[str, str], list[Activation]] = {}
+    for activation in activations:
+        if activation.period is None:
+            groups.setdefault((activation.kind, activation.reason), []).append(activation)
+    for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
+        expected = kind in NOT_SCHEDULED
+        code = codes.NOT_SCHEDULED if expected else codes.NO_PERIOD
+        findings.add(
+            code(
+                f"{len(found)} {kind} make no task ({reason}): {_listed([a.name for a in found])}",
+                at=found[0].event.place.at if found[0].event else found[0].place.at,
+                help="" if expected else "give them a period in the overlay (sources), if they belong to the schedule",
+            )
+        )
+
+
+def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], findings: Findings) -> None:
+    """Raise `HalpipeError` with everything found so far if there is no task at all."""
+    if drafts:
+        return
+    counts = {
+        "component types": len(system.components),
+        "events": len(system.events),
+        "OS tasks": len(system.configuration.tasks),
+        "event mappings": len(system.configuration.mappings),
+    }
+    held = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "nothing that runs"
+    findings.add(
+        codes.NO_TASKS(
+            f"no periodic task in the input, which holds {held}",
+            at=Location(paths[0]),
+            help="add the files with component types and their events, or the ECU configuration of Os and Rte",
+        )
+    )
+    raise HalpipeError(*sort_diagnostics(findings.items))
+
+
+def report_assumptions(
+    model: TaskModel,
+    drafts: Sequence[Draft],
+    platform: Platform,
+    paths: Sequence[str],
+    findings: Findings,
+    coverage: Coverage,
+) -> None:
+    """Report and account for what the files do not state: units, bindings, execution times, windows."""
+    at = Location(paths[0])
+    if platform.is_assumed:
+        names = ", ".join(unit.name for unit in model.units)
+        findings.add(
+            codes.DEFAULT_UNIT(f"no core is configured; assumed {names}", at=at, help="name units in the overlay")
+        )
+        for unit in model.units:
+            coverage.defaulted(f'unit "{unit.name}"', "unit", unit.name)
+    unbound = [draft for draft in drafts if platform.bound_unit(draft) is None]
+    if unbound and len(model.units) > 1:
+        findings.add(
+            codes.UNMAPPED(
+                f"{len(unbound)} tasks are bound to no core: {_listed([draft.name for draft in unbound])}",
+                at=at,
+                help="bind them in the overlay (units), or leave the choice to the scheduler",
+            )
+        )
+        for draft in unbound:
+            coverage.defaulted(f'task "{draft.name}"', "units", "all", draft.place.at)
+    _report_times(model, at, findings)
+    _report_windows(model, at, findings, coverage)
+
+
+def _report_times(model: TaskModel, at: Location, findings: Findings) -> None:
+    missing = [task.name for task in model.tasks if task.versions[0].wcet is None]
+    if missing:
+        findings.add(
+            codes.NO_WCET(
+                f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {_listed(missing)}",
+                at=at,
+                help="give them in an overlay (tasks: wcet)",
+            )
+        )
+
+
+def _report_windows(model: TaskModel, at: Location, findings: Findings, coverage: Coverage) -> None:
+    count = 0
+    for task in model.tasks:
+        for precedence in task.versions[0].precedences:
+            count += 1
+            place = precedence.origin.location if precedence.origin else at
+            window = f"{precedence.min} to {precedence.max} after its end"
+            coverage.defaulted(f'task "{task.name}"', f'window after "{precedence.task}"', window, place)
+    if count:
+        findings.add(
+            codes.DEFAULT_WINDOW(
+                f"{count} precedence constraints have windows of one period",
+                at=at,
+                help="state tighter windows in the overlay (precedence)",
+            )
+        )
+
+
+def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> None:
+    """Report the data dependencies between runnables, which order nothing."""
+    if not dataflow.dependencies:
+        return
+    labels = {instance.context: instance.label for instance in system.instances}
+    names = [
+        " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
+        for pair in dataflow.dependencies
+    ]
+    first = next((c for c in system.connectors if c.place.path in dataflow.connectors), None)
+    findings.add(
+        codes.DATA_FLOW(
+            f"{len(names)} data dependencies between runnables: {_listed(names)}",
+            at=first.place.at if first else Location(),
+            help="list those that must be fresh as chains in the overlay",
+        )
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:_SHOWN])
+    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown

@@ -1,0 +1,321 @@
+"""What an ARXML input says about timing, as frozen values between the files and the task model.
+
+Every element has a `Place`: its AUTOSAR path, its kind for the account of elements, and its file and line.
+References that nothing resolves are None or absent here; they have been reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.models import Origin
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Location
+    from halpipe.durations import Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where an element is: AUTOSAR path, kind (XML tag, or ECU configuration definition), file and line."""
+
+    path: str
+    kind: str
+    at: Location
+
+    @property
+    def name(self) -> str:
+        """The short name."""
+        return self.path.rpartition("/")[2]
+
+    @property
+    def origin(self) -> Origin:
+        """The same as the origin of a model element."""
+        return Origin(self.at.file, self.at.line, self.path)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """A value as the file writes it."""
+
+    text: str
+    at: Location
+
+
+# ----------------------------------------------------------------------------------------- software components
+
+
+@dataclass(frozen=True, slots=True)
+class DataItem:
+    """A data element at a port (paths), or a variable between runnables with an empty port."""
+
+    port: str
+    element: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Runnable:
+    """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads."""
+
+    place: Place
+    writes: tuple[DataItem, ...] = ()
+    reads: tuple[DataItem, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """An RTE or BSW event: the runnable it starts (path, None if unresolved or none), and its stated times."""
+
+    place: Place
+    runnable: str | None
+    period: Stated | None = None
+    offset: Stated | None = None
+    data: DataItem | None = None
+    disabled_in: tuple[str, ...] = ()
+
+    @property
+    def is_timing(self) -> bool:
+        """Whether the event is meant to recur with a period."""
+        return self.place.kind in ("TIMING-EVENT", "BSW-TIMING-EVENT")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Component:
+    """A component type or BSW module description with its behaviours' runnables and events."""
+
+    place: Place
+    behaviors: tuple[Place, ...]
+    runnables: tuple[Runnable, ...]
+    events: tuple[Event, ...]
+
+    @property
+    def is_module(self) -> bool:
+        """Whether it is basic software, which has no instances."""
+        return self.place.kind == "BSW-MODULE-DESCRIPTION"
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """One end of a connector: a component prototype (path, empty for the composition itself) and its port (path)."""
+
+    prototype: str
+    port: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Connector:
+    """An assembly or delegation connector, from where data comes to where it goes; an end is None if dangling."""
+
+    place: Place
+    source: End | None
+    target: End | None
+
+
+@dataclass(frozen=True, slots=True)
+class Prototype:
+    """A component prototype: the use of a component type (path, None if dangling) in a composition."""
+
+    place: Place
+    type: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PeriodOverride:
+    """INSTANTIATION-TIMING-EVENT-PROPS: the period of an event (path) in one component prototype (path)."""
+
+    prototype: str
+    event: str
+    period: Stated
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Composition:
+    """A COMPOSITION-SW-COMPONENT-TYPE."""
+
+    place: Place
+    prototypes: tuple[Prototype, ...]
+    connectors: tuple[Connector, ...]
+    overrides: tuple[PeriodOverride, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A component in the system: `context` is its root composition and the prototypes down to it (paths).
+
+    `label` is what tasks of it are called: the names of the prototypes below the root, or the name of the type.
+    """
+
+    label: str
+    context: tuple[str, ...]
+    component: Component
+
+    @property
+    def prototype(self) -> str:
+        """The path of its component prototype, or of its type if it has none."""
+        return self.context[-1]
+
+
+# -------------------------------------------------------------------------------------------- ECU configuration
+
+
+@dataclass(frozen=True, slots=True)
+class Core:
+    """A processor core; `place` is None for one that is only numbered (OsApplicationCoreAssignment)."""
+
+    name: str
+    id: int | None
+    place: Place | None
+
+
+@dataclass(frozen=True, slots=True)
+class OsApplication:
+    """An OsApplication: its tasks (paths) and the name of the core it is bound to."""
+
+    place: Place
+    tasks: tuple[str, ...]
+    core: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class OsTask:
+    """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod."""
+
+    place: Place
+    core: str | None
+    period: Duration | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trigger:
+    """A recurring action of the OS: an alarm, or an expiry point of a repeating schedule table.
+
+    Activates tasks and sets OS events (paths) every `period`, first at `offset`. `through` are the counter that
+    gives ticks their length and the table of the expiry point.
+    """
+
+    place: Place
+    period: Duration
+    offset: Duration
+    tasks: tuple[str, ...]
+    events: tuple[str, ...]
+    through: tuple[Place, ...]
+
+    @property
+    def table(self) -> str:
+        """The path of the schedule table of an expiry point, empty for an alarm."""
+        return self.place.path.rpartition("/")[0] if self.place.kind == "OsScheduleTableExpiryPoint" else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mapping:
+    """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path)."""
+
+    place: Place
+    prototype: str | None
+    event: str | None
+    task: str | None
+    position: int | None
+    offset: Stated | None
+    triggers: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """The ECU configuration of Os, Rte and EcuC; `instances` are the component prototypes (paths) that Rte names."""
+
+    cores: tuple[Core, ...] = ()
+    applications: tuple[OsApplication, ...] = ()
+    tasks: tuple[OsTask, ...] = ()
+    triggers: tuple[Trigger, ...] = ()
+    mappings: tuple[Mapping, ...] = ()
+    instances: tuple[str, ...] = ()
+
+
+# ----------------------------------------------------------------------------------------- modes and constraints
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeGroup:
+    """A MODE-DECLARATION-GROUP: its modes, the initial one first, and its transitions (exited, entered: paths)."""
+
+    place: Place
+    modes: tuple[Place, ...]
+    transitions: tuple[tuple[Place, str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """An order from an EXECUTION-ORDER-CONSTRAINT: `first` before `second`, paths of runnables or events."""
+
+    place: Place
+    first: str
+    second: str
+
+
+@dataclass(frozen=True, slots=True)
+class Twin:
+    """SWC-BSW-RUNNABLE-MAPPING: a runnable and a BSW entity (paths) that are the same function."""
+
+    place: Place
+    runnable: str
+    entity: str
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutionTime:
+    """A worst-case execution time of a runnable (path)."""
+
+    place: Place
+    runnable: str
+    time: Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Ecu:
+    """An ECU-INSTANCE and the component prototypes (paths) that SWC-TO-ECU-MAPPINGs put on it."""
+
+    place: Place
+    prototypes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class System:
+    """Everything that the input says about timing."""
+
+    name: str
+    components: tuple[Component, ...] = ()
+    compositions: tuple[Composition, ...] = ()
+    instances: tuple[Instance, ...] = ()
+    copies: tuple[str, ...] = ()
+    configuration: Configuration = field(default_factory=Configuration)
+    mode_groups: tuple[ModeGroup, ...] = ()
+    orders: tuple[Order, ...] = ()
+    twins: tuple[Twin, ...] = ()
+    execution_times: tuple[ExecutionTime, ...] = ()
+    ecus: tuple[Ecu, ...] = ()
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """Every event of every component type and module."""
+        return tuple(event for component in self.components for event in component.events)
+
+    @property
+    def resolved_events(self) -> tuple[Event, ...]:
+        """The events that start a known runnable."""
+        return tuple(event for event in self.events if event.runnable is not None)
+
+    @property
+    def task_mappings(self) -> tuple[Mapping, ...]:
+        """The event mappings of which both the event and the OsTask are known."""
+        return tuple(m for m in self.configuration.mappings if m.task is not None and m.event is not None)
+
+    @property
+    def connectors(self) -> tuple[Connector, ...]:
+        """The assembly connectors of every composition with both ends known."""
+        return tuple(
+            connector
+            for composition in self.compositions
+            for connector in composition.connectors
+            if connector.place.kind == "ASSEMBLY-SW-CONNECTOR" and connector.source and connector.target
+        )
