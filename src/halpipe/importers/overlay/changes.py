@@ -61,9 +61,7 @@ class Changes:
     _compared: int = 0
     _reported: set[tuple[Location, str]] = field(default_factory=set)
 
-    def pick(
-        self, path: str, what: str, old: T, unset: T, ranks: Ranks[E], read: Callable[[E], Stated[T] | None]
-    ) -> T:
+    def pick(self, path: str, what: str, old: T, unset: T, ranks: Ranks[E], read: Callable[[E], Stated[T] | None]) -> T:
         """Return the value that holds: stated by a firm entry, else by the source, else by a default entry."""
         stated = ranks.firm(read)
         if stated is not None:
@@ -83,9 +81,7 @@ class Changes:
 
     def replaced(self, what: str, old: Iterable[str], at: Location) -> None:
         """Report that the overlay replaces imported elements."""
-        self.note(
-            REPLACED, f"{what} of the overlay replace those of the source: {show(tuple(old))}", at, what
-        )
+        self.note(REPLACED, f"the overlay's replace those of the source: {show(tuple(old))}", at, what)
 
     def removed(self, message: str, at: Location, path: str) -> None:
         """Report that an imported element went because something it refers to went."""
@@ -103,9 +99,7 @@ class Changes:
         """Report values that contradict each other."""
         self.fault(DOES_NOT_FIT, message, at, path, help)
 
-    def unknown(
-        self, kind: str, name: str, known: Iterable[str], at: Location, path: str, otherwise: str
-    ) -> None:
+    def unknown(self, kind: str, name: str, known: Iterable[str], at: Location, path: str, otherwise: str) -> None:
         """Report a reference to nothing, once per place."""
         if (at, name) not in self._reported:
             self._reported.add((at, name))
@@ -122,9 +116,7 @@ class Changes:
                 help = "remove it here, or do not drop it"
                 self.fault(NAMES_DROPPED, f'task "{name}" is dropped by the overlay', at, path, help)
         else:
-            self.unknown(
-                "task", name, sorted(self.tasks), at, path, "the source has no task that resembles it"
-            )
+            self.unknown("task", name, sorted(self.tasks), at, path, "the source has no task that resembles it")
         return False
 
     def suggest(self, name: str, known: Iterable[str], otherwise: str) -> str:

@@ -30,9 +30,7 @@ _ONE = Fraction(1)
 class Fields:
     """One mapping: `path` names it in messages, `keys` are the keys it may have."""
 
-    def __init__(
-        self, file: str, findings: Findings, data: YamlMap, path: str, keys: tuple[str, ...]
-    ) -> None:
+    def __init__(self, file: str, findings: Findings, data: YamlMap, path: str, keys: tuple[str, ...]) -> None:
         self.path = path
         self._file = file
         self._findings = findings
@@ -40,9 +38,7 @@ class Fields:
         for key in data:
             if keys and key not in keys:
                 otherwise = "it may have: " + ", ".join(keys)
-                self.complain(
-                    UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise)
-                )
+                self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
@@ -112,9 +108,7 @@ class Fields:
             return None
         items = self.texts(key, read)
         if not items and self._data[key] == []:
-            self.complain(
-                BAD_VALUE, f'"{key}" is an empty list', key, help="list at least one name, or remove the key"
-            )
+            self.complain(BAD_VALUE, f'"{key}" is an empty list', key, help="list at least one name, or remove the key")
         return Stated(tuple(item.value for item in items), self.at(key)) if items else None
 
     def section(self, key: str, keys: tuple[str, ...], path: str) -> Fields | None:
@@ -137,9 +131,7 @@ class Fields:
             return
         value = self._data[key]
         if not isinstance(value, YamlList):
-            self.complain(
-                WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a list', key, help="write [...] or - ..."
-            )
+            self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a list', key, help="write [...] or - ...")
             return
         for item, line in zip(value, value.lines, strict=True):
             found = self._mapping(item, key, line, path, keys)
@@ -187,9 +179,7 @@ def _kind(value: Any) -> str:
 def name(text: str) -> str:
     """Read the name of a model element."""
     if _NAME.fullmatch(text) is None:
-        hint = (
-            "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
-        )
+        hint = "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
         raise ValueError(f"{text[:80]!r} is not a name; {hint}")
     return text
 
@@ -244,9 +234,7 @@ def one_of(*words: str) -> Callable[[str], str]:
 
     def read(text: str) -> str:
         if text not in words:
-            raise ValueError(
-                f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}"
-            )
+            raise ValueError(f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}")
         return text
 
     return read

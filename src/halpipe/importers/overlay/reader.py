@@ -87,10 +87,7 @@ def _overlay(top: Fields) -> Overlay:
         sources=tuple(_sources(top)),
         tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, 'task "{}"')),
         precedence=_constraints(top),
-        modes={
-            name: _mode(name, f, at)
-            for name, f, at in top.entries("modes", ("tasks", "versions"), 'mode "{}"')
-        },
+        modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), 'mode "{}"')},
         transitions=_transitions(top),
         chains=_chains(top),
         drops=top.texts("drop", fields.pattern),
@@ -202,9 +199,7 @@ def _access(f: Fields) -> Access | None:
     start, end = f.get("start", Duration.parse), f.get("end", fields.positive)
     resource = f.get("resource", fields.name)
     kind = f.get("kind", fields.one_of(*_KINDS))
-    transfers = tuple(
-        _transfer(t) for t in f.items("transfers", ("buffer", "symbol", "size"), f"{f.path} transfer")
-    )
+    transfers = tuple(_transfer(t) for t in f.items("transfers", ("buffer", "symbol", "size"), f"{f.path} transfer"))
     if not f.require("resource", "start", "end") or resource is None or start is None or end is None:
         return None
     if start.value >= end.value:
@@ -240,9 +235,7 @@ def _source(f: Fields) -> Stated[Source] | None:
     defines = tuple(d.value for d in inner.texts("defines", fields.word))
     if not inner.require("files", "entry") or files is None or entry is None:
         return None
-    return Stated(
-        Source(files=files.value, entry=entry.value, defines=defines, at=inner.at()), f.at("source")
-    )
+    return Stated(Source(files=files.value, entry=entry.value, defines=defines, at=inner.at()), f.at("source"))
 
 
 # ----------------------------------------------------------------------------------------------- constraints
@@ -279,9 +272,7 @@ def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
         if not f.require("to") or window is None or to is None:
             continue
         if window.task == to.value:
-            f.complain(
-                BAD_VALUE, f'task "{to.value}" cannot precede itself', "to", help="name two different tasks"
-            )
+            f.complain(BAD_VALUE, f'task "{to.value}" cannot precede itself', "to", help="name two different tasks")
             continue
         pair = (window.task, to.value)
         found[pair] = (*found.get(pair, ()), window)
@@ -296,9 +287,7 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
     f.require("tasks")
     tasks = f.texts("tasks", fields.pattern)
     inner = f.section("versions", (), f"{f.path} versions")
-    versions = (
-        [(Stated(p, inner.at(p)), inner.texts_of(p, fields.name)) for p in inner] if inner is not None else []
-    )
+    versions = [(Stated(p, inner.at(p)), inner.texts_of(p, fields.name)) for p in inner] if inner is not None else []
     return ModeEntry(
         name=name,
         at=at,

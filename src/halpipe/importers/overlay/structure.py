@@ -26,9 +26,7 @@ def platform_part(
     """Return the units or resources that hold: those of the overlay if it lists any, else the imported ones."""
     if stated is None:
         return imported
-    if imported and [replace(e, origin=None) for e in imported] != [
-        replace(e, origin=None) for e in stated.value
-    ]:
+    if imported and [replace(e, origin=None) for e in imported] != [replace(e, origin=None) for e in stated.value]:
         changes.replaced(f"platform {what}", (e.name for e in imported), stated.at)
     return stated.value
 
@@ -43,9 +41,7 @@ def without(model: TaskModel, dropped: Collection[str], changes: Changes) -> Tas
             gone = tuple(task for task in chain.tasks if task in dropped)
             changes.removed(f"went with its dropped tasks {show(gone)}", chain.at, f'chain "{chain.name}"')
     modes = (replace(m, runs=tuple(run for run in m.runs if run.task not in dropped)) for m in model.modes)
-    tasks = (
-        _without_predecessors(task, dropped, changes) for task in model.tasks if task.name not in dropped
-    )
+    tasks = (_without_predecessors(task, dropped, changes) for task in model.tasks if task.name not in dropped)
     return replace(model, tasks=tuple(tasks), chains=tuple(kept), modes=tuple(modes))
 
 
@@ -70,10 +66,12 @@ def chains(imported: tuple[Chain, ...], overlay: Overlay, changes: Changes) -> t
         path = f'chain "{chain.name}"'
         known = [changes.knows_task(task, chain.at, path) for task in chain.tasks]
         old = found.get(chain.name)
-        if old is not None and replace(old, origin=None) != replace(chain, origin=None):
+        if old is not None:
             changes.overridden(path, "tasks", old.tasks, chain.tasks, chain.at)
-            changes.overridden(path, "max-reaction", old.max_reaction, chain.max_reaction, chain.at)
-            changes.overridden(path, "max-age", old.max_age, chain.max_age, chain.at)
+            if old.max_reaction is not None:
+                changes.overridden(path, "max-reaction", old.max_reaction, chain.max_reaction, chain.at)
+            if old.max_age is not None:
+                changes.overridden(path, "max-age", old.max_age, chain.max_age, chain.at)
         if all(known):
             found[chain.name] = chain
     return tuple(found.values())
@@ -111,36 +109,30 @@ def _updated(run: Run, before: Mapping[str, Task], after: Mapping[str, Task]) ->
 
 def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode:
     path = f'mode "{entry.name}"'
+    chosen = _chosen(entry, tasks, path, changes)
+    versions = Patterns((stated.value, (stated, names)) for stated, names in entry.versions)
+    matched = {pattern for name in chosen for pattern, _ in versions.of(name)}
+    for stated, _ in entry.versions:
+        if stated.value not in matched:
+            message = f'versions of "{stated.value}": no such task in this mode'
+            help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
+            changes.fault(MATCHES_NOTHING, message, stated.at, path, help)
+    runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
+    return Mode(name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, path), at=entry.at)
+
+
+def _chosen(entry: ModeEntry, tasks: Mapping[str, Task], path: str, changes: Changes) -> dict[str, Stated[str]]:
+    """Return the tasks that the mode runs, each with the pattern that chose it."""
     chosen: dict[str, Stated[str]] = {}
     for stated in entry.tasks:
-        pattern = stated.value
-        if not is_glob(pattern):
-            if changes.knows_task(pattern, stated.at, path):
-                chosen[pattern] = stated
-            continue
-        matching = expand(pattern, tasks)
-        chosen.update((name, chosen.get(name, stated)) for name in matching)
-        if not matching:
-            _report_glob(pattern, stated, path, changes)
-    versions = Patterns((stated.value, (stated, names)) for stated, names in entry.versions)
-    used = {pattern for name in chosen for pattern, _ in versions.of(name)[:1]}
-    for stated, _ in entry.versions:
-        matched = stated.value in used or any(
-            stated.value in [p for p, _ in versions.of(name)] for name in chosen
-        )
-        if not matched:
-            help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
-            changes.fault(
-                MATCHES_NOTHING,
-                f'versions of "{stated.value}": no such task in this mode',
-                stated.at,
-                path,
-                help,
-            )
-    runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
-    return Mode(
-        name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, path), at=entry.at
-    )
+        if is_glob(stated.value):
+            matching = expand(stated.value, tasks)
+            chosen.update((name, stated) for name in matching if name not in chosen)
+            if not matching:
+                _report_glob(stated.value, stated, path, changes)
+        elif changes.knows_task(stated.value, stated.at, path):
+            chosen[stated.value] = stated
+    return chosen
 
 
 def _report_glob(pattern: str, stated: Stated[str], path: str, changes: Changes) -> None:

@@ -102,17 +102,11 @@ class TaskMerger:
             return self._unit_sets[stated]
         found: dict[str, None] = {}
         for pattern in stated.value:
-            matching = (
-                expand(pattern, self.units)
-                if is_glob(pattern)
-                else [u for u in (pattern,) if u in self.units]
-            )
+            matching = expand(pattern, self.units) if is_glob(pattern) else [u for u in (pattern,) if u in self.units]
             found.update(dict.fromkeys(matching))
             otherwise = f"the units are: {show(self.units)}"
             if not matching and is_glob(pattern):
-                self.changes.fault(
-                    MATCHES_NOTHING, f'units "{pattern}" match no unit', stated.at, path, otherwise
-                )
+                self.changes.fault(MATCHES_NOTHING, f'units "{pattern}" match no unit', stated.at, path, otherwise)
             elif not matching:
                 self.changes.unknown("unit", pattern, self.units, stated.at, path, otherwise)
         self._unit_sets[stated] = tuple(found)
@@ -120,9 +114,7 @@ class TaskMerger:
 
     # ----------------------------------------------------------------------------------------- precedence
 
-    def _precedences(
-        self, path: str, task: str, base: Version, entries: Ranks[VersionEntry]
-    ) -> tuple[Precedence, ...]:
+    def _precedences(self, path: str, task: str, base: Version, entries: Ranks[VersionEntry]) -> tuple[Precedence, ...]:
         """Return the version's constraints: exactly its own where it states some, else imported and listed ones."""
         stated = entries.firm(lambda v: v.precedences)
         if stated is not None:
@@ -160,13 +152,9 @@ class TaskMerger:
             self._check_resource(path, access)
             if changed and version.wcet is not None and access.end > version.wcet:
                 message = f"an access phase ends at {access.end}, the WCET is {version.wcet}"
-                self.changes.does_not_fit(
-                    message, access.at, path, "end the phase earlier, or raise the WCET"
-                )
+                self.changes.does_not_fit(message, access.at, path, "end the phase earlier, or raise the WCET")
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
-            message = (
-                f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
-            )
+            message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
             self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
 
     def _check_resource(self, path: str, access: Access) -> None:
@@ -190,9 +178,7 @@ def _base_versions(task: Task, ranked: Ranked, key: str | None) -> list[Version]
     stated: dict[str, Location] = {}
     for pattern, entry in reversed(ranked):
         if pattern == key:
-            stated.update(
-                {name: version.at for name, version in entry.versions.items() if name not in stated}
-            )
+            stated.update({name: version.at for name, version in entry.versions.items() if name not in stated})
     imported = {v.name: v for v in task.versions}
     placeholder = imported.get(IMPORTED_VERSION)
     template = placeholder or next(iter(task.versions), Version(name=""))
@@ -202,9 +188,7 @@ def _base_versions(task: Task, ranked: Ranked, key: str | None) -> list[Version]
     for name, at in stated.items():
         if name not in kept:
             origin = Origin(at.file, at.line, f'task "{task.name}" version "{name}"')
-            kept[name] = replace(
-                template, name=name, wcet=None, accesses=(), source=None, origin=origin, at=at
-            )
+            kept[name] = replace(template, name=name, wcet=None, accesses=(), source=None, origin=origin, at=at)
     return list(kept.values())
 
 

@@ -41,9 +41,7 @@ class OverlayUse:
         if name not in self._answers:
             listed = [pattern for pattern, _ in self._drops.of(name)]
             self._matched_drops.update(listed)
-            stated = (
-                (pattern, entry.drop) for pattern, entry in self._tasks.of(name) if entry.drop is not None
-            )
+            stated = ((pattern, entry.drop) for pattern, entry in self._tasks.of(name) if entry.drop is not None)
             pattern, drop = next(stated, ("", None))
             dropped = drop is not None and drop.value
             if dropped:
