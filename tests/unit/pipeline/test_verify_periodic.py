@@ -107,6 +107,11 @@ def test_a_wcet_beyond_the_deadline_is_late_wherever_it_starts():
     assert len(messages(long, outside, codes.NOT_PERIODIC)) == 1
 
 
+def test_a_job_outside_its_slack_is_not_late_as_well():
+    tight = system(wcet=4, deadline=4)
+    only(tight, at(tight, 0, 10, 21), codes.NOT_PERIODIC)
+
+
 def test_a_deadline_beyond_the_period_lets_jobs_lie_side_by_side():
     wide = model(
         task("a", 10, version("v", 15, "u1 u2"), deadline=15), task("b", 20, version("v", 1, "u3")), units="u1 u2 u3"

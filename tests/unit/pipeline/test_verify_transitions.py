@@ -129,6 +129,19 @@ def test_units_are_held_across_the_switch():
     assert not errors(system, switch(wrapped, 0))
 
 
+def test_what_is_wrong_within_a_mode_is_reported_by_the_mode_alone():
+    system = two_modes((A, B), (A, B))
+    fine = [("a", 0, "u1"), ("b", 1, "u2")]
+    before = tables(system, [("a", 7, "u1"), ("b", 8, "u1")], [("a", 2, "u2"), ("b", 6, "u2")])
+    assert 'mode "one" unit "u1"' in only(system, switch(before, 0), codes.OVERLAP)
+    after = tables(system, fine, [("a", 0, "u1"), ("b", 1, "u1")])
+    assert 'mode "two" unit "u1"' in only(system, switch(after, 0), codes.OVERLAP)
+    # but what a job of the other mode adds to it belongs to the switch
+    both = tables(system, [("a", 7, "u1"), ("b", 8, "u1")], [("a", 1, "u1"), ("b", 6, "u2")])
+    found = messages(system, switch(both, 0), codes.OVERLAP)
+    assert [line.split(' unit "u1"')[0] for line in found] == ['mode "one"', 'transition "one" to "two"']
+
+
 def test_the_table_shares_units_with_both_modes():
     system = two_modes((A,), (A, B))
     plan = tables(system, [("a", 6, "u2")], [("a", 6, "u2"), ("b", 0, "u1")])
