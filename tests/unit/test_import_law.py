@@ -1,0 +1,175 @@
+"""The import law of the architecture: who may import whom, who may touch the world, and what is imported late.
+
+The tables are the law; docs/explanation/architecture.md gives the reasons.
+"""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import halpipe
+
+SOURCE = Path(halpipe.__file__).parent
+
+FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files"}
+
+# Part of the package -> the parts it may import besides itself. The longest matching name rules.
+MAY_IMPORT = {
+    "quantities": set(),
+    "durations": {"quantities"},
+    "suggest": set(),
+    "diagnostics": set(),
+    "files": {"diagnostics"},
+    "models": {"diagnostics", "durations", "quantities"},
+    "schemas": {"diagnostics"},
+    "importers": FOUNDATION | {"models", "schemas"},
+    "exporters": FOUNDATION | {"models", "schemas"},
+    "pipeline": FOUNDATION | {"models"},
+    # The checker shares nothing with the solver or the exporters, so that a fault of theirs cannot hide in it.
+    "pipeline.verify": {"models", "durations", "quantities", "diagnostics"},
+    # The table of stages and the runner wire importers, pipeline and exporters together, and nothing else does.
+    "pipeline.stages": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
+    "pipeline.run": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
+    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "pipeline"},
+}
+
+# Modules of the outside world -> the parts that may import them.
+WORLD = {
+    "time": {"cli", "pipeline.run"},
+    "datetime": {"cli", "pipeline.run"},
+    "random": set(),
+    "signal": {"cli", "pipeline.run"},
+    # Graphviz is a program; the one function that starts it is called from the command line only.
+    "subprocess": {"cli", "pipeline.run", "exporters.graph"},
+    "multiprocessing": {"cli", "pipeline.run"},
+    "concurrent": {"cli", "pipeline.run"},
+    "threading": {"cli", "pipeline.run"},
+    "socket": set(),
+    "urllib": set(),
+    "tempfile": {"cli", "pipeline.run"},
+    "os": {"cli", "pipeline.run", "files"},
+    "platform": {"cli"},
+    "shutil": {"cli"},
+}
+
+# Functions of ``os.path`` that look at names and not at files: free for all.
+LEXICAL = {f"os.path.{name}" for name in ("basename", "dirname", "join", "normpath", "split", "splitext")}
+
+HEAVY = ("lxml", "yaml", "xmlschema", "numpy", "numba", "jinja2", "graphviz", "ortools", "autosar_data")
+
+MODULES = sorted(SOURCE.rglob("*.py"))
+
+
+def part_of(path):
+    """The dotted name of a module inside the package: ``pipeline.verify.rules``."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def rule_for(part, table):
+    names = [name for name in table if part == name or part.startswith(f"{name}.")]
+    return max(names, key=len, default=None)
+
+
+def imports(path):
+    """Every module that a file imports, at any level, with the line; of ``os``, what is used of it."""
+    package = ["halpipe", *path.relative_to(SOURCE).parts[:-1]]
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno) for alias in node.names if alias.name != "os" or alias.asname)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node).startswith("os."):
+            used = ast.unparse(node)
+            yield from [(used, node.lineno)] if used != "os.path" else []
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            yield from ((f"{module}.{alias.name}", node.lineno) for alias in node.names)
+
+
+def breaches(path, part=None):
+    """The imports of a file that the law forbids."""
+    part = part_of(path) if part is None else part
+    own = rule_for(part, MAY_IMPORT)
+    for name, line in imports(path):
+        top, _, rest = name.partition(".")
+        if top == "halpipe":
+            target = rule_for(rest, MAY_IMPORT) if rest else None
+            allowed = (
+                own is None
+                or target is None
+                or any(target == known or target.startswith(f"{known}.") for known in {own, *MAY_IMPORT[own]})
+            )
+        else:
+            allowed = name in LEXICAL or top not in WORLD or rule_for(part, dict.fromkeys(WORLD[top])) is not None
+        if not allowed:
+            yield f"{path.name}:{line}: {part} must not import {name}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: part_of(path) or "halpipe")
+def test_module_keeps_the_law(path):
+    assert list(breaches(path)) == []
+
+
+def test_every_part_of_the_package_has_a_rule():
+    unruled = [part_of(p) for p in MODULES if rule_for(part_of(p), MAY_IMPORT) is None]
+    assert unruled in ([""], ["", "__main__"])
+
+
+@pytest.mark.parametrize(
+    ("part", "text", "is_allowed"),
+    [
+        ("models.system", "from halpipe.durations import ZERO", True),
+        ("models.system", "from halpipe.files import parse_xml", False),
+        ("importers.ros", "from halpipe.pipeline.validate import validate", False),
+        ("importers.ros", "def f():\n    import halpipe.exporters.graph", False),
+        ("importers.ros", "from halpipe.importers.base import Imported", True),
+        ("exporters.graph", "from halpipe import pipeline", False),
+        ("pipeline.anneal.kernel", "from halpipe.importers.base import Imported", False),
+        ("pipeline.stages", "from halpipe.importers.base import Imported", True),
+        ("pipeline.verify.rules", "from halpipe.pipeline.expand import expand", False),
+        ("pipeline.verify.rules", "from halpipe.pipeline.verify import codes", True),
+        ("pipeline.verify.rules", "from halpipe.suggest import nearest", False),
+        ("pipeline.stages", "from halpipe.cli import main", False),
+        ("cli.show", "from halpipe.pipeline.stages import schedule_model", True),
+        ("pipeline.expand", "import time", False),
+        ("importers.ros", "from os import environ", False),
+        ("importers.ros", "import os\nos.environ['HOME']", False),
+        ("importers.ros", "import os\nos.path.exists('x')", False),
+        ("importers.ros", "import os\nos.path.basename('x')", True),
+        ("cli.run", "import time", True),
+    ],
+)
+def test_the_law_itself(tmp_path, part, text, is_allowed):
+    """Each rule lets through what it should and stops what it should."""
+    path = SOURCE / "imagined.py"
+    found = list(_breaches_of_text(path, part, text, tmp_path))
+    assert (found == []) is is_allowed
+
+
+def _breaches_of_text(path, part, text, folder):
+    written = folder / path.name
+    written.write_text(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(globals(), "SOURCE", folder)
+        yield from breaches(written, part)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "import halpipe",
+        "import halpipe.models, halpipe.durations, halpipe.files",
+        "import halpipe.pipeline.validate",
+        "import halpipe.pipeline.verify",
+        "import halpipe.pipeline.stages",
+        "from halpipe.cli import invoke; invoke(['--help'])",
+    ],
+)
+def test_heavy_libraries_are_imported_on_use_only(statement):
+    """Loading them takes longer than all else that ``halpipe --help`` does."""
+    code = f"import sys\n{statement}\nprint('loaded:', *sorted(set({HEAVY!r}) & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "loaded:"
