@@ -4,6 +4,7 @@ The tables are the law; docs/explanation/architecture.md gives the reasons.
 """
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -80,9 +81,9 @@ def imports(path):
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
             yield from ((alias.name, node.lineno) for alias in node.names if alias.name != "os" or alias.asname)
-        elif isinstance(node, ast.Attribute) and ast.unparse(node).startswith("os."):
-            used = ast.unparse(node)
-            yield from [(used, node.lineno)] if used != "os.path" else []
+        elif isinstance(node, ast.Attribute):
+            used = re.fullmatch(r"os\.(?!path$)\w+|os\.path\.\w+", ast.unparse(node))
+            yield from [(used[0], node.lineno)] if used else []
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             module = ".".join([*base, *([node.module] if node.module else [])])
