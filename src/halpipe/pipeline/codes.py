@@ -38,7 +38,7 @@ OPTIONS_CUT = note(
     "Not all unit sets of a gang are tried",
     "A gang over many unlike units can be placed in more ways than the search considers; it tries the first ones.",
 )
-STILL_BROKEN = note(
+STILL_BROKEN = warning(
     "HAL0407",
     "Rule still broken by the best placement",
     "What verify finds in the best placement of a search that failed: where the conflict is.",

@@ -1,1 +1,142 @@
-"""Plan placeholder."""
+"""The pipeline file of ``halpipe run``: sources, overlay, stages and exports of one system, in YAML.
+
+Paths in it are relative to the file itself, so that a pipeline means the same from wherever it is run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location, error
+from halpipe.durations import Duration
+from halpipe.exporters.base import ExportOptions
+from halpipe.fields import Fields
+from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.importers.base import ImportOptions
+from halpipe.pipeline.schedule import DEFAULT_BUDGET, SearchOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+NOT_A_PIPELINE = error(
+    "HAL0906",
+    "File is no pipeline",
+    'A pipeline is a YAML mapping with the key "halpipe-pipeline: 1", the version of the format.',
+)
+
+VERSION = "1"
+_TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
+_IMPORT = ("format", "inputs", "overlay", "name", "granularity", "strict")
+_SCHEDULE = ("output", "seed", "budget", "tick")
+_EXPORT = ("format", "output", "mode", "title", "cluster")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportStep:
+    """What to read; see `halpipe.pipeline.stages.import_model`."""
+
+    format: str
+    inputs: tuple[str, ...]
+    overlays: tuple[str, ...]
+    options: ImportOptions
+
+
+@dataclass(frozen=True, slots=True)
+class ExportStep:
+    """What to write from the verified schedule."""
+
+    format: str
+    output: str
+    options: ExportOptions
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A pipeline file: without `imports`, the model file is the source."""
+
+    imports: ImportStep | None
+    model: str
+    search: SearchOptions
+    schedule: str
+    exports: tuple[ExportStep, ...]
+
+
+def read_plan(path: str) -> Plan:
+    """Read a pipeline file; raise `HalpipeError` with everything wrong in it."""
+    document = parse_yaml(read_bytes(path), path)
+    if not isinstance(document, YamlMap) or document.get("halpipe-pipeline") != VERSION:
+        help = 'begin it with "halpipe-pipeline: 1"'
+        raise HalpipeError(NOT_A_PIPELINE("is no pipeline of version 1", at=Location(path, 1), help=help))
+    findings = Findings()
+    plan = _Reader(Path(path).parent).plan(Fields(path, findings, document, "pipeline", _TOP))
+    findings.stop_on_errors()
+    return plan
+
+
+class _Reader:
+    """Reads the sections; `base` is the folder that paths are relative to."""
+
+    def __init__(self, base: Path) -> None:
+        self._base = base
+
+    def plan(self, top: Fields) -> Plan:
+        top.require("model", "schedule")
+        imports = top.section("import", _IMPORT, "import")
+        schedule = top.section("schedule", _SCHEDULE, "schedule")
+        if schedule is not None:
+            schedule.require("output")
+        return Plan(
+            imports=None if imports is None else self._import(imports),
+            model=top.value("model", self._path, ""),
+            search=SearchOptions() if schedule is None else _search(schedule),
+            schedule="" if schedule is None else schedule.value("output", self._path, ""),
+            exports=tuple(self._export(f) for f in top.items("exports", _EXPORT, "export")),
+        )
+
+    def _path(self, text: str) -> str:
+        if not text:
+            raise ValueError("the file name is empty; name a file")
+        return str(self._base / text)
+
+    def _import(self, f: Fields) -> ImportStep:
+        f.require("format", "inputs")
+        strict = f.flag("strict")
+        options = ImportOptions(
+            name=f.value("name", str, ""),
+            granularity=f.value("granularity", str, "runnable"),
+            strict=strict is not None and strict.value,
+        )
+        inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
+        overlays = tuple(stated.value for stated in f.texts("overlay", self._path))
+        return ImportStep(f.value("format", str, ""), inputs, overlays, options)
+
+    def _export(self, f: Fields) -> ExportStep:
+        f.require("format", "output")
+        cluster = f.flag("cluster")
+        options = ExportOptions(
+            mode=f.value("mode", str, ""),
+            title=f.value("title", str, ""),
+            cluster=cluster is not None and cluster.value,
+        )
+        return ExportStep(f.value("format", str, ""), f.value("output", self._path, ""), options)
+
+
+def _search(f: Fields) -> SearchOptions:
+    return SearchOptions(
+        seed=f.value("seed", _whole(0), 1),
+        budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
+        tick=f.value("tick", Duration.parse, None),
+    )
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers from `least` on."""
+
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and len(text) <= 18 and int(text) >= least):
+            raise ValueError(f"{text[:40]!r} is not a whole number from {least} on; correct it")
+        return int(text)
+
+    return read

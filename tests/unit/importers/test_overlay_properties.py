@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from overlay_case import apply, overlay, refusal
 
 from halpipe.diagnostics import Location
-from halpipe.importers.overlay.entries import Overlay, Stated, TaskEntry, VersionEntry, merge
+from halpipe.fields import Stated
+from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry, merge
 from support import after, model, ms, task, version
 
 NAMES = ("/a", "/ab", "/abc", "/b", "/ba")

@@ -11,6 +11,7 @@ from halpipe.importers.overlay import codes, read_overlays
 from halpipe.quantities import parse_bandwidth
 from support import ms
 
+OVERLAY_CODES = ("HAL07", "HAL0021", "HAL0022", "HAL0023", "HAL0024")
 MALFORMED = sorted(p for p in FIXTURES.glob("*.yaml") if not p.name.startswith("apply_"))
 MISFITS = sorted(FIXTURES.glob("apply_*.yaml"))
 
@@ -35,13 +36,13 @@ def test_every_entry_that_does_not_fit_the_model_is_reported_at_its_line(path):
 @pytest.mark.parametrize("path", [*MALFORMED, *MISFITS], ids=lambda p: p.stem)
 def test_every_error_says_what_to_do(path):
     diagnostics = refusal(path) or apply(read_overlays([str(path)]))[1]
-    own = [d for d in diagnostics if d.is_error and d.code.startswith("HAL07")]
+    own = [d for d in diagnostics if d.is_error and d.code.startswith(OVERLAY_CODES)]
     assert all(d.help and d.message and (d.path or d.code == codes.NOT_AN_OVERLAY.id) for d in own)
 
 
 def test_every_error_code_has_a_fixture():
     fixtures = {code for path in (*MALFORMED, *MISFITS) for _, code in marks(path)}
-    errors = {id for id, code in REGISTER.items() if id.startswith("HAL07") and code.severity == "error"}
+    errors = {id for id, code in REGISTER.items() if id.startswith(OVERLAY_CODES) and code.severity == "error"}
     assert errors <= fixtures
 
 

@@ -9,22 +9,6 @@ NOT_AN_OVERLAY = error(
     "File is no overlay",
     'An overlay is a YAML mapping whose first key is "halpipe-overlay: 1", the version of the format.',
 )
-UNKNOWN_KEY = error(
-    "HAL0702",
-    "Overlay has an unknown key",
-    "A key that is not read would silently have no effect, so it is an error.",
-)
-WRONG_TYPE = error(
-    "HAL0703",
-    "Overlay has a value of the wrong type",
-    "A mapping, a list or a text stands where another of them is expected, or a key has no value.",
-)
-BAD_VALUE = error(
-    "HAL0704",
-    "Overlay has an unusable value",
-    "A text does not read as the number, duration, name or word that is expected, or is out of its range.",
-)
-MISSING_KEY = error("HAL0705", "Overlay lacks a required key", "An element is incomplete without the key.")
 DUPLICATE = error(
     "HAL0706",
     "Overlay states an element twice",

@@ -7,7 +7,7 @@ overlay as their origin.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -15,18 +15,9 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
+    from halpipe.fields import Stated
     from halpipe.importers.overlay.use import OverlayUse
     from halpipe.models import Access, Chain, Precedence, Resource, Source, Transition, Unit
-
-T_co = TypeVar("T_co", covariant=True)
-
-
-@dataclass(frozen=True, slots=True)
-class Stated(Generic[T_co]):
-    """A value and the place in the overlay that states it."""
-
-    value: T_co
-    at: Location
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

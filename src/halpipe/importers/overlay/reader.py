@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import ZERO, Duration
+from halpipe.fields import BAD_VALUE, Fields, Stated
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.importers.overlay import fields
-from halpipe.importers.overlay.codes import BAD_VALUE, DUPLICATE, NOT_AN_OVERLAY
-from halpipe.importers.overlay.entries import ModeEntry, Overlay, Stated, TaskEntry, VersionEntry, merge
-from halpipe.importers.overlay.fields import Fields
+from halpipe.importers.overlay import values
+from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
+from halpipe.importers.overlay.entries import ModeEntry, Overlay, TaskEntry, VersionEntry, merge
 from halpipe.models import (
     Access,
     AccessKind,
@@ -90,7 +90,7 @@ def _overlay(top: Fields) -> Overlay:
         modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), 'mode "{}"')},
         transitions=_transitions(top),
         chains=_chains(top),
-        drops=top.texts("drop", fields.pattern),
+        drops=top.texts("drop", values.pattern),
     )
 
 
@@ -124,8 +124,8 @@ def _keep_once(found: dict[Any, T], key: Any, element: T, f: Fields, what: str) 
 
 
 def _unit(f: Fields) -> Unit | None:
-    stated = f.get("name", fields.name)
-    type = f.value("type", fields.name, "")
+    stated = f.get("name", values.name)
+    type = f.value("type", values.name, "")
     if stated is None:
         return None
     path = f'platform unit "{stated.value}"'
@@ -133,7 +133,7 @@ def _unit(f: Fields) -> Unit | None:
 
 
 def _resource(f: Fields) -> Resource | None:
-    stated = f.get("name", fields.name)
+    stated = f.get("name", values.name)
     bandwidth = f.value("bandwidth", parse_bandwidth, None)
     if stated is None:
         return None
@@ -143,7 +143,7 @@ def _resource(f: Fields) -> Resource | None:
 
 def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
     for pattern, f, at in top.entries("sources", ("period",), 'source "{}"'):
-        period = f.get("period", fields.positive) if f.require("period") else None
+        period = f.get("period", values.positive) if f.require("period") else None
         if period is not None:
             yield Stated(pattern, at), period.value
 
@@ -161,10 +161,10 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
     return TaskEntry(
         pattern=pattern,
         at=at,
-        period=f.get("period", fields.positive),
-        slack=f.get("slack", fields.share),
+        period=f.get("period", values.positive),
+        slack=f.get("slack", values.share),
         offset=f.get("offset", Duration.parse),
-        deadline=f.get("deadline", fields.positive),
+        deadline=f.get("deadline", values.positive),
         drop=f.flag("drop"),
         common=_version(f, ""),
         versions=versions,
@@ -173,7 +173,7 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
 
 def _is_name(text: str, f: Fields, at: Location) -> bool:
     try:
-        fields.name(text)
+        values.name(text)
     except ValueError as failure:
         message, _, help = str(failure).partition("; ")
         f.complain(BAD_VALUE, message, line=at.line, help=help)
@@ -186,9 +186,9 @@ def _version(f: Fields, name: str) -> VersionEntry:
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
     windows = tuple(_window(w) for w in f.items("precedence", _WINDOW, f"{f.path} precedence"))
     return VersionEntry(
-        wcet=f.get("wcet", fields.positive),
-        units=f.texts_of("units", fields.pattern),
-        gang=f.get("gang", fields.count),
+        wcet=f.get("wcet", values.positive),
+        units=f.texts_of("units", values.pattern),
+        gang=f.get("gang", values.count),
         accesses=Stated(tuple(a for a in accesses if a), f.at("access")) if "access" in f else None,
         precedences=Stated(tuple(w for w in windows if w), f.at("precedence")) if "precedence" in f else None,
         source=_source(f),
@@ -196,9 +196,9 @@ def _version(f: Fields, name: str) -> VersionEntry:
 
 
 def _access(f: Fields) -> Access | None:
-    start, end = f.get("start", Duration.parse), f.get("end", fields.positive)
-    resource = f.get("resource", fields.name)
-    kind = f.get("kind", fields.one_of(*_KINDS))
+    start, end = f.get("start", Duration.parse), f.get("end", values.positive)
+    resource = f.get("resource", values.name)
+    kind = f.get("kind", values.one_of(*_KINDS))
     transfers = tuple(_transfer(t) for t in f.items("transfers", ("buffer", "symbol", "size"), f"{f.path} transfer"))
     if not f.require("resource", "start", "end") or resource is None or start is None or end is None:
         return None
@@ -209,7 +209,7 @@ def _access(f: Fields) -> Access | None:
         resource=resource.value,
         start=start.value,
         end=end.value,
-        bound=f.value("bound", fields.bound, Fraction(1)),
+        bound=f.value("bound", values.bound, Fraction(1)),
         kind=None if kind is None else AccessKind(kind.value),
         transfers=tuple(t for t in transfers if t),
         at=f.at(),
@@ -218,8 +218,8 @@ def _access(f: Fields) -> Access | None:
 
 def _transfer(f: Fields) -> Transfer | None:
     buffer, symbol, size = (
-        f.get("buffer", fields.name),
-        f.get("symbol", fields.name),
+        f.get("buffer", values.name),
+        f.get("symbol", values.name),
         f.get("size", parse_size),
     )
     if not f.require("buffer", "symbol", "size") or buffer is None or symbol is None or size is None:
@@ -231,8 +231,8 @@ def _source(f: Fields) -> Stated[Source] | None:
     inner = f.section("source", ("files", "entry", "defines"), f"{f.path} source")
     if inner is None:
         return None
-    files, entry = inner.texts_of("files", fields.word), inner.get("entry", fields.word)
-    defines = tuple(d.value for d in inner.texts("defines", fields.word))
+    files, entry = inner.texts_of("files", values.word), inner.get("entry", values.word)
+    defines = tuple(d.value for d in inner.texts("defines", values.word))
     if not inner.require("files", "entry") or files is None or entry is None:
         return None
     return Stated(Source(files=files.value, entry=entry.value, defines=defines, at=inner.at()), f.at("source"))
@@ -243,8 +243,8 @@ def _source(f: Fields) -> Stated[Source] | None:
 
 def _window(f: Fields) -> Precedence | None:
     """Read ``{from: task, after: start|end, min: 0ms, max: 2ms}``; the window counts from that instant of `from`."""
-    task = f.get("from", fields.name)
-    anchor = f.value("after", fields.one_of(*_ANCHORS), Anchor.START)
+    task = f.get("from", values.name)
+    anchor = f.value("after", values.one_of(*_ANCHORS), Anchor.START)
     least, high = f.value("min", Duration.parse, ZERO), f.get("max", Duration.parse)
     if not f.require("from", "max") or task is None or high is None:
         return None
@@ -268,7 +268,7 @@ def _window(f: Fields) -> Precedence | None:
 def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
     found: dict[tuple[str, str], tuple[Precedence, ...]] = {}
     for f in top.items("precedence", ("to", *_WINDOW), "precedence"):
-        window, to = _window(f), f.get("to", fields.name)
+        window, to = _window(f), f.get("to", values.name)
         if not f.require("to") or window is None or to is None:
             continue
         if window.task == to.value:
@@ -285,9 +285,9 @@ def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
 def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
     _is_name(name, f, at)
     f.require("tasks")
-    tasks = f.texts("tasks", fields.pattern)
+    tasks = f.texts("tasks", values.pattern)
     inner = f.section("versions", (), f"{f.path} versions")
-    versions = [(Stated(p, inner.at(p)), inner.texts_of(p, fields.name)) for p in inner] if inner is not None else []
+    versions = [(Stated(p, inner.at(p)), inner.texts_of(p, values.name)) for p in inner] if inner is not None else []
     return ModeEntry(
         name=name,
         at=at,
@@ -299,7 +299,7 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
 def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
     found: dict[tuple[str, str], Transition] = {}
     for f in top.items("transitions", ("from", "to", "max-length"), "transition"):
-        source, target = f.get("from", fields.name), f.get("to", fields.name)
+        source, target = f.get("from", values.name), f.get("to", values.name)
         longest = f.value("max-length", Duration.parse, None)
         if not f.require("from", "to") or source is None or target is None:
             continue
@@ -321,10 +321,10 @@ def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
 def _chains(top: Fields) -> dict[str, Chain]:
     found: dict[str, Chain] = {}
     for f in top.items("chains", ("name", "tasks", "max-reaction", "max-age"), "chain"):
-        stated, tasks = f.get("name", fields.name), f.texts_of("tasks", fields.name)
+        stated, tasks = f.get("name", values.name), f.texts_of("tasks", values.name)
         reaction, age = (
-            f.value("max-reaction", fields.positive, None),
-            f.value("max-age", fields.positive, None),
+            f.value("max-reaction", values.positive, None),
+            f.value("max-age", values.positive, None),
         )
         if not f.require("name", "tasks") or stated is None or tasks is None:
             continue

@@ -1,18 +1,15 @@
-"""Typed access to one YAML mapping of an overlay: every value is checked, every problem collected with its line."""
+"""Typed access to the mappings of a YAML settings file: every value is checked, every problem collected with its line.
+
+Readers of single values turn text into a value and raise ``ValueError("what is wrong; what to do")``.
+"""
 
 from __future__ import annotations
 
-import re
-from fractions import Fraction
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from halpipe.diagnostics import Location
-from halpipe.durations import ZERO, Duration
+from halpipe.diagnostics import Location, error
 from halpipe.files import YamlList, YamlMap
-from halpipe.importers.overlay.codes import BAD_VALUE, MISSING_KEY, UNKNOWN_KEY, WRONG_TYPE
-from halpipe.importers.overlay.entries import Stated
-from halpipe.importers.overlay.patterns import is_glob
-from halpipe.quantities import parse_rational
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -22,9 +19,32 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 D = TypeVar("D")
+T_co = TypeVar("T_co", covariant=True)
 
-_NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
-_ONE = Fraction(1)
+UNKNOWN_KEY = error(
+    "HAL0021",
+    "Settings file has an unknown key",
+    "A key that is not read would silently have no effect, so it is an error.",
+)
+WRONG_TYPE = error(
+    "HAL0022",
+    "Settings file has a value of the wrong type",
+    "A mapping, a list or a text stands where another of them is expected, or a key has no value.",
+)
+BAD_VALUE = error(
+    "HAL0023",
+    "Settings file has an unusable value",
+    "A text does not read as the number, duration, name or word that is expected, or is out of its range.",
+)
+MISSING_KEY = error("HAL0024", "Settings file lacks a required key", "An element is incomplete without the key.")
+
+
+@dataclass(frozen=True, slots=True)
+class Stated(Generic[T_co]):
+    """A value and the place in the overlay that states it."""
+
+    value: T_co
+    at: Location
 
 
 class Fields:
@@ -171,70 +191,3 @@ def _kind(value: Any) -> str:
     if isinstance(value, YamlMap):
         return "a mapping"
     return "a list" if isinstance(value, YamlList) else f'the text "{value}"'
-
-
-# The readers of single values: text to value; they raise ValueError("what is wrong; what to do").
-
-
-def name(text: str) -> str:
-    """Read the name of a model element."""
-    if _NAME.fullmatch(text) is None:
-        hint = "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
-        raise ValueError(f"{text[:80]!r} is not a name; {hint}")
-    return text
-
-
-def pattern(text: str) -> str:
-    """Read a name or a glob of names."""
-    if not text:
-        raise ValueError("the pattern is empty; write a name or a glob such as /sensing/*")
-    return text
-
-
-def word(text: str) -> str:
-    """Read a text without white space, such as a file name."""
-    if len(text.split()) != 1 or text.split()[0] != text:
-        raise ValueError(f"{text[:80]!r} is not a single word; remove the white space")
-    return text
-
-
-def positive(text: str) -> Duration:
-    """Read a duration above zero."""
-    duration = Duration.parse(text)
-    if duration == ZERO:
-        raise ValueError(f"{text} is not above zero; write a positive duration")
-    return duration
-
-
-def share(text: str) -> Fraction:
-    """Read a number in [0, 1]."""
-    number = parse_rational(text)
-    if number > _ONE:
-        raise ValueError(f"{text} is above 1; write a share between 0 and 1")
-    return number
-
-
-def bound(text: str) -> Fraction:
-    """Read a number in (0, 1]."""
-    number = share(text)
-    if not number:
-        raise ValueError(f"{text} is not above 0; write a share above 0, up to 1")
-    return number
-
-
-def count(text: str) -> int:
-    """Read a whole number from 1 to a million."""
-    if not (text.isascii() and text.isdigit() and len(text) <= 7 and 1 <= int(text) <= 1_000_000):
-        raise ValueError(f"{text[:80]!r} is not a count; write a whole number from 1 to 1000000")
-    return int(text)
-
-
-def one_of(*words: str) -> Callable[[str], str]:
-    """Return a reader of one of `words`."""
-
-    def read(text: str) -> str:
-        if text not in words:
-            raise ValueError(f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}")
-        return text
-
-    return read

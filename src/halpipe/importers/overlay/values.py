@@ -1,0 +1,82 @@
+"""Readers of single values of an overlay; they raise ``ValueError("what is wrong; what to do")``."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.importers.overlay.patterns import is_glob
+from halpipe.quantities import parse_rational
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
+_ONE = Fraction(1)
+
+
+def name(text: str) -> str:
+    """Read the name of a model element."""
+    if _NAME.fullmatch(text) is None:
+        hint = "globs are not possible here" if is_glob(text) else "use letters, digits and _ . / : ~ + @ $ % -"
+        raise ValueError(f"{text[:80]!r} is not a name; {hint}")
+    return text
+
+
+def pattern(text: str) -> str:
+    """Read a name or a glob of names."""
+    if not text:
+        raise ValueError("the pattern is empty; write a name or a glob such as /sensing/*")
+    return text
+
+
+def word(text: str) -> str:
+    """Read a text without white space, such as a file name."""
+    if len(text.split()) != 1 or text.split()[0] != text:
+        raise ValueError(f"{text[:80]!r} is not a single word; remove the white space")
+    return text
+
+
+def positive(text: str) -> Duration:
+    """Read a duration above zero."""
+    duration = Duration.parse(text)
+    if duration == ZERO:
+        raise ValueError(f"{text} is not above zero; write a positive duration")
+    return duration
+
+
+def share(text: str) -> Fraction:
+    """Read a number in [0, 1]."""
+    number = parse_rational(text)
+    if number > _ONE:
+        raise ValueError(f"{text} is above 1; write a share between 0 and 1")
+    return number
+
+
+def bound(text: str) -> Fraction:
+    """Read a number in (0, 1]."""
+    number = share(text)
+    if not number:
+        raise ValueError(f"{text} is not above 0; write a share above 0, up to 1")
+    return number
+
+
+def count(text: str) -> int:
+    """Read a whole number from 1 to a million."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 7 and 1 <= int(text) <= 1_000_000):
+        raise ValueError(f"{text[:80]!r} is not a count; write a whole number from 1 to 1000000")
+    return int(text)
+
+
+def one_of(*words: str) -> Callable[[str], str]:
+    """Return a reader of one of `words`."""
+
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}")
+        return text
+
+    return read
