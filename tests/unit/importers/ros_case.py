@@ -13,8 +13,9 @@ FIXTURES = Path(__file__).parent / "ros_fixtures"
 class Overlay:
     """Stands in for an overlay in use: what it drops and which sources it gives a period."""
 
-    def __init__(self, sources=None, drop=()):
+    def __init__(self, sources=None, drop=(), periods=None):
         self.sources = sources or {}
+        self.periods = periods or {}
         self.drop = drop
         self.asked = []
 
@@ -25,11 +26,14 @@ class Overlay:
     def source_period(self, topic):
         return Duration.parse(self.sources[topic]) if topic in self.sources else None
 
+    def task_period(self, name):
+        return Duration.parse(self.periods[name]) if name in self.periods else None
 
-def read(*files, sources=None, drop=(), strict=False, name=""):
+
+def read(*files, sources=None, drop=(), periods=None, strict=False, name=""):
     """Import fixtures (or absolute paths)."""
     paths = [str(FIXTURES / file) for file in files]
-    return FORMAT.read(paths, ImportOptions(overlay=Overlay(sources, drop), strict=strict, name=name))
+    return FORMAT.read(paths, ImportOptions(overlay=Overlay(sources, drop, periods), strict=strict, name=name))
 
 
 def refusal(*files, **options):

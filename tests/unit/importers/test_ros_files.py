@@ -173,3 +173,10 @@ def test_the_roboracer_example_gives_the_precedence_of_the_paper():
     (chain,) = imported.model.chains
     assert (chain.name, chain.tasks) == ("lidar-to-steering", tuple(periods(imported)))
     assert {str(d.severity) for d in imported.diagnostics} == {"note"}
+
+
+def test_a_task_period_of_the_overlay_makes_an_event_driven_node_a_task():
+    without = refusal("not_timed.dot")
+    assert [d.code for d in without.diagnostics if d.is_error] == [codes.NO_TASKS.id]
+    imported = read("not_timed.dot", periods={"/driver": "25ms"})
+    assert {task.name: str(task.period) for task in imported.model.tasks} == {"/driver": "25ms", "/filter": "25ms"}

@@ -56,6 +56,12 @@ class OverlayUse:
         self._matched_sources.update(pattern for pattern, _ in found)
         return found[0][1] if found else None
 
+    def task_period(self, name: str) -> Duration | None:
+        """Return the period that a task entry states for `name`, with which an element without one becomes a task."""
+        stated = ((pattern, entry.period) for pattern, entry in self._tasks.of(name) if entry.period is not None)
+        _, period = next(stated, ("", None))
+        return None if period is None else period.value
+
     def apply(self, model: TaskModel, coverage: Coverage) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
         """Return the imported model with everything that the overlay states, and what to tell of it.
 

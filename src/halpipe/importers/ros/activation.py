@@ -20,7 +20,7 @@ from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.rqt import DEADLINE, STATISTICS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.overlay import OverlayUse
@@ -92,16 +92,20 @@ class Activations:
     used_rates: frozenset[Rate]
 
 
-def activate(wiring: Wiring, rates: Iterable[Rate], overlay: OverlayUse | None, findings: Findings) -> Activations:
+def activate(
+    wiring: Wiring,
+    rates: Iterable[Rate],
+    overlay: OverlayUse | None,
+    task_names: Mapping[str, str],
+    findings: Findings,
+) -> Activations:
     """Find the period of every callback that has one; report differing sources and rounded rates."""
     seeds = _Seeds()
     for callback in wiring.graph.callbacks:
         if callback.period is not None:
             seeds.callbacks[callback.name] = (callback.period, "its timer")
     if overlay is not None:
-        for topic in wiring.all_topics:
-            if (period := overlay.source_period(topic)) is not None:
-                seeds.topics[topic] = (period, f'topic "{topic}", from the overlay')
+        _seed_from_overlay(wiring, overlay, task_names, seeds)
     active = _settle(wiring, seeds)
     best = _best_rates(rates, findings)
     used = set()
@@ -113,6 +117,17 @@ def activate(wiring: Wiring, rates: Iterable[Rate], overlay: OverlayUse | None, 
         active = _settle(wiring, seeds)
     _report_several(wiring, seeds, active, findings)
     return Activations(active, frozenset(seeds.topics), frozenset(used))
+
+
+def _seed_from_overlay(wiring: Wiring, overlay: OverlayUse, task_names: Mapping[str, str], seeds: _Seeds) -> None:
+    """Take the periods that the overlay states of topics, and of callbacks without a timer."""
+    for topic in wiring.all_topics:
+        if (period := overlay.source_period(topic)) is not None:
+            seeds.topics[topic] = (period, f'topic "{topic}", from the overlay')
+    for callback in wiring.graph.callbacks:
+        period = overlay.task_period(task_names[callback.name])
+        if callback.name not in seeds.callbacks and period is not None:
+            seeds.callbacks[callback.name] = (period, "the overlay")
 
 
 def _settle(wiring: Wiring, seeds: _Seeds) -> dict[str, Activation]:

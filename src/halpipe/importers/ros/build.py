@@ -47,7 +47,7 @@ def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
     findings.stop_on_errors()
     names = task_names(graph, Names(findings))
     wiring = Wiring.of(prune(graph, options.overlay, names, coverage))
-    activations = activate(wiring, [*rates, *graph.rates], options.overlay, findings)
+    activations = activate(wiring, [*rates, *graph.rates], options.overlay, names, findings)
     report_unknown_publishers(wiring, findings)
     flow = order_by_data(wiring, activations, findings)
     result = Result(wiring, activations, flow)
@@ -69,7 +69,7 @@ def _stem(file: str) -> str:
 
 def _stop_without_tasks(result: Result, file: str, findings: Findings) -> None:
     if not result.activations.of:
-        help = "state periods of source topics under sources: in an overlay, or add a rosbag2 metadata.yaml"
+        help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
         findings.add(codes.NO_TASKS("nothing in the graph has a period", at=Location(file), help=help))
         raise HalpipeError(*sort_diagnostics(findings.items))
 
