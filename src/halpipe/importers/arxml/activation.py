@@ -6,9 +6,11 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name
 
 if TYPE_CHECKING:
+    from halpipe.diagnostics import Findings
     from halpipe.durations import Duration
     from halpipe.importers.arxml.dataflow import Actor
     from halpipe.importers.arxml.system import Event, Instance, Mapping, OsTask, Place, Runnable, System
@@ -51,7 +53,7 @@ class Activation:
         return self.twin or self.actor
 
 
-def find_activations(system: System) -> list[Activation]:
+def find_activations(system: System, findings: Findings) -> list[Activation]:
     """Pair the events of every instance with runnables and OS tasks; add the OS tasks that run no event."""
     tasks = {task.place.path: task for task in system.configuration.tasks}
     mappings: dict[str, list[Mapping]] = {}
@@ -61,11 +63,11 @@ def find_activations(system: System) -> list[Activation]:
     found = [activation for instance in system.instances for activation in _of_instance(instance, mappings, tasks)]
     hosting = {mapping.task for mapping in system.configuration.mappings}
     found += [
-        Activation(name=legal_name(task.place.name), place=task.place, os_task=task)
+        Activation(name=task.place.name, place=task.place, os_task=task)
         for path, task in tasks.items()
         if path not in hosting
     ]
-    return _named_apart(_joined(found, system))
+    return _named_apart(_joined(found, system), findings)
 
 
 def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: dict[str, OsTask]) -> list[Activation]:
@@ -78,7 +80,7 @@ def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: 
         mapping = _mapping(instance, mappings.get(event.place.path, []))
         found.append(
             Activation(
-                name=legal_name(f"{instance.label}/{runnable.place.name}"),
+                name=f"{instance.label}/{runnable.place.name}",
                 place=runnable.place,
                 context=instance.context,
                 runnable=runnable,
@@ -106,15 +108,27 @@ def _joined(activations: list[Activation], system: System) -> list[Activation]:
     return [replace(a, twin=actors.get(runnable_of.get(a.place.path, ""))) for a in activations]
 
 
-def _named_apart(activations: list[Activation]) -> list[Activation]:
-    """Give runnables that would be called the same their whole AUTOSAR path as a name."""
-    actors = {activation.actor: activation.name for activation in activations}
-    shared = {name for name, count in Counter(actors.values()).items() if count > 1}
-    return [replace(a, name=_full_name(a)) if a.name in shared else a for a in activations]
+def _named_apart(activations: list[Activation], findings: Findings) -> list[Activation]:
+    """Give runnables that would be called the same their whole AUTOSAR path, and every name its legal form."""
+    actors = {activation.actor: activation for activation in activations}
+    shared = {name for name, count in Counter(a.name for a in actors.values()).items() if count > 1}
+    names = {}
+    for actor, activation in actors.items():
+        name = legal_name(_full_name(activation) if activation.name in shared else activation.name)
+        names[actor] = name
+        if name != activation.name:
+            findings.add(
+                codes.RENAMED(
+                    f'is called "{name}"',
+                    at=activation.place.at,
+                    path=f'{activation.place.kind} "{activation.name}"',
+                )
+            )
+    return [replace(activation, name=names[activation.actor]) for activation in activations]
 
 
 def _full_name(activation: Activation) -> str:
     if len(activation.context) < 2:
-        return legal_name(activation.place.path.lstrip("/"))
+        return activation.place.path.lstrip("/")
     steps = [activation.context[0].lstrip("/"), *(path.rpartition("/")[2] for path in activation.context[1:])]
-    return legal_name("/".join((*steps, activation.place.name)))
+    return "/".join((*steps, activation.place.name))

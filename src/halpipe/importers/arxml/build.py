@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.grouping import Draft
     from halpipe.importers.arxml.precedence import Edge
     from halpipe.importers.arxml.system import ExecutionTime, Place, System
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.base import Coverage, ImportOptions
 
 
 def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
@@ -39,10 +39,24 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
     """
     _check_granularity(options.granularity)
     findings = Findings()
+    try:
+        model, coverage = _import(paths, options, findings)
+        findings.stop_on_errors()
+    except HalpipeError as failure:
+        found = sort_diagnostics((*findings.items, *failure.diagnostics))
+        raise HalpipeError(*(map(_as_error, found) if options.strict else found), exit=failure.exit) from None
+    found = sort_diagnostics(findings.items)
+    if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
+        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
+    return Imported(model=model, diagnostics=tuple(found), coverage=coverage)
+
+
+def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
     tree = read_tree(paths, findings)
     system = read_system(tree)
     dataflow = find_dataflow(system)
-    activations = decide_periods(system, find_activations(system), dataflow, tree, options.overlay)
+    activations = find_activations(system, findings)
+    activations = decide_periods(system, activations, dataflow, tree, options.overlay)
     drafts = _kept(group(activations, options.granularity), options)
     reports.report_periodless(activations, findings)
     reports.check_tasks(system, drafts, paths, findings)
@@ -56,6 +70,7 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
         tasks=tuple(_tasks(system, drafts, edges, platform)),
         modes=modes,
         transitions=transitions,
+        origin=system.place.origin if system.place else None,
     )
     note_activations(ledger, activations, drafts)
     note_structure(ledger, system, drafts, dataflow)
@@ -63,7 +78,8 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
     coverage = ledger.close(tree, container_kinds(tree))
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     reports.report_dataflow(system, dataflow, findings)
-    return Imported(model=model, diagnostics=_concluded(findings, options.strict), coverage=coverage)
+    reports.report_same_functions(drafts, findings)
+    return model, coverage
 
 
 def _check_granularity(granularity: str) -> None:
@@ -82,16 +98,6 @@ def _kept(drafts: list[Draft], options: ImportOptions) -> list[Draft]:
         return drafts
     overlay = options.overlay
     return [draft for draft in drafts if not overlay.drops(draft.name)]
-
-
-def _concluded(findings: Findings, strict: bool) -> tuple[Diagnostic, ...]:
-    """Return the findings in order; raise them if any is an error, or under `strict` any is a warning."""
-    found = sort_diagnostics(findings.items)
-    if any(diagnostic.is_error for diagnostic in found):
-        raise HalpipeError(*found)
-    if strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
-        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
-    return tuple(found)
 
 
 def _as_error(found: Diagnostic) -> Diagnostic:

@@ -108,15 +108,17 @@ def _overrides(tree: Tree, node: Node) -> Iterator[PeriodOverride]:
 
 def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
     """Read every ECU instance with the component prototypes mapped to it."""
-    mapped: dict[str, list[str]] = {node.path: [] for node in tree.tagged("ECU-INSTANCE")}
+    ecus = tree.tagged("ECU-INSTANCE")
+    mapped: dict[str, list[str]] = {node.path: [] for node in ecus}
+    mappings: dict[str, list[Place]] = {node.path: [] for node in ecus}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
         ref = tree.ref(node, "ECU-INSTANCE-REF")
         ecu = tree.find(ref, f'mapping "{node.path}"', ("ECU-INSTANCE",)) if ref else None
         if ecu is not None:
             refs = tree.refs(node, "COMPONENT-IREFS/COMPONENT-IREF/TARGET-COMPONENT-REF")
             mapped[ecu.path] += [ref.path for ref in refs]
-    ecus = (tree.get(path, "ECU-INSTANCE") for path in mapped)
-    return tuple(Ecu(place_of(ecu), tuple(mapped[ecu.path])) for ecu in ecus if ecu)
+            mappings[ecu.path].append(place_of(node))
+    return tuple(Ecu(place_of(ecu), tuple(mapped[ecu.path]), tuple(mappings[ecu.path])) for ecu in ecus)
 
 
 # ----------------------------------------------------------------------------------------------- instances

@@ -112,7 +112,12 @@ def note_activations(ledger: Ledger, activations: Iterable[Activation], drafts: 
 def note_structure(ledger: Ledger, system: System, drafts: Sequence[Draft], dataflow: DataFlow) -> None:
     """Note what gives tasks their place: components, prototypes, compositions, connectors, applications, cores."""
     used = {path for draft in drafts for member in draft.members for path in member.context}
+    instantiated = {instance.component.place.path for instance in system.instances}
     for component in system.components:
+        if component.place.path not in instantiated:
+            inner = [*(e.place for e in component.events), *(r.place for r in component.runnables)]
+            for place in inner:
+                ledger.ignored(place, "its component type is no part of the system")
         for place in (component.place, *component.behaviors):
             ledger.ignored(place, "has no periodic runnable")
     type_paths = {p.place.path: p.type for c in system.compositions for p in c.prototypes}
@@ -129,3 +134,6 @@ def note_structure(ledger: Ledger, system: System, drafts: Sequence[Draft], data
         if any(path in os_tasks for path in application.tasks):
             ledger.mapped(application.place)
     ledger.mapped(*(core.place for core in system.configuration.cores if core.place))
+    for ecu in system.ecus:
+        if not system.configuration.cores and used & set(ecu.prototypes):
+            ledger.mapped(ecu.place, *ecu.mappings)

@@ -264,17 +264,26 @@ _PERIOD_HELP = "write it in seconds, such as 0.01, or give a period in the overl
 
 
 def _from_overlay(activations: list[Activation], overlay: OverlayUse) -> list[Activation]:
-    """Give runnables that no event starts periodically the period that the overlay states for them."""
+    """Give runnables that no event starts periodically the period that the overlay states for them.
+
+    Of several events that start one, it goes to the arrival of data, else to one that an OsTask runs.
+    """
     periodic = {a.actor for a in activations if a.period is not None}
-    found, given = [], set()
-    for activation in activations:
-        if activation.actor not in periodic and activation.actor not in given:
-            period = overlay.source_period(activation.name)
-            if period is not None:
-                given.add(activation.actor)
-                activation = replace(activation, period=period)
-        found.append(activation)
-    return found
+    idle: dict[Actor, list[int]] = {}
+    for index, activation in enumerate(activations):
+        if activation.actor not in periodic:
+            idle.setdefault(activation.actor, []).append(index)
+    result = list(activations)
+    for indices in idle.values():
+        name = result[indices[0]].name
+        period = overlay.task_period(name) or overlay.source_period(name)
+        if period is None:
+            continue
+        chosen = min(indices, key=lambda i: (result[i].kind != _DATA_RECEIVED, result[i].os_task is None))
+        for index in indices:
+            result[index] = replace(result[index], reason="the overlay states when its runnable starts")
+        result[chosen] = replace(result[chosen], period=period, reason="")
+    return result
 
 
 def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Findings) -> list[Activation]:
@@ -283,7 +292,7 @@ def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Find
     Works forward from periodic senders until nothing changes, so that chains of data-received events inherit too.
     """
     result = list(activations)
-    pending = [index for index, a in enumerate(result) if a.kind == _DATA_RECEIVED and a.period is None]
+    pending = [index for index, a in enumerate(result) if _is_pending(a)]
     while True:
         waiting = {result[index].actor for index in pending}
         ready = [i for i in pending if not any(sender in waiting for sender in senders_of(result[i], dataflow))]
@@ -293,6 +302,10 @@ def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Find
         for index in ready:
             result[index] = _inherit(result[index], periods, dataflow, findings)
         pending = [index for index in pending if index not in ready]
+
+
+def _is_pending(activation: Activation) -> bool:
+    return activation.kind == _DATA_RECEIVED and activation.period is None and not activation.reason
 
 
 def senders_of(activation: Activation, dataflow: DataFlow) -> tuple[Actor, ...]:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, sort_diagnostics
+from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.compositions import find_instances, read_compositions, read_ecus
 from halpipe.importers.arxml.constraints import read_execution_times, read_orders, report_ignored
 from halpipe.importers.arxml.ecuc import read_configuration
 from halpipe.importers.arxml.modes import read_mode_groups
 from halpipe.importers.arxml.sniff import load
-from halpipe.importers.arxml.swc import is_component_type, read_components, read_twins
+from halpipe.importers.arxml.swc import is_component_type, place_of, read_components, read_twins
 from halpipe.importers.arxml.system import System
 from halpipe.importers.arxml.tree import Tree
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from halpipe.importers.arxml.system import Place
 
 _ADAPTIVE = (
     "ADAPTIVE-APPLICATION-SW-COMPONENT-TYPE",
@@ -48,7 +50,7 @@ def read_system(tree: Tree) -> System:
     instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
     report_ignored(tree)
     return System(
-        name=_name(tree),
+        place=_place(tree),
         components=components,
         compositions=compositions,
         instances=instances.items,
@@ -63,8 +65,8 @@ def read_system(tree: Tree) -> System:
 
 
 def _check_platform(tree: Tree) -> None:
-    adaptive = tree.tagged(*_ADAPTIVE)
-    if not adaptive:
+    first = next((node for node in tree.nodes() if node.tag in _ADAPTIVE), None)
+    if first is None:
         return
     counts = ", ".join(f"{len(found)} {tag}" for tag in _ADAPTIVE if (found := tree.tagged(tag)))
     classic = any(node.tag in _CLASSIC or _is_classic_type(node.tag) for node in tree.nodes())
@@ -72,7 +74,7 @@ def _check_platform(tree: Tree) -> None:
         tree.findings.add(
             codes.ADAPTIVE_PART(
                 f"Adaptive elements are not imported: {counts}",
-                at=adaptive[0].at,
+                at=first.at,
                 help="describe what they run in the overlay",
             )
         )
@@ -80,21 +82,21 @@ def _check_platform(tree: Tree) -> None:
     tree.findings.add(
         codes.ADAPTIVE_ONLY(
             f"holds only Adaptive elements: {counts}",
-            at=adaptive[0].at,
+            at=first.at,
             help="write a task model by hand, or import the ARXML of the Classic side",
         )
     )
-    raise HalpipeError(*sort_diagnostics(tree.findings.items))
+    raise HalpipeError(*tree.findings.items)
 
 
 def _is_classic_type(tag: str) -> bool:
     return is_component_type(tag) and not tag.startswith("ADAPTIVE-")
 
 
-def _name(tree: Tree) -> str:
-    """Name the system after its only ECU, root composition, SYSTEM or composition, whichever comes first."""
+def _place(tree: Tree) -> Place | None:
+    """Return what the system is named after: its only ECU, root composition, SYSTEM or composition."""
     for tag in ("ECU-INSTANCE", "ROOT-SW-COMPOSITION-PROTOTYPE", "SYSTEM", "COMPOSITION-SW-COMPONENT-TYPE"):
         found = tree.tagged(tag)
         if len(found) == 1:
-            return found[0].name
-    return "arxml"
+            return place_of(found[0])
+    return None

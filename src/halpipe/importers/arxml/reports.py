@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location, sort_diagnostics
+from halpipe.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.periods import NOT_SCHEDULED
 
@@ -59,7 +59,7 @@ def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], f
             help="add the files with component types and their events, or the ECU configuration of Os and Rte",
         )
     )
-    raise HalpipeError(*sort_diagnostics(findings.items))
+    raise HalpipeError(*findings.items)
 
 
 def report_assumptions(
@@ -141,6 +141,25 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
             help="list those that must be fresh as chains in the overlay",
         )
     )
+
+
+def report_same_functions(drafts: Sequence[Draft], findings: Findings) -> None:
+    """Report BSW entities next to runnables of the same name at the same position of an OsTask, if not joined."""
+    by_slot: dict[tuple[str, str, int], Draft] = {}
+    for draft in drafts:
+        if draft.os_task is None or draft.position is None:
+            continue
+        slot = (draft.os_task.place.path, draft.place.name, draft.position)
+        other = by_slot.setdefault(slot, draft)
+        if other is not draft and other.place.kind != draft.place.kind and other.period == draft.period:
+            findings.add(
+                codes.SAME_FUNCTION(
+                    f'has the name, OsTask and position of "{other.name}"',
+                    at=draft.place.at,
+                    path=f'task "{draft.name}"',
+                    help="drop one of them in the overlay if they are one function",
+                )
+            )
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -277,13 +277,14 @@ class Ecu:
 
     place: Place
     prototypes: tuple[str, ...]
+    mappings: tuple[Place, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class System:
-    """Everything that the input says about timing."""
+    """Everything that the input says about timing; `place` is the element that gives the system its name."""
 
-    name: str
+    place: Place | None = None
     components: tuple[Component, ...] = ()
     compositions: tuple[Composition, ...] = ()
     instances: tuple[Instance, ...] = ()
@@ -294,6 +295,11 @@ class System:
     twins: tuple[Twin, ...] = ()
     execution_times: tuple[ExecutionTime, ...] = ()
     ecus: tuple[Ecu, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The name of the ECU, root composition or system, or ``arxml`` where there is not exactly one."""
+        return self.place.name if self.place else "arxml"
 
     @property
     def events(self) -> tuple[Event, ...]:

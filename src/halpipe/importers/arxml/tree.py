@@ -154,7 +154,11 @@ class Tree:
                 continue
             name = "".join((short_name.text or "").split())
             if not name:
-                self.findings.add(codes.MALFORMED("has an empty SHORT-NAME", at=place(short_name, document.name)))
+                self.findings.add(
+                    codes.MALFORMED(
+                        "has an empty SHORT-NAME", at=place(short_name, document.name), help="give it a name"
+                    )
+                )
                 continue
             ancestor = element.getparent()
             while ancestor is not None and ancestor not in owners:
@@ -276,10 +280,6 @@ class Tree:
                 )
             )
         return node
-
-    def get(self, path: str, *tags: str) -> Node | None:
-        """Return the node at `path`, of one of `tags` if any are given, without reporting anything."""
-        return next((node for node in self._by_path.get(path, []) if not tags or node.tag in tags), None)
 
     # ------------------------------------------------------------------------------------------ reporting
 

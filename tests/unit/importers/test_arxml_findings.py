@@ -1,0 +1,67 @@
+"""Every diagnostic of the ARXML importer has a small input that triggers it at the line marked HERE."""
+
+from pathlib import Path
+
+import pytest
+from arxml_case import FIXTURES, read, refusal
+
+from halpipe.diagnostics import Code, HalpipeError, Severity
+from halpipe.importers.arxml import codes
+
+CASES = sorted((FIXTURES / "findings").iterdir())
+WITHOUT_FIXTURE = {
+    codes.NO_INPUT.id,  # an empty directory
+    codes.GRANULARITY.id,  # an option
+}
+
+
+def diagnose(path):
+    try:
+        return read(path).diagnostics
+    except HalpipeError as failure:
+        return failure.diagnostics
+
+
+def marked_place(case):
+    """Return the (file, line) marked HERE, None if none is."""
+    for path in sorted(case.iterdir()) if case.is_dir() else [case]:
+        for number, line in enumerate(path.read_text().splitlines(), 1):
+            if "HERE" in line:
+                return str(path), number
+    return None
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.stem)
+def test_it_reports_the_code_at_the_line(case):
+    code = case.name.split("-")[0]
+    reported = [diagnostic for diagnostic in diagnose(case) if diagnostic.code == code]
+    assert reported
+    place = marked_place(case)
+    if place is not None:
+        assert place in {(diagnostic.at.file, diagnostic.at.line) for diagnostic in reported}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.stem)
+def test_errors_and_warnings_name_file_and_what_to_do(case):
+    for diagnostic in diagnose(case):
+        assert Path(diagnostic.at.file).exists()
+        if diagnostic.severity is not Severity.NOTE:
+            assert diagnostic.help
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.stem)
+def test_strict_turns_warnings_into_errors_and_lets_notes_pass(case):
+    lossy = any(diagnostic.severity is not Severity.NOTE for diagnostic in diagnose(case))
+    if not lossy:
+        read(case, strict=True)
+        return
+    severities = {diagnostic.severity for diagnostic in refusal(case, strict=True).diagnostics}
+    assert Severity.ERROR in severities
+    assert Severity.WARNING not in severities
+
+
+def test_every_code_has_a_fixture():
+    declared = {value.id for value in vars(codes).values() if isinstance(value, Code)}
+    shown = {case.name.split("-")[0] for case in CASES}
+    assert declared - WITHOUT_FIXTURE <= shown
+    assert not declared & WITHOUT_FIXTURE & shown

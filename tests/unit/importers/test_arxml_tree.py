@@ -1,0 +1,172 @@
+"""Files become one tree: encodings, split elements, reference bases, white space, files that do not belong."""
+
+import pytest
+from arxml_case import (
+    component,
+    document,
+    el,
+    every,
+    found,
+    named,
+    package,
+    periods,
+    read,
+    ref,
+    refusal,
+    write,
+)
+
+from halpipe.diagnostics import Exit, Findings
+from halpipe.files import BROKEN_XML, CANNOT_READ
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.reading import read_tree
+
+PUMP = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+TEXT = document(package("T", PUMP))
+ONE_TASK = {"Pump/Step": "10ms"}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        TEXT.encode(),
+        b'<?xml version="1.0" encoding="utf-8"?>\n' + TEXT.encode(),
+        b'\xef\xbb\xbf<?xml version="1.0" encoding="utf-8"?>' + TEXT.encode(),
+        b"\xef\xbb\xbf" + TEXT.encode(),
+        b'<?xml version="1.0" encoding="ISO-8859-1"?><!-- \xe4 -->' + TEXT.encode(),
+        b'<?xml version="1.0" encoding="UTF-16"?>'.decode().encode("utf-16") + TEXT.encode("utf-16")[2:],
+        TEXT.replace("><", ">\r\n<").encode(),
+        TEXT.replace("<AUTOSAR xmlns=", "<a:AUTOSAR xmlns:a=")
+        .replace("</", "</a:")
+        .replace("<", "<a:")
+        .replace("<a:/a:", "</a:")
+        .replace("<a:a:", "<a:")
+        .encode(),
+    ],
+    ids=["no declaration", "utf-8", "BOM", "BOM only", "latin-1", "utf-16", "CRLF", "prefixed"],
+)
+def test_encodings_and_prefixes(tmp_path, data):
+    path = tmp_path / "pump.arxml"
+    path.write_bytes(data)
+    assert periods(read(path)) == ONE_TASK
+
+
+def test_white_space_in_references_and_names_is_ignored(tmp_path):
+    text = TEXT.replace("/T/Pump/B/Step", "\n   /T/Pump\n   /B/Step ").replace(">Step<", "> Step\n<")
+    path = tmp_path / "pump.arxml"
+    path.write_text(text)
+    imported = read(path)
+    assert periods(imported) == ONE_TASK
+    assert not found(imported, codes.DANGLING)
+
+
+def test_an_element_split_over_files_is_one(tmp_path):
+    event = every("0.01", "Tick", "Pump/Step")
+    write(tmp_path, package("T", component("Pump", runnables="Step")), name="a.arxml")
+    write(tmp_path, package("T", component("Pump", event)), name="b.arxml")
+    assert periods(read(tmp_path)) == ONE_TASK
+
+
+def test_equal_copies_are_no_conflict(tmp_path):
+    write(tmp_path, package("T", PUMP), name="a.arxml")
+    write(tmp_path, package("T", PUMP.replace("0.01", "1.0E-2")), name="b.arxml")
+    imported = read(tmp_path)
+    assert periods(imported) == ONE_TASK
+    assert [task.origin.file for task in imported.model.tasks] == [str(tmp_path / "a.arxml")]
+
+
+def test_a_conflict_names_both_places(tmp_path):
+    first = write(tmp_path, package("T", PUMP), name="a.arxml")
+    second = write(tmp_path, package("T", PUMP.replace("0.01", "0.02")), name="b.arxml")
+    (conflict,) = [d for d in refusal(tmp_path).diagnostics if d.code == codes.CONFLICT.id]
+    assert conflict.at.file == str(second)
+    assert str(first) in conflict.message
+    assert conflict.path == "/T/Pump/B/Tick"
+
+
+def test_values_that_nothing_reads_may_differ(tmp_path):
+    write(tmp_path, package("T", PUMP, named("SYSTEM", "S", el("CATEGORY", "one"))), name="a.arxml")
+    write(tmp_path, package("T", named("SYSTEM", "S", el("CATEGORY", "two"))), name="b.arxml")
+    assert periods(read(tmp_path)) == ONE_TASK
+
+
+def bases(*entries):
+    return el("REFERENCE-BASES", *[el("REFERENCE-BASE", *entry) for entry in entries])
+
+
+def test_relative_references_use_the_base_they_name_or_the_default_of_their_package(tmp_path):
+    def pump(event_ref):
+        behavior = named(
+            "SWC-INTERNAL-BEHAVIOR",
+            "B",
+            el("EVENTS", named("TIMING-EVENT", "Tick", event_ref, el("PERIOD", "0.01"))),
+            el("RUNNABLES", named("RUNNABLE-ENTITY", "Step")),
+        )
+        return named("APPLICATION-SW-COMPONENT-TYPE", "Pump", el("INTERNAL-BEHAVIORS", behavior))
+
+    target = ref("PACKAGE-REF", "/T", "AR-PACKAGE")
+    label = el("SHORT-LABEL", "types")
+    cases = [
+        ('<START-ON-EVENT-REF BASE="types">Pump/B/Step</START-ON-EVENT-REF>', (label, target)),
+        (
+            "<START-ON-EVENT-REF>Pump/B/Step</START-ON-EVENT-REF>",
+            (label, el("IS-DEFAULT", "true"), target),
+        ),
+    ]
+    for event_ref, base in cases:
+        content = named("AR-PACKAGE", "T", bases(base), el("ELEMENTS", pump(event_ref)))
+        assert periods(read(write(tmp_path, content))) == ONE_TASK
+
+
+def test_elements_of_one_path_and_different_kinds_are_told_apart(tmp_path):
+    imported = read(write(tmp_path, package("T", named("CLIENT-SERVER-INTERFACE", "Pump"), PUMP)))
+    assert periods(imported) == ONE_TASK
+    assert ("CLIENT-SERVER-INTERFACE", 1, 0, 1) in imported.coverage.rows()
+
+
+def test_a_dangling_reference_suggests_where_the_name_exists(tmp_path):
+    path = write(tmp_path, package("T", PUMP.replace("/T/Pump/B/Step", "/t/Pump/B/Step")))
+    (dangling,) = [d for d in refusal(path).diagnostics if d.code == codes.DANGLING.id]
+    assert "/T/Pump/B/Step" in dangling.help
+
+
+def test_every_path_of_the_input_is_a_node(tmp_path):
+    tree = read_tree([str(write(tmp_path, package("T", PUMP)))], Findings())
+    assert [node.path for node in tree.nodes()] == ["/T", "/T/Pump", "/T/Pump/B", "/T/Pump/B/Tick", "/T/Pump/B/Step"]
+
+
+def test_an_empty_directory_is_an_error(tmp_path):
+    failure = refusal(tmp_path)
+    assert [d.code for d in failure.diagnostics] == [codes.NO_INPUT.id]
+    assert failure.exit is Exit.FINDINGS
+
+
+def test_nothing_named_is_an_error():
+    assert [d.code for d in refusal().diagnostics] == [codes.NO_INPUT.id]
+
+
+def test_a_missing_file_is_an_error(tmp_path):
+    assert [d.code for d in refusal(tmp_path / "none.arxml").diagnostics] == [CANNOT_READ.id]
+
+
+def test_every_unusable_file_is_reported(tmp_path):
+    good = write(tmp_path, package("T", PUMP), name="good.arxml")
+    broken = tmp_path / "broken.arxml"
+    broken.write_text("<AUTOSAR>")
+    other = tmp_path / "other.arxml"
+    other.write_text("<html/>")
+    reported = {(d.at.file, d.code) for d in refusal(good, broken, other).diagnostics}
+    assert reported == {(str(broken), BROKEN_XML.id), (str(other), codes.NOT_ARXML.id)}
+
+
+def test_a_directory_of_unusable_files_is_an_error(tmp_path):
+    (tmp_path / "other.arxml").write_text("<html/>")
+    assert {d.code for d in refusal(tmp_path).diagnostics} == {codes.SKIPPED_FILE.id, codes.NO_INPUT.id}
+
+
+def test_files_are_named_as_the_user_named_them(tmp_path, monkeypatch):
+    (tmp_path / "in").mkdir()
+    write(tmp_path / "in", package("T", PUMP), name="pump.arxml")
+    monkeypatch.chdir(tmp_path)
+    imported = read("in")
+    assert [task.origin.file for task in imported.model.tasks] == ["in/pump.arxml"]
