@@ -11,7 +11,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.durations import least_common_multiple
+from halpipe.durations import ZERO, least_common_multiple
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration
@@ -59,6 +59,12 @@ class Expansion:
     def job_count(self) -> int:
         """The sum of N over all tasks."""
         return sum(active.jobs for active in self.tasks)
+
+    @property
+    def mean_wcet(self) -> Duration:
+        """The mean WCET of all jobs in their first versions; zero without any."""
+        work = sum(((active.versions[0].wcet or ZERO) * active.jobs for active in self.tasks), start=ZERO)
+        return work / max(1, self.job_count)
 
 
 def demands_for(version: Version, task: str) -> int:

@@ -56,12 +56,13 @@ def worst_age(members: list[list[PlacedJob]], hyperperiod: int) -> int | None:
     """Return the worst data age in ticks of a chain given by the jobs of its tasks, first to last."""
     if not all(members):
         return None
-    ends = [Instants.of(((job.end, n) for n, job in enumerate(jobs)), hyperperiod) for jobs in members[:-1]]
+    # of jobs that end together, the one that started later is the newer: it has the greater label, less its WCET
+    ends = [Instants.of(((job.end, -job.wcet) for job in jobs), hyperperiod) for jobs in members[:-1]]
     worst = 0
     for last in members[-1]:
         time = last.start
-        for jobs, instants in zip(reversed(members[:-1]), reversed(ends), strict=True):
-            end, reached = instants.at_or_before(time)
-            time = end - jobs[reached].wcet
+        for instants in reversed(ends):
+            end, started = instants.at_or_before(time)
+            time = end + started
         worst = max(worst, last.end - time)
     return worst

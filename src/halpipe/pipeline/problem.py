@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from halpipe.durations import Duration, greatest_common_divisor
+from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor
 from halpipe.pipeline.expand import Expansion, demands_for
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from halpipe.models import Access, Chain, Precedence, Task, Unit, Version
+    from halpipe.models import Chain, Precedence, Task, Unit, Version
     from halpipe.pipeline.expand import ActiveTask
 
     Ints = NDArray[np.int64]
@@ -59,6 +59,7 @@ class Arrays(NamedTuple):
     option_wcet: Ints
     option_late: Ints  # largest delta that slack and deadline allow
     option_present: Ints  # 0 for the option of a demand job not to run
+    option_recency: Ints  # of jobs that end on the same tick, the one with more ended last, or started later
     rect_first: Ints  # per option
     rect: Ints  # lane, offset, length, height
     row_first: Ints  # per option
@@ -173,7 +174,8 @@ class _Builder:
         self.chains = [
             chain
             for chain in chains
-            if (chain.max_reaction or chain.max_age) and all(name in self.task_index for name in chain.tasks)
+            if (chain.max_reaction is not None or chain.max_age is not None)
+            and all(name in self.task_index for name in chain.tasks)
         ]
         self.options: list[Option] = []
 
@@ -194,7 +196,7 @@ class _Builder:
         jobs = self._jobs()
         windows = self._windows()
         chains = self._chains()
-        mean = max(1, self._mean_wcet())
+        mean = max(1, self.ticks(self.expansion.mean_wcet))
         arrays = Arrays(
             hyperperiod=self.hyperperiod,
             lane_capacity=_ints(capacity),
@@ -234,7 +236,7 @@ class _Builder:
                 unmeetable = any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints)
                 if slip < 0 or length > self.hyperperiod or unmeetable:
                     continue
-                phases = [self._phase(access, quanta) for access in version.accesses]
+                phases = self._phases(version, quanta)
                 for choice in self._choices(version):
                     self.options.append(Option(version, choice))
                     rects.append([(group, 0, length, count) for group, count in choice] + phases)
@@ -257,11 +259,19 @@ class _Builder:
             "option_wcet": _ints(wcet),
             "option_late": _ints(late),
             "option_present": _ints(present),
+            "option_recency": self._recency(),
             "rect_first": rect_first,
             "rect": rect,
             "row_first": row_first,
             "row": row,
         }
+
+    def _recency(self) -> Ints:
+        """Rank the options by what their ends lack of a whole tick, and by their WCETs: what lacks least ends last."""
+        wcets = [(option.version.wcet if option.version else None) or ZERO for option in self.options]
+        keys = [(self.tick * self.ticks_up(wcet) - wcet, wcet) for wcet in wcets]
+        place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
+        return _ints(place[key] for key in keys)
 
     def _length(self, version: Version) -> int:
         assert version.wcet is not None, "validated models state every WCET"
@@ -272,14 +282,29 @@ class _Builder:
         task = active.task
         if task.period is None or version.wcet is None:
             return 0
-        room = (task.deadline or task.period) - version.wcet
-        return min(self.ticks(task.period * task.slack), self.ticks(room))
+        room = (task.period if task.deadline is None else task.deadline) - version.wcet
+        # No job slips a whole period: of two jobs that start together, only their names would say which is the first.
+        return min(self.ticks(task.period * task.slack), self.ticks(room), self.ticks(task.period) - 1)
 
-    def _phase(self, access: Access, quanta: list[int]) -> tuple[int, int, int, int]:
-        lane = self.lane_of_resource[access.resource]
-        start, end = self.ticks(access.start), self.ticks_up(access.end)
-        height = math.ceil(access.bound * quanta[lane - len(self.groups)])
-        return lane, start, end - start, height
+    def _phases(self, version: Version, quanta: list[int]) -> list[tuple[int, int, int, int]]:
+        """Return rectangles for a version's access phases; those on one lane never overlap.
+
+        The kernel looks at one rectangle at a time, so what a job claims twice at once must be one of them. On every
+        tick stands the most that the job claims at any instant of it.
+        """
+        rects = []
+        for name in dict.fromkeys(access.resource for access in version.accesses):
+            lane = self.lane_of_resource[name]
+            accesses = [access for access in version.accesses if access.resource == name]
+            edges = sorted({edge for a in accesses for edge in (self.ticks(a.start), self.ticks_up(a.end))})
+            instants = sorted({access.start for access in accesses})
+            for begin, end in itertools.pairwise(edges):
+                inside = [t for t in instants if self.tick * begin <= t < self.tick * end]
+                claims = [sum(a.bound for a in accesses if a.start <= t < a.end) for t in (self.tick * begin, *inside)]
+                height = math.ceil(max(claims) * quanta[lane - len(self.groups)])
+                if height:
+                    rects.append((lane, begin, end - begin, height))
+        return rects
 
     def _row(self, row: Precedence) -> tuple[int, int, int, int]:
         """Return predecessor, min, width and anchor of a window; a width below zero can never be met."""
@@ -371,11 +396,6 @@ class _Builder:
         assert task.period is not None
         return self.ticks(task.offset % task.period)
 
-    def _mean_wcet(self) -> int:
-        jobs = self.expansion.job_count
-        work = sum(active.jobs * self._length(active.versions[0]) for active in self.expansion.tasks)
-        return work // jobs if jobs else 0
-
     def _construction(self) -> Ints:
         """Order the entries by the time their jobs take, heaviest first."""
         load = []
@@ -397,8 +417,8 @@ class _Builder:
                         continue
                     if (index,) not in consumers[other]:
                         consumers[other].append((index,))
-                    partners[index][(other, low, width, 1, from_end)] = None
-                    partners[other][(index, low, width, -1, from_end)] = None
+                    partners[index][(other, low, max(0, width), 1, from_end)] = None
+                    partners[other][(index, low, max(0, width), -1, from_end)] = None
         near = max(1, self.hyperperiod // 64)
         for chain in self.chains:
             for earlier, later in itertools.pairwise(self.task_index[name] for name in chain.tasks):

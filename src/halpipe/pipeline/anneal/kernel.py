@@ -231,16 +231,15 @@ def move(p, s, noise):
     end = p.entry_job[entry + 1]
     task = p.job_task[begin]
     single = False
-    if not fresh and end - begin > 1 and is_flexible(p, task) and draw(s.random, 2) == 0:
+    alone = end - begin == 1 and p.entry_offset[entry] < 0  # then the job is free to go anywhere as a whole
+    if not fresh and not alone and is_flexible(p, task) and draw(s.random, 2) == 0:
         single = True
         begin = conflicting if conflicting >= 0 else begin + draw(s.random, end - begin)
         end = begin + 1
     coupled = p.task_coupled[task] == 1
-    before = 0
+    before = side_cost(p, s, task, begin, end) if coupled else 0
     best = NEVER
     if not fresh:
-        if coupled:
-            before = side_cost(p, s, task, begin, end)
         before += take_out(p, s, begin, end)
         best = before - (register[TEMPERATURE] * noise[draw(s.random, len(noise))] >> NOISE_SHIFT)
     sample(p, s, noise, task, begin, end, single, fresh, best)
@@ -256,6 +255,13 @@ def move(p, s, noise):
             heat_up_overlapped(p, s, job)
         if side > 0:
             heat_up_partners(p, s, task, begin, end)
+    note_best(p, s)
+
+
+@compiled
+def note_best(p, s):
+    """Remember the current placement if it is complete and the best so far."""
+    register = s.register
     if register[INSERTED] == len(p.entry_offset) and register[COST] < register[BEST]:
         register[BEST] = register[COST]
         for job in range(len(s.start)):
@@ -285,6 +291,7 @@ def load(p, s):
     for entry in range(len(p.entry_offset)):
         heat_up(p, s, entry)
     s.register[COST] = total_cost(p, s)
+    note_best(p, s)
     return s.register[COST]
 
 

@@ -12,14 +12,20 @@ import numpy as np
 from halpipe.models import Job
 from halpipe.pipeline.anneal.kernel import anneal, load
 from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import BEST, COST, INSERTED, MOVES, State, new_state
+from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.anneal.state import BEST, INSERTED, MOVES, State, new_state
 from halpipe.pipeline.anneal.units import Arc, assign_units
+from halpipe.pipeline.problem import Option
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from halpipe.durations import Duration
     from halpipe.pipeline.problem import Problem
+
+    Ints = NDArray[np.int64]
 
 SLICE_WORK = 20_000
 """Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
@@ -47,21 +53,32 @@ def search(problem: Problem, separate: Callable[[], Problem], seed: int, budget:
     state = new_state(problem.arrays, seed, problem.mean_wcet)
     stopped = _run(problem, state, budget, on_slice)
     moves = int(state.register[MOVES])
-    units = None if state.register[COST] else _deal(problem, state.start, state.option)
-    if units is None and not state.register[COST] and not stopped:
-        alone = separate()
-        state = _continue(problem, state, alone, seed)
-        problem = alone
-        stopped = _run(problem, state, max(0, budget - moves), on_slice)
+    start, option = _best(problem, state)
+    units = _deal(problem, start, option)
+    if units is None and state.register[BEST] == 0:
+        problem, state = _continue(problem, start, option, state.phase, separate(), seed)
+        stopped = _run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best))
         moves += int(state.register[MOVES])
-    complete = int(state.register[BEST]) == int(state.register[COST])
-    start, option = (state.start, state.option) if complete else (state.best_start, state.best_option)
-    if start.min(initial=0) < 0:
-        start = np.maximum(start, 0)
-    units = units or _deal(problem, start, option) or _deal_anyhow(problem, start, option)
-    jobs = tuple(_jobs(problem, state, start, option, units))
-    cost = int(state.register[COST] if complete else state.register[BEST])
-    return Outcome(jobs, cost, moves, stopped)
+        start, option = _best(problem, state)
+        units = _deal(problem, start, option)
+    jobs = tuple(_jobs(problem, start, option, units or _deal_anyhow(problem, start, option)))
+    return Outcome(jobs, int(state.register[BEST]), moves, stopped)
+
+
+def _best(problem: Problem, state: State) -> tuple[Ints, Ints]:
+    """Return start and option of every job in the best placement; while it is constructed, as far as it stands.
+
+    Jobs not placed yet start where their offsets, or zero, put them.
+    """
+    if state.register[BEST] < NEVER:
+        return state.best_start, state.best_option
+    arrays = problem.arrays
+    task = arrays.job_task
+    number = np.arange(len(task)) - arrays.task_job[task]
+    phase = np.maximum(arrays.entry_offset[arrays.job_entry], 0)
+    regular = (phase + number * arrays.task_period[task]) % max(1, arrays.hyperperiod)
+    placed = state.start >= 0
+    return np.where(placed, state.start, regular), np.where(placed, state.option, arrays.task_option[task])
 
 
 def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool:
@@ -88,7 +105,7 @@ def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool
 Units = dict[int, tuple[str, ...]]
 
 
-def _deal(problem: Problem, start: np.ndarray, option: np.ndarray) -> Units | None:
+def _deal(problem: Problem, start: Ints, option: Ints) -> Units | None:
     """Deal the units of every group out to its jobs; None where that fails for some group."""
     arrays = problem.arrays
     arcs: list[list[Arc]] = [[] for _ in problem.groups]
@@ -107,7 +124,7 @@ def _deal(problem: Problem, start: np.ndarray, option: np.ndarray) -> Units | No
     return units
 
 
-def _deal_anyhow(problem: Problem, start: np.ndarray, option: np.ndarray) -> Units:
+def _deal_anyhow(problem: Problem, start: Ints, option: Ints) -> Units:
     """Deal units out in turn, overlaps or not: for reporting the best placement of a search that failed."""
     units: Units = {}
     turn = [0] * len(problem.groups)
@@ -121,25 +138,31 @@ def _deal_anyhow(problem: Problem, start: np.ndarray, option: np.ndarray) -> Uni
     return units
 
 
-def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> State:
-    """Carry the schedule found over to the problem with one lane per unit; overlaps are left to the kernel."""
-    units = _deal_anyhow(problem, state.start, state.option)
+def _continue(
+    problem: Problem, start: Ints, option: Ints, phase: Ints, alone: Problem, seed: int
+) -> tuple[Problem, State]:
+    """Carry a placement over to the problem with one lane per unit; overlaps are left to the kernel."""
+    units = _deal_anyhow(problem, start, option)
     fresh = new_state(alone.arrays, seed + 1, alone.mean_wcet)
     group_of = {names[0]: group for group, names in enumerate(alone.groups)}
-    index_of = {(option.version, option.groups): n for n, option in enumerate(alone.options)}
-    for job, chosen in enumerate(state.option.tolist()):
-        groups = tuple(sorted((group_of[name], 1) for name in units[job]))
-        fresh.option[job] = index_of[problem.options[chosen].version, groups]
-        fresh.start[job] = state.start[job]
-        fresh.phase[job] = state.phase[job]
+    task_option, job_task = alone.arrays.task_option.tolist(), alone.arrays.job_task.tolist()
+    for job, chosen in enumerate(option.tolist()):
+        version = problem.options[chosen].version
+        wanted = Option(version, tuple(sorted((group_of[name], 1) for name in units[job])))
+        task = job_task[job]
+        offered = range(task_option[task], task_option[task + 1])
+        same = [n for n in offered if alone.options[n].version == version]  # of large gangs, not every set is offered
+        fresh.option[job] = next((n for n in same if alone.options[n] == wanted), same[0])
+    fresh.start[:] = start
+    fresh.phase[:] = phase
     load(alone.arrays, fresh)
-    return fresh
+    return alone, fresh
 
 
 # ------------------------------------------------------------------------------------------------ names
 
 
-def _jobs(problem: Problem, state: State, start: np.ndarray, option: np.ndarray, units: Units) -> Iterator[Job]:
+def _jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Iterator[Job]:
     """Yield the present jobs with names and exact times."""
     arrays = problem.arrays
     for number, active in enumerate(problem.expansion.tasks):

@@ -115,7 +115,10 @@ def first_start(p, start, option, phase, task, time):
 
 @compiled
 def last_end(p, start, option, phase, task, time):
-    """Return the latest absolute end of a job of `task` at or before `time` and its job, or (-NEVER, -1)."""
+    """Return the latest absolute end of a job of `task` at or before `time` and its job, or (-NEVER, -1).
+
+    Of jobs that end together, the one that started later is the newer.
+    """
     tp = p.hyperperiod
     first = p.task_job[task]
     jobs = p.task_job[task + 1] - first
@@ -127,7 +130,7 @@ def last_end(p, start, option, phase, task, time):
         if not is_running(p, start, option, job):
             continue
         end = time - (time - start[job] - p.option_wcet[option[job]]) % tp
-        if end > best:
+        if end > best or (end == best and p.option_recency[option[job]] > p.option_recency[option[found]]):
             best = end
             found = job
     return best, found
