@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from validate_cases import found, the
 
-from halpipe.durations import Duration, least_common_multiple, milliseconds
+from halpipe.durations import Duration, least_common_multiple, milliseconds, seconds
 from halpipe.pipeline.expand import expand
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.hyperperiod import MAX_JOBS, MAX_TICKS, nearest_harmonic, nearest_on_grid
-from support import after, model, ms, task, version
+from support import access, after, model, ms, task, version
 
 
 def periodic(*periods, **more):
@@ -40,6 +40,12 @@ def test_guilty_period_and_the_nearest_that_fits():
     assert 'the cause: the period 33.333333ms (task "t3"); without it the hyperperiod is 100ms' in finding.message
     assert finding.help == "use 100/3ms (or 25ms) instead of 33.333333ms; the mode then has 39 jobs"
     assert finding.path == 'mode "all"'
+
+
+def test_rounded_period_longer_than_all_others():
+    help = the(periodic("25ms", "33333333ns"), codes.TOO_MANY_JOBS).help
+    assert help == "use 25ms (or 100/3ms) instead of 33.333333ms; the mode then has 2 jobs"
+    assert validate(periodic("25ms", "100/3ms")) == ()
 
 
 def test_following_the_help_cures_the_model():
@@ -81,6 +87,24 @@ def test_jobs_on_demand_count():
     )
 
 
+def test_the_version_that_demands_most_counts():
+    thrifty, greedy = version("v", "1ns"), version("w", "1ns", "u1", after("d", 0, 10), after("d", 0, 20))
+    asks = task("a", "1us", thrifty, greedy)
+    system = model(asks, task("b", "4s", version("v", "1ns")), task("d", None, version("v", "1ns")))
+    assert "has 12000001 jobs" in the(system, codes.TOO_MANY_JOBS).message
+
+
+def test_jobs_after_the_cure_include_those_on_demand():
+    asks = task("a", "10ms", version("v", "1ns", "u1", after("d", 0, 10), after("d", 0, 20)))
+    system = model(asks, task("b", "9999999ns", version("v", "1ns")), task("d", None, version("v", "1ns")))
+    assert the(system, codes.TOO_MANY_JOBS).help == "use 10ms instead of 9.999999ms; the mode then has 4 jobs"
+
+
+def test_alternative_that_would_break_the_limit_again_is_not_offered():
+    help = the(periodic("1us", "3s", "4000000001ns"), codes.TOO_MANY_JOBS).help
+    assert help == "use 3s instead of 4.000000001s; the mode then has 3000002 jobs"
+
+
 def test_hyperperiod_beyond_all_measure_is_still_explained():
     system = periodic(*["10ms"] * 3, *(f"{10**29 + i}/{10**28 + 2 * i + 1}ms" for i in range(300)))
     finding = the(system, codes.TOO_MANY_JOBS)
@@ -92,8 +116,35 @@ def test_one_duration_too_fine_for_64_bits():
     fine = task("a", "1s", version("v", "1/9999999999ns"))
     finding = the(model(fine, task("b", "10ms", version("v", "1ms"))), codes.TOO_MANY_TICKS)
     assert 'the finest: the WCET 1/9999999999ns of task "a"' in finding.message
-    rounded = Duration.parse(re.search(r"round it to whole (\S+),", finding.help)[1])
+    rounded = Duration.parse(re.search(r"round it to whole (\S+):", finding.help)[1])
     assert validate(model(replace(fine, versions=(replace(fine.versions[0], wcet=rounded),)))) == ()
+
+
+FINE = Duration(Fraction(1, 9999999999))
+
+
+@pytest.mark.parametrize(
+    ("parts", "of_task", "what"),
+    [
+        ([access("r", FINE, "1ms")], {}, "access start"),
+        ([access("r", 0, FINE)], {}, "access end"),
+        ([after("b", FINE, 20)], {}, "window minimum"),
+        ([after("b", 0, FINE)], {}, "window maximum"),
+        ([], {"offset": FINE}, "offset"),
+        ([], {"period": seconds(1) + FINE}, "period"),
+    ],
+)
+def test_every_duration_that_is_added_up_counts_for_the_tick(parts, of_task, what):
+    fine = replace(task("a", "1s", version("v", "1ms", "u1", *parts)), **of_task)
+    both = model(fine, task("b", "1s", version("v", "1ms")), resources="r")
+    alone = model(fine, resources="r")
+    finding = the(alone if what == "period" else both, codes.TOO_MANY_TICKS)
+    assert f'the finest: the {what} {FINE if what != "period" else of_task["period"]} of task "a"' in finding.message
+
+
+def test_durations_that_are_only_compared_do_not_count_for_the_tick():
+    system = model(task("a", "1s", version("v", "1ms"), deadline=seconds(1) - FINE, slack=Fraction(1, 9999999999)))
+    assert validate(system) == ()
 
 
 def test_limit_on_ticks_is_exact():

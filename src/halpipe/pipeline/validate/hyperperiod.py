@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds
+from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
 
@@ -28,6 +28,9 @@ _MAX_MISFIT = 100
 
 _MAX_SNAPPED = 50
 """Guilty periods up to which a choice is looked for that cures all of them."""
+
+_MAX_PARTS = 12
+"""How many times longer the hyperperiod may become by a period that is a multiple of a part of it."""
 
 _MAX_STEPS = 1000
 """Divisors tried on each side for a period on the grid."""
@@ -84,7 +87,8 @@ class _Cause:
         for period in self.guilty[:_MAX_SNAPPED] if base else ():
             near = nearest_harmonic(period, base)
             base, jobs = _extended(base, jobs, near, self.weights[period])
-            choices.append(_choice(period, near, nearest_on_grid(period, self.base, grid)))
+            other = nearest_on_grid(period, self.base, grid) if period < self.base else self._nearest_ratio(period)
+            choices.append(_choice(period, near, other))
         if not choices or jobs > MAX_JOBS or len(choices) < len(self.guilty):
             shortest, longest = min(self.weights), max(self.weights)
             return (
@@ -94,10 +98,16 @@ class _Cause:
         more = f" and {len(choices) - _NAMED} more" if len(choices) > _NAMED else ""
         return f"use {', '.join(choices[:_NAMED])}{more}; the mode then has {jobs} jobs"
 
+    def _nearest_ratio(self, period: Duration) -> Duration:
+        """Return the multiple of a small part of `base` nearest to `period`; zero if it makes too many jobs."""
+        ratio = (period / self.base).limit_denominator(_MAX_PARTS)
+        _, jobs = _extended(self.base, self.jobs, self.base * ratio, self.weights[period])
+        return self.base * ratio if jobs <= MAX_JOBS else ZERO
 
-def _choice(period: Duration, near: Duration, on_grid: Duration) -> str:
-    other = f" (or {on_grid})" if on_grid and on_grid != near else ""
-    return f"{near}{other} instead of {period}"
+
+def _choice(period: Duration, near: Duration, other: Duration) -> str:
+    alternative = f" (or {other})" if other and other != near else ""
+    return f"{near}{alternative} instead of {period}"
 
 
 def _find_cause(mode: ActiveMode) -> _Cause:
@@ -141,12 +151,15 @@ def _jobs_caused(mode: ActiveMode) -> dict[str, int]:
 
 
 def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
-    """Order periods by the number of tasks whose periods are multiples or divisors of theirs, most first."""
+    """Order periods by the number of tasks whose periods are multiples or divisors of theirs, most first.
+
+    Of equals, the one that is shorter to write is the rounder, and comes first.
+    """
     popular = sorted(counts, key=lambda period: (-counts[period], period))[:_MAX_COMPARED]
     fit = {
         period: sum(counts[other] for other in popular if not (period % other and other % period)) for period in counts
     }
-    return sorted(counts, key=lambda period: (-fit[period], -counts[period], period))
+    return sorted(counts, key=lambda period: (-fit[period], -counts[period], len(str(period)), period))
 
 
 def nearest_harmonic(period: Duration, base: Duration) -> Duration:
@@ -190,10 +203,10 @@ def check_ticks(context: Context) -> Iterator[Diagnostic]:
             for duration, what in _durations(active):
                 if duration not in finest:
                     finest[duration] = f'the {what} {duration} of task "{active.task.name}"'
-        guilty = sorted(finest, key=lambda d: (greatest_common_divisor((d, hyperperiod)), finest[d]))[:3]
+        guilty = sorted(finest, key=lambda d: (greatest_common_divisor((d, seconds(1))), finest[d]))[:3]
         text = f"the hyperperiod of {hyperperiod} has 2^62 ticks or more, because every duration of the mode must be "
         text += f"a whole number of ticks; the finest: {', '.join(finest[d] for d in guilty)}"
-        help = f"round it to whole {_coarser(hyperperiod)}, WCETs and access phases outward; or state a coarser --tick"
+        help = f"round it to whole {_coarser(hyperperiod)}: WCETs and access phases outward, windows inward"
         yield codes.TOO_MANY_TICKS(text, at=place(mode.mode), path=mode.path, help=help)
 
 
