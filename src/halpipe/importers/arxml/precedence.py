@@ -40,7 +40,7 @@ def find_edges(system: System, drafts: Sequence[Draft], dataflow: DataFlow, find
     for edge in edges:
         if edge.first != edge.second:
             unique.setdefault((edge.first, edge.second), edge)
-    return _without_cycles(list(unique.values()), findings)
+    return without_cycles(list(unique.values()), findings)
 
 
 # ------------------------------------------------------------------------------------------------- sources
@@ -107,7 +107,7 @@ def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator
 # -------------------------------------------------------------------------------------------------- cycles
 
 
-def _without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
+def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
     """Keep edges in order of strength, leaving out and reporting every one that would close a cycle."""
     if _is_acyclic(edges):
         return edges

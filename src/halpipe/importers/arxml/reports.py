@@ -133,11 +133,12 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
         " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
         for pair in dataflow.dependencies
     ]
-    first = next((c for c in system.connectors if c.place.path in dataflow.connectors), None)
+    (_, writer), _ = dataflow.dependencies[0]
+    places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
     findings.add(
         codes.DATA_FLOW(
             f"{len(names)} data dependencies between runnables: {_listed(names)}",
-            at=first.place.at if first else Location(),
+            at=places[writer].at,
             help="list those that must be fresh as chains in the overlay",
         )
     )

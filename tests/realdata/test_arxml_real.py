@@ -1,0 +1,139 @@
+"""Systems of real tools: everything counted by an independent reader is found, and no file ever breaks the import."""
+
+import json
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.exporters.native import format_model
+from halpipe.importers.arxml import FORMAT, codes
+from halpipe.importers.arxml.dataflow import find_dataflow
+from halpipe.importers.arxml.numbers import parse_seconds
+from halpipe.importers.arxml.reading import read_system, read_tree
+from halpipe.importers.base import ImportOptions
+from halpipe.importers.native import parse_model
+
+DATA = Path(__file__).parents[2].parent / "shared" / "data" / "arxml"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real ARXML files are not part of the project")
+
+SYSTEMS = ["sys_vector_tc275_3core", "sys_arccore_helloworld"]
+INPUTS = sorted([*DATA.glob("*/*.arxml"), *(path for path in DATA.glob("*") if path.is_dir())])
+DATA_DEPENDENCIES = {"sys_vector_tc275_3core": 7, "sys_arccore_helloworld": 4}
+
+
+def read(*paths, **options):
+    return FORMAT.read([str(path) for path in paths], ImportOptions(**options))
+
+
+def attempt(path, granularity):
+    """Return the import, None if it fails, and its findings."""
+    try:
+        imported = read(path, granularity=granularity)
+    except HalpipeError as failure:
+        return None, failure.diagnostics
+    return imported, imported.diagnostics
+
+
+def observed(name):
+    return json.loads((DATA / name / "_observed_summary.json").read_text())
+
+
+def system_of(name):
+    return read_system(read_tree([str(DATA / name)], Findings()))
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_what_an_independent_reader_counted_is_found(name):
+    expected, system = observed(name), system_of(name)
+    assert Counter(event.place.kind for event in system.events) == expected["events"]
+    assert len(system.resolved_events) == expected["event_runnable_resolved"]
+    assert sum(len(c.runnables) for c in system.components if not c.is_module) == expected["runnables"]
+    assert len(system.configuration.tasks) == expected["os_tasks"]
+    assert len(system.configuration.applications) == expected["os_apps"]
+    assert len(system.configuration.cores) == expected["cores"]
+    assert len(system.configuration.mappings) == expected["mappings"]
+    assert len(system.task_mappings) == expected["mapped_event_found"] == expected["mapped_with_task"]
+    assert len(system.connectors) == expected["connectors_resolved"]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_every_os_task_hosts_the_events_and_periods_counted(name):
+    system = system_of(name)
+    events = {event.place.path: event for event in system.events}
+    application = {path: app for app in system.configuration.applications for path in app.tasks}
+    for task in system.configuration.tasks:
+        expected = observed(name)["tasks"][task.place.name]
+        mapped = [events[m.event] for m in system.task_mappings if m.task == task.place.path]
+        periods = {str(parse_seconds(event.period.text).ns) for event in mapped if event.period}
+        assert len(mapped) == expected["n_events"]
+        assert periods == set(expected["periods"])
+        assert application[task.place.path].place.name == expected["app"]
+        assert (task.core or "") == expected["core"]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_data_dependencies_are_those_counted(name):
+    assert len(find_dataflow(system_of(name)).dependencies) == DATA_DEPENDENCIES[name]
+
+
+def test_the_three_core_system_becomes_a_model():
+    model = read(DATA / "sys_vector_tc275_3core").model
+    assert [unit.name for unit in model.units] == [f"EcucCoreDefinition_Core{number}" for number in range(3)]
+    assert Counter(str(task.period) for task in model.tasks) == {"5ms": 25, "10ms": 9, "20ms": 2}
+    bound = Counter(task.versions[0].units for task in model.tasks if len(task.versions[0].units) == 1)
+    assert sum(bound.values()) == 34
+
+
+@pytest.mark.parametrize("granularity", ["runnable", "event", "ostask"])
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_systems_are_complete_at_every_granularity(name, granularity):
+    imported = read(DATA / name, granularity=granularity)
+    assert imported.model.tasks
+    assert all(task.period for task in imported.model.tasks)
+    assert parse_model(format_model(imported.model), "model.xml") == imported.model
+    assert all(read == mapped + ignored for _, read, mapped, ignored in imported.coverage.rows())
+
+
+def test_the_three_core_system_is_read_within_two_seconds():
+    start = time.perf_counter()
+    read(DATA / "sys_vector_tc275_3core")
+    assert time.perf_counter() - start < 2
+
+
+def test_the_constraint_of_a_large_export_orders_its_runnables():
+    imported = read(DATA / "simulink_r2021a" / "large_scale_autosar_swc_expfcns.arxml")
+    assert len(imported.model.tasks) == 108
+    assert sum(len(task.versions[0].precedences) for task in imported.model.tasks) == 107
+
+
+@pytest.mark.parametrize("granularity", ["runnable", "event", "ostask"])
+@pytest.mark.parametrize("path", INPUTS, ids=lambda path: str(path.relative_to(DATA)))
+def test_every_input_gives_a_model_or_findings(path, granularity):
+    imported, findings = attempt(path, granularity)
+    assert all(diagnostic.at.file.startswith(str(path)) for diagnostic in findings)
+    if imported is None:
+        assert any(diagnostic.is_error for diagnostic in findings)
+    else:
+        assert imported.model.tasks
+        assert parse_model(format_model(imported.model), "model.xml") == imported.model
+
+
+@pytest.mark.parametrize(
+    ("file", "code"),
+    [
+        ("ap_isoft_r2011", codes.ADAPTIVE_ONLY),
+        ("ap_open_r2511", codes.ADAPTIVE_ONLY),
+        ("negative_cantools/system-3.2.3.arxml", codes.OLD_RELEASE),
+        ("negative_cantools/system-bad-root-tag-4.2.arxml", codes.NOT_ARXML),
+        ("negative_cantools/system-illegal-namespace-4.2.arxml", codes.NOT_ARXML),
+        ("negative_cantools/system-illegal-root-4.2.arxml", codes.NOT_ARXML),
+        ("negative_cantools/system-illegal-version-4.2.2.1.0.arxml", codes.NOT_ARXML),
+    ],
+)
+def test_foreign_inputs_are_refused_by_name(file, code):
+    with pytest.raises(HalpipeError) as failure:
+        read(DATA / file)
+    assert code.id in {diagnostic.code for diagnostic in failure.value.diagnostics}

@@ -1,0 +1,78 @@
+"""Execution modes from the modes in which events are disabled."""
+
+from arxml_case import component, disabled, el, event, every, found, mode_group, module, package, read, ref, write
+
+from halpipe.importers.arxml import codes
+
+POWER = mode_group("Power", "Sleep Run", "Run Sleep")  # the last mode is the initial one
+
+
+def runs(imported):
+    return {mode.name: {run.task for run in mode.runs} for mode in imported.model.modes}
+
+
+def pump(**disabled_in):
+    """A pump with one runnable per argument, disabled in those modes."""
+    events = [
+        every("0.01", f"E{name}", f"Pump/{name}", *([disabled(*modes.split())] if modes else []))
+        for name, modes in disabled_in.items()
+    ]
+    return component("Pump", *events, runnables=" ".join(disabled_in))
+
+
+def test_without_disabled_events_there_is_one_mode(tmp_path):
+    imported = read(write(tmp_path, package("T", POWER, pump(A=""))))
+    assert runs(imported) == {"default": {"Pump/A"}}
+    assert ("MODE-DECLARATION-GROUP", 1, 0, 1) in imported.coverage.rows()
+
+
+def test_one_group_makes_its_modes_the_initial_one_first(tmp_path):
+    imported = read(write(tmp_path, package("T", POWER, pump(A="Power/Sleep", B=""))))
+    assert runs(imported) == {"Run": {"Pump/A", "Pump/B"}, "Sleep": {"Pump/B"}}
+    assert [mode.name for mode in imported.model.modes] == ["Run", "Sleep"]
+    assert imported.model.modes[1].origin.path == "/T/Power/Sleep"
+    assert {(t.source, t.target) for t in imported.model.transitions} == {("Run", "Sleep")}
+    assert ("MODE-DECLARATION", 2, 2, 0) in imported.coverage.rows()
+    assert ("MODE-TRANSITION", 1, 1, 0) in imported.coverage.rows()
+
+
+def test_a_group_without_transitions_allows_every_one(tmp_path):
+    group = mode_group("Power", "Sleep Run")
+    assert read(write(tmp_path, package("T", group, pump(A="Power/Sleep")))).model.transitions == ()
+
+
+def test_several_groups_each_switch_on_their_own(tmp_path):
+    door = mode_group("Door", "Open Closed")
+    imported = read(write(tmp_path, package("T", POWER, door, pump(A="Power/Sleep", B="Door/Open", C=""))))
+    everything = {"Pump/A", "Pump/B", "Pump/C"}
+    assert runs(imported) == {
+        "default": everything,
+        "Power.Run": everything,
+        "Power.Sleep": {"Pump/B", "Pump/C"},
+        "Door.Closed": everything,
+        "Door.Open": {"Pump/A", "Pump/C"},
+    }
+    moves = {(t.source, t.target) for t in imported.model.transitions}
+    assert ("Power.Run", "Power.Sleep") in moves
+    assert ("Power.Sleep", "Power.Run") not in moves
+    assert {("Door.Open", "Door.Closed"), ("Door.Closed", "Door.Open")} <= moves
+    assert {("default", "Power.Sleep"), ("Power.Sleep", "default")} <= moves
+    assert found(imported, codes.SEVERAL_GROUPS)
+
+
+def test_a_task_of_several_events_runs_while_any_of_them_does(tmp_path):
+    pump = component(
+        "Pump",
+        every("0.01", "A", "Pump/Step", disabled("Power/Sleep", "Power/Off")),
+        every("0.01", "B", "Pump/Step", disabled("Power/Off")),
+        runnables="Step",
+    )
+    group = mode_group("Power", "Sleep Off Run")
+    imported = read(write(tmp_path, package("T", group, pump)))
+    assert runs(imported) == {"Run": {"Pump/Step"}, "Sleep": {"Pump/Step"}, "Off": set()}
+
+
+def test_modules_are_disabled_too(tmp_path):
+    off = el("DISABLED-IN-MODE-IREFS", el("DISABLED-IN-MODE-IREF", ref("TARGET-MODE-REF", "/T/Power/Sleep")))
+    com = module("Com", event("BSW-TIMING-EVENT", "T", "Com/Main", off, el("PERIOD", "0.005")), entities="Main")
+    assert runs(read(write(tmp_path, package("T", POWER, com)))) == {"Run": {"BSW/Com/Main"}, "Sleep": set()}
