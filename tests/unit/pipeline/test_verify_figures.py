@@ -83,6 +83,11 @@ def test_cost_terms_that_contradict_a_valid_schedule(term, value, text):
     assert text in only(system(), found, codes.WRONG_FIGURE)
 
 
+@pytest.mark.parametrize(("term", "value"), [("total", 0), ("timeliness", 0)])
+def test_the_limits_of_cost_terms_belong_to_them(term, value):
+    assert not errors(system(), plan(cost=replace(GOOD["cost"], **{term: Fraction(value)})))
+
+
 def broken_plan(**terms):
     """Both jobs on one unit at one time, one of them not valid there, and out of its window."""
     cost = replace(GOOD["cost"], occupancy=Fraction(3, 4), **{k: Fraction(v) for k, v in terms.items()})
@@ -91,7 +96,7 @@ def broken_plan(**terms):
 
 
 def test_cost_terms_that_contradict_an_invalid_schedule():
-    honest = broken_plan(total=9, overlap=1, precedence=1, unit=1)
+    honest = broken_plan(total=1, overlap=1, precedence=1, unit=1)
     assert not [line for line in errors(system(), honest) if codes.WRONG_FIGURE.id in line]
     lies = [line for line in errors(system(), broken_plan(total=0)) if codes.WRONG_FIGURE.id in line]
     assert len(lies) == 4
@@ -134,6 +139,12 @@ def test_a_chain_through_which_nothing_gets_has_no_latency():
     assert not errors(own, found)
     lie = plan(chains=(ChainLatency(name="c", reaction=ms(1), age=None),))
     assert "reaction 1ms, the jobs make none" in only(own, lie, codes.WRONG_FIGURE)
+
+
+def test_the_peak_of_a_whole_resource():
+    own = model(task("a", 10, version("v", 4, "u1", access("r", "0ms", "2ms"))), resources="r")
+    loads = (ResourceLoad(resource="r", peak=Fraction(1), mean=Fraction(1, 5)),)
+    assert not errors(own, plan_of(own, table("all", 10, job(own, "a", 0, 0, "u1"), resource_loads=loads)))
 
 
 def test_peaks_count_what_wraps_round():

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_helpers import codes_found, errors, messages, only
 
-from halpipe.pipeline.verify import codes
+from halpipe.diagnostics import Location
+from halpipe.pipeline.verify import codes, verify
 from halpipe.pipeline.verify.sweep import excesses_on_circle
 from halpipe.pipeline.verify.tables import Placed
 from support import access, job, model, schedule, task, version
@@ -60,12 +61,22 @@ def test_a_job_without_length_holds_nothing():
     assert not errors(system, at(system, 0, 2))
 
 
-def test_many_jobs_in_one_place_are_one_finding():
-    system = model(*(task(f"t{k:02}", 10, version("v", 1)) for k in range(20)))
-    text = only(system, schedule(system, 10, *(job(system, f"t{k:02}", 0, 0, "u1") for k in range(20))), codes.OVERLAP)
+@pytest.mark.parametrize(("count", "last"), [(12, '"t11" job 0'), (13, "others"), (20, "others")])
+def test_many_jobs_in_one_place_are_one_finding(count, last):
+    names = [f"t{k:02}" for k in range(count)]
+    system = model(*(task(name, 10, version("v", 1)) for name in names))
+    text = only(system, schedule(system, 10, *(job(system, name, 0, 0, "u1") for name in names)), codes.OVERLAP)
     assert "t11" in text
     assert "t12" not in text
-    assert text.split(" from ")[0].endswith("and others")
+    assert text.split(" from ")[0].endswith(f"and {last}")
+
+
+def test_a_finding_points_to_one_of_the_jobs():
+    system = pair()
+    plan = at(system, 0, 1)
+    here = [replace(j, at=Location("plan.xml", 5 + k)) for k, j in enumerate(plan.modes[0].jobs)]
+    (found,) = verify(system, schedule(system, 10, *here))
+    assert found.at in [j.at for j in here]
 
 
 # ------------------------------------------------------------------------------------------------ access

@@ -269,3 +269,6 @@ def test_chains_of_tasks_that_run_in_only_one_mode_are_left_alone():
     system = two_modes((A, B), (A,), chains=[chain("k", "a b", 14, 100)])
     plan = tables(system, [("a", 0, "u1"), ("b", 4, "u2")], [("a", 0, "u1")])
     assert len(messages(system, switch(plan, 0), codes.CHAIN_LIMIT)) == 1  # mode one's own, 18 ms
+    system = two_modes((A,), (A, B), chains=[chain("k", "a b", 18, 100)])
+    plan = tables(system, [("a", 0, "u1")], [("a", 0, "u1"), ("b", 4, "u2")])
+    assert not errors(system, switch(plan, 5))

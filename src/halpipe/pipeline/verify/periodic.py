@@ -90,21 +90,17 @@ class _Releases:
         return -max(scores)[2]
 
     def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
-        """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it."""
+        """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it.
+
+        The counts are right up to a number common to all phases, which is all that their comparison needs: an arc that
+        passes 0 counts 0 inside and -1 outside, one that covers the circle or nothing is left out.
+        """
         circle = self._table.period
         steps = [0] * (len(tried) + 1)
         for last, room in zip(latest, rooms, strict=True):
-            if room < 0:
-                continue
-            begin, end = bisect_left(tried, (last - room) % circle), bisect_right(tried, last)
-            if room >= circle:
-                begin, end = 0, len(tried)
-            elif (last - room) % circle > last:  # the arc passes 0
-                steps[0] += 1
-                steps[end] -= 1
-                end = len(tried)
-            steps[begin] += 1
-            steps[end] -= 1
+            if 0 <= room < circle:
+                steps[bisect_left(tried, (last - room) % circle)] += 1
+                steps[bisect_right(tried, last)] -= 1
         return list(accumulate(steps[:-1]))
 
     def delays(self) -> Iterator[tuple[Placed, int]]:

@@ -26,7 +26,7 @@ def check_exclusive(table: ModeTable) -> Iterator[Diagnostic]:
     """Sweep every unit round the circle; a job longer than the hyperperiod overlaps itself."""
     for unit, claims in unit_claims(table.jobs).items():
         for excess in excesses_on_circle(claims, 1, table.period):
-            yield _overlap(unit, excess, table.clock, table.path(), table.at)
+            yield _overlap(unit, excess, table.clock, table.path())
 
 
 def check_access(table: ModeTable) -> Iterator[Diagnostic]:
@@ -36,14 +36,14 @@ def check_access(table: ModeTable) -> Iterator[Diagnostic]:
             yield _too_fine(resource, table.path(), table.at)
             continue
         for excess in excesses_on_circle(shared.claims, shared.scale, table.period):
-            yield _overload(resource, excess, shared.scale, table.clock, table.path(), table.at)
+            yield _overload(resource, excess, shared.scale, table.clock, table.path())
 
 
 def check_exclusive_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Sweep every unit along the line of a switch."""
     for unit, claims in unit_claims(_meeting(switch)).items():
         for excess in _across(excesses(claims, 1)):
-            yield _overlap(unit, excess, switch.clock, switch.path(), switch.table.at)
+            yield _overlap(unit, excess, switch.clock, switch.path())
 
 
 def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
@@ -53,7 +53,7 @@ def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
             yield _too_fine(resource, switch.path(), switch.table.at)
             continue
         for excess in _across(excesses(shared.claims, shared.scale)):
-            yield _overload(resource, excess, shared.scale, switch.clock, switch.path(), switch.table.at)
+            yield _overload(resource, excess, shared.scale, switch.clock, switch.path())
 
 
 # ------------------------------------------------------------------------------------------------ claims
@@ -128,24 +128,24 @@ def _across(found: Iterable[Excess]) -> Iterator[Excess]:
 # ------------------------------------------------------------------------------------------------ findings
 
 
-def _overlap(unit: str, excess: Excess, clock: Clock, path: str, at: Location) -> Diagnostic:
+def _overlap(unit: str, excess: Excess, clock: Clock, path: str) -> Diagnostic:
     span = f"from {clock.text(excess.start)} to {clock.text(excess.end)}"
     span += f": {clock.text(excess.end - excess.start)} of overlap"
     text = f"is held by {excess.names()} {span}"
     if len(excess.members) == 1:
         text = f"is held twice by {excess.names()}, which is longer than the hyperperiod, {span}"
-    where = next(iter(excess.members.values())).job.at if excess.members else at
+    where = next(iter(excess.members.values())).job.at
     return codes.OVERLAP(text, at=where, path=f'{path} unit "{unit}"', help="move one of the jobs, or use another unit")
 
 
-def _overload(resource: str, excess: Excess, scale: int, clock: Clock, path: str, at: Location) -> Diagnostic:
+def _overload(resource: str, excess: Excess, scale: int, clock: Clock, path: str) -> Diagnostic:
     peak = format_rational(Fraction(excess.peak, scale))
     span = f"from {clock.text(excess.start)} to {clock.text(excess.end)}"
     text = (
         f"is claimed up to {peak} {span} by {excess.names()}: {format_rational(Fraction(excess.peak - scale, scale))}"
     )
     text += " too much"
-    where = next(iter(excess.members.values())).job.at if excess.members else at
+    where = next(iter(excess.members.values())).job.at
     help = "move one of the jobs, or lower a bound"
     return codes.OVERLOAD(text, at=where, path=f'{path} resource "{resource}"', help=help)
 
