@@ -280,11 +280,12 @@ def counter(seconds_per_tick="0.001", name="Ticks"):
 def alarm(name, cycle, *, start="0", activates="", sets=""):
     """An alarm that activates an OsTask or sets an OsEvent."""
     kind = "Os/OsAlarm/OsAlarmAction"
-    action = [
-        container(f"{kind}/OsAlarmActivateTask", "a", refs=[("OsAlarmActivateTaskRef", f"/E/Os/{activates}")])
-        if activates
-        else container(f"{kind}/OsAlarmSetEvent", "a", refs=[("OsAlarmSetEventRef", f"/E/Os/{sets}")])
-    ]
+    action = []
+    if activates:
+        refs = [("OsAlarmActivateTaskRef", f"/E/Os/{activates}")]
+        action.append(container(f"{kind}/OsAlarmActivateTask", "a", refs=refs))
+    if sets:
+        action.append(container(f"{kind}/OsAlarmSetEvent", "a", refs=[("OsAlarmSetEventRef", f"/E/Os/{sets}")]))
     cycling = container(
         "Os/OsAlarm/OsAlarmAutostart", "s", params={"OsAlarmCycleTime": cycle, "OsAlarmAlarmTime": start}
     )

@@ -9,11 +9,13 @@ from arxml_case import (
     composition,
     configuration,
     delegation,
+    el,
     event,
     every,
     found,
     in_port,
     mapped,
+    named,
     on_data,
     order,
     orders,
@@ -22,6 +24,7 @@ from arxml_case import (
     package,
     periods,
     read,
+    ref,
     rte,
     runnable,
     timing,
@@ -66,6 +69,22 @@ def test_an_order_within_a_type_holds_within_each_instance(tmp_path):
     car = composition("Car", "l:Pump r:Pump")
     imported = read(write(tmp_path, package("T", pump("A", "B"), car), timing(order("Eoc", "Pump/A Pump/B"))))
     assert orders(imported) == {"l/A > l/B", "r/A > r/B"}
+
+
+def test_events_are_ordered_as_runnables_are(tmp_path):
+    steps = [
+        named(
+            "EOC-EVENT-REF",
+            "a",
+            ref("EVENT-REF", "/T/Pump/B/EA"),
+            el("SUCCESSOR-REFS", ref("SUCCESSOR-REF", "/Orders/T/Eoc/b")),
+        ),
+        named("EOC-EVENT-REF", "b", ref("EVENT-REF", "/T/Pump/B/EB")),
+    ]
+    constraint = named("EXECUTION-ORDER-CONSTRAINT", "Eoc", el("ORDERED-ELEMENTS", *steps))
+    path = write(tmp_path, package("T", pump("A", "B")), timing(constraint))
+    assert orders(read(path)) == {"Pump/A > Pump/B"}
+    assert orders(read(path, granularity="event")) == {"Pump/A@EA > Pump/B@EB"}
 
 
 # -------------------------------------------------------------------------------------- positions in OS tasks

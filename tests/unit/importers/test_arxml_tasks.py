@@ -136,7 +136,9 @@ def with_os(period, *os, refs=(), task="Main", offset="", event_offset=()):
     ids=["event first", "its alarm", "alarm of the task", "alarm of its OS event", "expiry point", "even points"],
 )
 def test_sources_of_a_period(tmp_path, period, os, refs, expected):
-    assert periods(read(write(tmp_path, *with_os(period, *os, refs=refs)))) == {"Pump/Step": expected}
+    imported = read(write(tmp_path, *with_os(period, *os, refs=refs)), strict=True)
+    assert periods(imported) == {"Pump/Step": expected}
+    assert bool(found(imported, codes.OS_PERIOD)) == (period == "0.0")
 
 
 def test_the_period_of_the_os_task_comes_last(tmp_path):

@@ -88,14 +88,14 @@ VARIANT = warning(
 BAD_PERIOD = warning(
     "HAL0520",
     "Period is not a positive time",
-    "A period is a positive number of seconds. Zero is what some tools write for 'not periodic'. The event gets its "
-    "period from the OS (schedule table or alarm that triggers it), or else none.",
+    "A period is a positive number of seconds. Zero is what some tools write for 'not periodic'. No schedule table or "
+    "alarm gives the event a period either, so that it makes no task.",
 )
 SYMBOLIC_UNKNOWN = warning(
     "HAL0521",
     "Symbolic period is not defined",
     "The period is a name instead of a number, and no ECU configuration parameter of that name is in the input, or "
-    "several with different values.",
+    "several with different values, and neither a schedule table nor an alarm gives the event a period.",
 )
 SYMBOLIC = note(
     "HAL0522",

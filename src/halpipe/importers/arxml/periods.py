@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.dataflow import item_at
 from halpipe.importers.arxml.ecuc import symbolic_values
@@ -82,7 +82,6 @@ class Periods:
         self._findings = tree.findings
         self._tree = tree
         self._symbols: dict[str, list[Stated]] | None = None
-        self._stated: dict[Stated, Duration | None] = {}
         self._overrides = {
             (override.event, override.prototype): override.period
             for composition in system.compositions
@@ -111,55 +110,48 @@ class Periods:
         for prototype in reversed(activation.context):
             stated = self._overrides.get((event.place.path, prototype), stated)
         period = self._evaluate(event, stated)
-        if period is not None:
+        if isinstance(period, Duration):
             return [Recurrence(period, ZERO, ())]
         found = self._of_mapping(activation) or self._of_os_task(activation)
+        if not found:
+            self._report(period)
         for recurrence in found:
             source = recurrence.used[0]
             self._report(
                 codes.OS_PERIOD(
                     f'gets its period {recurrence.period} from {source.kind} "{source.path}"',
                     at=event.place.at,
-                    path=f'{event.place.kind} "{event.place.path}"',
+                    path=_what(event),
                 )
             )
         return found
 
-    def _evaluate(self, event: Event, stated: Stated | None) -> Duration | None:
-        """Return a stated period; report it if it is absent, symbolic, or no positive time."""
-        what = f'{event.place.kind} "{event.place.path}"'
+    def _evaluate(self, event: Event, stated: Stated | None) -> Duration | Diagnostic:
+        """Return a stated period, or what is wrong with it: absent, an unknown name, or no positive time."""
         if stated is None:
-            self._report(codes.BAD_PERIOD("states no PERIOD", at=event.place.at, path=what, help=_PERIOD_HELP))
-            return None
-        if stated not in self._stated:
-            symbolic = is_symbolic(stated.text)
-            self._stated[stated] = self._look_up(stated, what) if symbolic else self._positive(stated, what)
-        return self._stated[stated]
-
-    def _positive(self, stated: Stated, what: str) -> Duration | None:
+            return codes.BAD_PERIOD("states no PERIOD", at=event.place.at, path=_what(event), help=_PERIOD_HELP)
+        if is_symbolic(stated.text):
+            return self._look_up(event, stated)
         period = parse_seconds(stated.text)
         if not period:
-            self._report(
-                codes.BAD_PERIOD(
-                    f'PERIOD "{stated.text}" is not a positive number of seconds',
-                    at=stated.at,
-                    path=what,
-                    help=_PERIOD_HELP,
-                )
+            return codes.BAD_PERIOD(
+                f'PERIOD "{stated.text}" is not a positive number of seconds',
+                at=stated.at,
+                path=_what(event),
+                help=_PERIOD_HELP,
             )
-            return None
         if not isinstance(period.ns, int):
             self._report(
                 codes.FINE_PERIOD(
                     f'PERIOD "{stated.text}" is {period}, not a whole number of nanoseconds',
                     at=stated.at,
-                    path=what,
+                    path=_what(event),
                     help="correct it in the source if it is a rounded value",
                 )
             )
         return period
 
-    def _look_up(self, stated: Stated, what: str) -> Duration | None:
+    def _look_up(self, event: Event, stated: Stated) -> Duration | Diagnostic:
         if self._symbols is None:
             self._symbols = symbolic_values(self._tree)
         values = self._symbols.get(stated.text, [])
@@ -168,19 +160,15 @@ class Periods:
         if number is None or number <= 0:
             texts = ", ".join(dict.fromkeys(value.text for value in values))
             why = f"its values are {texts}" if values else "no parameter of that name is configured"
-            self._report(
-                codes.SYMBOLIC_UNKNOWN(
-                    f'PERIOD is the name "{stated.text}", but {why}',
-                    at=stated.at,
-                    path=what,
-                    help="add the ECU configuration of its module, or give a period in the overlay (sources)",
-                )
+            return codes.SYMBOLIC_UNKNOWN(
+                f'PERIOD is the name "{stated.text}", but {why}',
+                at=stated.at,
+                path=_what(event),
+                help="add the ECU configuration of its module, or give a period in the overlay (sources)",
             )
-            return None
-        period = Duration(number * 10**9)
-        self._report(
-            codes.SYMBOLIC(f'PERIOD "{stated.text}" is {period}, stated at {values[0].at}', at=stated.at, path=what)
-        )
+        period = seconds(number)
+        message = f'PERIOD "{stated.text}" is {period}, stated at {values[0].at}'
+        self._report(codes.SYMBOLIC(message, at=stated.at, path=_what(event)))
         return period
 
     # ------------------------------------------------------------------------------------ the OS as a source
@@ -255,6 +243,10 @@ class Periods:
         if diagnostic not in self._seen:
             self._seen.add(diagnostic)
             self._findings.add(diagnostic)
+
+
+def _what(event: Event) -> str:
+    return f'{event.place.kind} "{event.place.path}"'
 
 
 _PERIOD_HELP = "write it in seconds, such as 0.01, or give a period in the overlay (sources)"

@@ -24,10 +24,10 @@ _SHOWN = 5
 
 
 def report_periodless(activations: Sequence[Activation], findings: Findings) -> None:
-    """Report events that make no task, one finding for each kind of event and reason."""
+    """Report events that make no task, one finding for each kind and reason; timing events have theirs already."""
     groups: dict[tuple[str, str], list[Activation]] = {}
     for activation in activations:
-        if activation.period is None:
+        if activation.period is None and not (activation.event and activation.event.is_timing):
             groups.setdefault((activation.kind, activation.reason), []).append(activation)
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
