@@ -92,7 +92,7 @@ def test_every_operator_breaks_schedules(name):
 @pytest.mark.parametrize("make", [systems.valid_system, systems.switching_system])
 def test_mutants_at_length(make):
     found = Counter(breaks(name, seed, make) for seed in range(100) for name in systems.OPERATORS)
-    assert found[True] > 3000
+    assert found[True] > 2000
 
 
 def rules_found(system, plan):
