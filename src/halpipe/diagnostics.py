@@ -7,6 +7,7 @@ all codes is generated from that register. Calling a `Code` makes a `Diagnostic`
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any
@@ -147,24 +148,31 @@ class Findings:
 
 def sort_diagnostics(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
     """Order by file, line, code and text, without duplicates, so that output never depends on discovery order."""
-    return sorted(set(diagnostics), key=lambda d: (d.at.file, d.at.line, d.code, d.path, d.message, d.help))
+    return sorted(set(diagnostics), key=lambda d: (d.at.file, d.at.line, d.code, d.path, d.message, d.help, d.severity))
+
+
+def printable(text: str) -> str:
+    """Return `text` on one line with control characters escaped, so that no input can steer the user's terminal."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def render_text(diagnostic: Diagnostic, source_line: str = "") -> str:
     """Print as ``file:line: error[HAL0201] path: message``, then the source line and the help."""
-    place = f"{diagnostic.at}: " if diagnostic.at.file else ""
+    place = f"{diagnostic.at}: " if diagnostic.at.file or diagnostic.at.line else ""
     path = f"{diagnostic.path}: " if diagnostic.path else ""
     lines = [f"{place}{diagnostic.severity}[{diagnostic.code}] {path}{diagnostic.message}"]
     if source_line.strip():
-        lines.append(f"    | {source_line.strip()}")
+        lines.append(f"    | {' '.join(source_line.split())}")
     if diagnostic.help:
         lines.append(f"    help: {diagnostic.help}")
-    return "\n".join(lines)
+    return "\n".join(map(printable, lines))
 
 
 def render_json(diagnostics: Iterable[Diagnostic]) -> str:
     """Print as a JSON array of objects, one per diagnostic."""
-    return json.dumps(
+    return _json(
         [
             {
                 "code": d.code,
@@ -176,10 +184,14 @@ def render_json(diagnostics: Iterable[Diagnostic]) -> str:
                 "help": d.help,
             }
             for d in diagnostics
-        ],
-        indent=2,
-        ensure_ascii=False,
+        ]
     )
+
+
+def _json(value: Any) -> str:
+    text = json.dumps(value, indent=2, ensure_ascii=False)
+    # File names that are not UTF-8 hold lone surrogates, which no stream can print but JSON can escape.
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def render_sarif(diagnostics: Iterable[Diagnostic], version: str) -> str:
@@ -195,10 +207,12 @@ def render_sarif(diagnostics: Iterable[Diagnostic], version: str) -> str:
         "version": "2.1.0",
         "runs": [{"tool": {"driver": driver}, "results": [_sarif_result(d) for d in found]}],
     }
-    return json.dumps(log, indent=2, ensure_ascii=False)
+    return _json(log)
 
 
 def _sarif_result(diagnostic: Diagnostic) -> dict[str, Any]:
+    from urllib.parse import quote
+
     text = f"{diagnostic.path}: {diagnostic.message}" if diagnostic.path else diagnostic.message
     result: dict[str, Any] = {
         "ruleId": diagnostic.code,
@@ -206,7 +220,7 @@ def _sarif_result(diagnostic: Diagnostic) -> dict[str, Any]:
         "message": {"text": f"{text}\n{diagnostic.help}".strip()},
     }
     if diagnostic.at.file:
-        place: dict[str, Any] = {"artifactLocation": {"uri": diagnostic.at.file}}
+        place: dict[str, Any] = {"artifactLocation": {"uri": quote(os.fsencode(diagnostic.at.file))}}
         if diagnostic.at.line:
             place["region"] = {"startLine": diagnostic.at.line}
         result["locations"] = [{"physicalLocation": place}]

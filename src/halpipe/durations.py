@@ -12,13 +12,14 @@ from fractions import Fraction
 from functools import total_ordering
 from typing import TYPE_CHECKING, overload
 
-from halpipe.quantities import format_rational, parse_rational
+from halpipe.quantities import format_rational, parse_rational, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 _TEXT = re.compile(r"(?P<number>[0-9./]+)\s*(?P<unit>ns|us|ms|s)")
+_SCHEMA_FORM = re.compile(r"-?[0-9]{1,30}(?:[./][0-9]{1,30})?(?:ns|us|ms|s)")  # the digits that a task model may have
 _FORM = "write a number and a unit, such as 25ms, 0.5ms, 40us, 100/3ms or 1/30s"
 
 
@@ -39,13 +40,13 @@ class Duration:
         """Read ``25ms``, ``0.5ms``, ``100/3ms``, ``1/30s``; raise ``ValueError`` that says what is wrong."""
         match = _TEXT.fullmatch(text.strip())
         if match is None:
-            raise ValueError(f"{text!r} is not a duration; {_FORM}")
+            raise ValueError(f"{quoted(text)} is not a duration; {_FORM}")
         scale = _UNITS_NS[match["unit"]]
         number = match["number"]
         try:
             return Duration(parse_rational(number) * scale)
         except ValueError as error:
-            raise ValueError(f"{text!r} is not a duration: {error}; {_FORM}") from None
+            raise ValueError(f"{quoted(text)} is not a duration: {error}; {_FORM}") from None
 
     @property
     def ns(self) -> int | Fraction:
@@ -65,8 +66,11 @@ class Duration:
         if self._ns == 0:
             return "0ms"
         magnitude = abs(self.fraction)
-        unit = next((u for u, size in _UNITS_NS.items() if magnitude >= size), "ns")
-        return format_rational(self.in_unit(unit)) + unit
+        # The largest unit that gives a number of 1 or more; another one where only that keeps the digits few.
+        units = sorted(_UNITS_NS, key=lambda u: (magnitude < _UNITS_NS[u], -_UNITS_NS[u]))
+        texts = (format_rational(self.in_unit(u)) + u for u in (units if magnitude >= 1 else units[::-1]))
+        first = next(texts)
+        return first if _SCHEMA_FORM.fullmatch(first) else next(filter(_SCHEMA_FORM.fullmatch, texts), first)
 
     def __repr__(self) -> str:
         return f"Duration({str(self)!r})"

@@ -8,10 +8,14 @@ so that a failed or killed run leaves the old file whole.
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
+import re
+import secrets
 import sys
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +31,7 @@ MAX_INPUT_BYTES = 256 * 2**20
 MAX_YAML_NODES = 2_000_000
 MAX_YAML_DEPTH = 64
 MAX_SYNTAX_ERRORS = 20
+LAST_EXACT_LINE = 65535
 
 CANNOT_READ = error(
     "HAL0001",
@@ -57,7 +62,8 @@ HAS_DOCTYPE = error(
 BROKEN_YAML = error(
     "HAL0020",
     "YAML is malformed",
-    "The file is not YAML, repeats a key, nests too deep, or expands its aliases beyond the limit.",
+    f"The file is not YAML, repeats a key, nests deeper than {MAX_YAML_DEPTH} levels, or has more than "
+    f"{MAX_YAML_NODES} values once its aliases are expanded.",
 )
 
 
@@ -69,17 +75,25 @@ def read_bytes(path: str | os.PathLike[str]) -> bytes:
     name = os.fspath(path)
     try:
         if name == STDIO:
-            data = sys.stdin.buffer.read(MAX_INPUT_BYTES + 1)
+            data: bytes = _standard(sys.stdin).read(MAX_INPUT_BYTES + 1)
         else:
             with open(name, "rb") as stream:
                 data = stream.read(MAX_INPUT_BYTES + 1)
     except (OSError, ValueError) as failure:
-        raise HalpipeError(CANNOT_READ(_reason(failure), at=Location(name))) from None
+        help = "name a file that exists and that you may read"
+        raise HalpipeError(CANNOT_READ(_reason(failure), at=Location(name), help=help)) from None
     if len(data) > MAX_INPUT_BYTES:
         raise HalpipeError(
             TOO_LARGE(f"has more than {MAX_INPUT_BYTES // 2**20} MiB", at=Location(name), help="split the file")
         )
     return data
+
+
+def _standard(stream: Any) -> Any:
+    """Return the bytes side of a standard stream; Python has None for one that the shell closed."""
+    if stream is None:
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+    return stream.buffer
 
 
 def sha256(data: bytes) -> str:
@@ -91,6 +105,7 @@ def parse_xml(data: bytes, name: str) -> etree._Element:
     """Parse hostile XML and return its root; raise `HalpipeError` with every syntax error and its line."""
     from lxml import etree
 
+    _refuse_doctype(data, name)
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False
     )
@@ -99,20 +114,52 @@ def parse_xml(data: bytes, name: str) -> etree._Element:
     except (etree.XMLSyntaxError, ValueError) as failure:
         raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
     docinfo: Any = root.getroottree().docinfo
-    if docinfo.doctype:
-        raise HalpipeError(
-            HAS_DOCTYPE("declares a DOCTYPE", at=Location(name, 1), help="remove the <!DOCTYPE ...> declaration")
-        )
+    if docinfo.doctype:  # in an encoding that hid it from the look at the bytes
+        raise _doctype(name, 1)
     return root
+
+
+_PROLOG = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s++|<\?.*?\?>|<!--.*?-->)*+", re.DOTALL)
+
+
+def _refuse_doctype(data: bytes, name: str) -> None:
+    """Refuse a DOCTYPE before any parser works on what it declares."""
+    prolog = _PROLOG.match(data)
+    end = prolog.end() if prolog else 0
+    if data.startswith(b"<!DOCTYPE", end):
+        raise _doctype(name, data.count(b"\n", 0, end) + 1)
+
+
+def _doctype(name: str, line: int) -> HalpipeError:
+    help = "remove the <!DOCTYPE ...> declaration"
+    return HalpipeError(HAS_DOCTYPE("declares a DOCTYPE", at=Location(name, line), help=help))
+
+
+_ADVICE_TO_PROGRAMMERS = re.compile(r",? (?:use|try|see) xml\w+(?: option)?\.?$", re.IGNORECASE)
 
 
 def _syntax_errors(parser: Any, failure: Exception, name: str) -> list[Diagnostic]:
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [
-        BROKEN_XML(message.strip() or "empty document", at=Location(name, line), help="repair the file")
+        BROKEN_XML(_ADVICE_TO_PROGRAMMERS.sub("", message.strip()), at=Location(name, line), help="repair the file")
         for line, message in unique
     ]
+
+
+def line_of(element: etree._Element) -> int:
+    """Return the line of an element's start tag, also beyond line 65534.
+
+    There libxml2 only tells the line at which a piece of text near the element ends (xmlGetLineNo).
+    """
+    line = int(element.sourceline or 0)
+    if line < LAST_EXACT_LINE:
+        return line
+    if element.text:
+        return line - str(element.text).count("\n")
+    if len(element):
+        return line_of(element[0])
+    return line - (element.tail or "").count("\n")
 
 
 class YamlMap(dict[str, Any]):
@@ -145,18 +192,50 @@ def parse_yaml(data: bytes, name: str) -> Any:
     """
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        node = yaml.compose(data, Loader=loader)
+        node = yaml.compose(data, Loader=_bounded_loader())
     except yaml.MarkedYAMLError as failure:
         mark = failure.problem_mark or failure.context_mark
         line = mark.line + 1 if mark else 0
         text = " ".join(part for part in (failure.context, failure.problem) if part)
-        raise HalpipeError(BROKEN_YAML(text or "malformed", at=Location(name, line))) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as failure:
-        text = " ".join(str(failure).split())
-        raise HalpipeError(BROKEN_YAML(text or "malformed", at=Location(name))) from None
+        raise _broken_yaml(name, line, text or "malformed") from None
+    except yaml.reader.ReaderError as failure:
+        line = data.count(b"\n", 0, failure.position) + 1
+        raise _broken_yaml(name, line, f"is not text: {failure.reason}") from None
+    except (yaml.YAMLError, ValueError) as failure:
+        raise _broken_yaml(name, 0, " ".join(str(failure).split())) from None
     return None if node is None else _YamlBuilder(name).build(node, 0)
+
+
+def _broken_yaml(name: str, line: int, text: str) -> HalpipeError:
+    return HalpipeError(BROKEN_YAML(text, at=Location(name, line), help="repair the file"))
+
+
+@cache
+def _bounded_loader() -> Any:
+    """Return a loader that stops at the bounds while it composes: libyaml's own recursion has none and crashes."""
+    import yaml
+
+    base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+    class Bounded(base):  # type: ignore[misc]
+        depth = nodes = 0
+
+        def descend_resolver(self, parent: Any, index: Any) -> None:
+            self.depth += 1
+            self.nodes += 1
+            if self.depth > MAX_YAML_DEPTH + 1 or self.nodes > MAX_YAML_NODES:
+                raise yaml.MarkedYAMLError(problem=_UNBOUNDED, problem_mark=parent and parent.start_mark)
+            super().descend_resolver(parent, index)
+
+        def ascend_resolver(self) -> None:
+            self.depth -= 1
+            super().ascend_resolver()
+
+    return Bounded
+
+
+_UNBOUNDED = "nests too deep or has too many values"
 
 
 class _YamlBuilder:
@@ -170,7 +249,7 @@ class _YamlBuilder:
         line = node.start_mark.line + 1
         self._count += 1
         if depth > MAX_YAML_DEPTH or self._count > MAX_YAML_NODES:
-            raise self._error(line, "nests too deep or expands to too many values")
+            raise _broken_yaml(self._name, line, _UNBOUNDED)
         kind = node.id
         if kind == "scalar":
             return self._scalar(node)
@@ -187,10 +266,10 @@ class _YamlBuilder:
         for key_node, value_node in node.value:
             key_line = key_node.start_mark.line + 1
             if key_node.id != "scalar":
-                raise self._error(key_line, "has a key that is not plain text")
+                raise _broken_yaml(self._name, key_line, "has a key that is not plain text")
             key = key_node.value
             if key in mapping:
-                raise self._error(key_line, f'repeats the key "{key}"')
+                raise _broken_yaml(self._name, key_line, f'repeats the key "{key}"')
             mapping[key] = self.build(value_node, depth + 1)
             mapping.lines[key] = key_line
         return mapping
@@ -201,9 +280,6 @@ class _YamlBuilder:
         if node.tag == "tag:yaml.org,2002:bool":
             return node.value.lower() in ("true", "yes", "on", "y")
         return node.value
-
-    def _error(self, line: int, text: str) -> HalpipeError:
-        return HalpipeError(BROKEN_YAML(text, at=Location(self._name, line)))
 
 
 @dataclass(slots=True)
@@ -246,12 +322,18 @@ def find_inputs(paths: Iterable[str], suffixes: tuple[str, ...]) -> Iterator[str
 def write_output(path: str | os.PathLike[str], data: bytes | str) -> None:
     """Write one output atomically, or to standard output for ``-``."""
     name = os.fspath(path)
-    content = data.encode() if isinstance(data, str) else data
-    if name == STDIO:
-        sys.stdout.buffer.write(content)
-        sys.stdout.buffer.flush()
-    else:
+    content = data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
+    if name != STDIO:
         write_outputs({name: content})
+        return
+    try:
+        stream = _standard(sys.stdout)
+        stream.write(content)
+        stream.flush()
+    except BrokenPipeError:  # whoever read it has enough; the command line ends quietly
+        raise
+    except OSError as failure:
+        raise _cannot_write(STDIO, failure) from None
 
 
 def write_outputs(contents: Mapping[str, bytes]) -> None:
@@ -260,7 +342,7 @@ def write_outputs(contents: Mapping[str, bytes]) -> None:
     target = ""
     try:
         for target, content in contents.items():
-            if os.path.exists(target) and not os.path.isfile(target):
+            if target.startswith("/dev/") or (os.path.exists(target) and not os.path.isfile(target)):
                 _write_through(target, content)
             else:
                 staged.append(_stage(os.path.realpath(target), content))
@@ -270,11 +352,16 @@ def write_outputs(contents: Mapping[str, bytes]) -> None:
             staged.pop(0)
             _sync_directory(os.path.dirname(target))
     except (OSError, ValueError) as failure:
-        raise HalpipeError(CANNOT_WRITE(_reason(failure), at=Location(target))) from None
+        raise _cannot_write(target, failure) from None
     finally:
         for temporary, _ in staged:
             with contextlib.suppress(OSError):
                 os.unlink(temporary)
+
+
+def _cannot_write(target: str, failure: Exception) -> HalpipeError:
+    help = "choose a place that exists, has room and that you may write to"
+    return HalpipeError(CANNOT_WRITE(_reason(failure), at=Location(target), help=help))
 
 
 def _write_through(target: str, content: bytes) -> None:
@@ -288,9 +375,9 @@ def _stage(target: str, content: bytes) -> tuple[str, str]:
     directory, base = os.path.split(target)
     os.makedirs(directory, exist_ok=True)
     _sweep(directory, base)
-    temporary = os.path.join(directory, f".{base[:200]}.{os.getpid()}.halpipe-tmp")
+    temporary = os.path.join(directory, f"{_prefix(base)}{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}")
     mode = os.stat(target).st_mode & 0o777 if os.path.exists(target) else None
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)
@@ -307,12 +394,21 @@ def _stage(target: str, content: bytes) -> tuple[str, str]:
 
 def _sweep(directory: str, base: str) -> None:
     """Remove temporary files that a killed run left for the same target."""
-    prefix, suffix = f".{base[:200]}.", ".halpipe-tmp"
+    prefix = _prefix(base)
     for entry in os.listdir(directory):
-        owner = entry[len(prefix) : -len(suffix)]
-        if entry.startswith(prefix) and entry.endswith(suffix) and owner.isdigit() and not _is_alive(int(owner)):
-            with contextlib.suppress(OSError):
-                os.unlink(os.path.join(directory, entry))
+        if entry.startswith(prefix) and entry.endswith(_SUFFIX):
+            owner = entry[len(prefix) : -len(_SUFFIX)].partition("-")[0]
+            if owner.isdecimal() and not _is_alive(int(owner)):
+                with contextlib.suppress(OSError):
+                    os.unlink(os.path.join(directory, entry))
+
+
+_SUFFIX = ".halpipe-tmp"
+
+
+def _prefix(base: str) -> str:
+    """Return how the temporary files of a target begin; 50 characters are at most 200 of a name's 255 bytes."""
+    return f".{base[:50]}."
 
 
 def _is_alive(process: int) -> bool:

@@ -5,20 +5,29 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
-_RATIONAL = re.compile(r"[0-9]{1,30}(?:\.[0-9]{1,30})?|[0-9]{1,30}/[0-9]{1,30}")
+_RATIONAL = re.compile(r"[0-9]+(?:\.[0-9]+)?|[0-9]+/[0-9]+")
+_MAX_LENGTH = 1000  # metrics of schedules are sums of many fractions; what people write is short
+_SHOWN = 80
 _SIZE = re.compile(r"(?P<number>[0-9]{1,30}(?:\.[0-9]{1,30})?)\s*(?P<unit>[kMG]?B|[KMG]iB)")
 _BYTES = {"GiB": 2**30, "GB": 10**9, "MiB": 2**20, "MB": 10**6, "KiB": 2**10, "kB": 10**3, "B": 1}
+
+
+def quoted(text: str) -> str:
+    """Return a value in quotes for a message, cut where it is so long that it would hide the message."""
+    return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r}..."
 
 
 def parse_rational(text: str) -> Fraction:
     """Read a non-negative ``12``, ``0.35`` or ``1/3`` exactly; raise ``ValueError`` that says what is wrong."""
     stripped = text.strip()
+    if len(stripped) > _MAX_LENGTH:
+        raise ValueError(f"{quoted(text)} has more than {_MAX_LENGTH} characters")
     if _RATIONAL.fullmatch(stripped) is None:
-        raise ValueError(f"{text!r} is not a number; write it as 0.35, 1/3 or 1")
+        raise ValueError(f"{quoted(text)} is not a number; write it as 0.35, 1/3 or 1")
     try:
         return Fraction(stripped)
     except ZeroDivisionError:
-        raise ValueError(f"{text!r} divides by zero") from None
+        raise ValueError(f"{quoted(text)} divides by zero") from None
 
 
 def format_rational(value: Fraction) -> str:
@@ -49,17 +58,17 @@ def parse_bandwidth(text: str) -> int:
     stripped = text.strip()
     what = "a bandwidth; write it as 400MB/s or 19.2GB/s"
     if not stripped.endswith("/s"):
-        raise ValueError(f"{text!r} is not {what}")
+        raise ValueError(f"{quoted(text)} is not {what}")
     return _whole_bytes(text, stripped[:-2], what)
 
 
 def _whole_bytes(text: str, stripped: str, what: str) -> int:
     match = _SIZE.fullmatch(stripped)
     if match is None:
-        raise ValueError(f"{text!r} is not {what}")
+        raise ValueError(f"{quoted(text)} is not {what}")
     value = Fraction(match["number"]) * _BYTES[match["unit"]]
     if value.denominator != 1:
-        raise ValueError(f"{text!r} is not a whole number of bytes")
+        raise ValueError(f"{quoted(text)} is not a whole number of bytes")
     return value.numerator
 
 

@@ -7,11 +7,15 @@ package, whose reasons are easier to read, and the two are merged by line.
 from __future__ import annotations
 
 import re
+from collections import Counter
+from contextlib import suppress
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, Location, error
+from halpipe.files import LAST_EXACT_LINE, line_of
+from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -46,20 +50,46 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
     """Hold a document against the schema of its kind; return every violation with its line."""
     expected = f"{{{namespace(kind)}}}{kind}"
     if root.tag != expected:
-        found = f'has the root element "{root.tag}"'
-        help = f'expected "{expected}"'
-        return [WRONG_ROOT(found, at=Location(name, root.sourceline or 0), help=help)]
+        uri, _, tag = str(root.tag).rpartition("}")
+        found = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
+        help = f'expected <{kind} xmlns="{namespace(kind)}">'
+        return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=help)]
     schema = _libxml2_schema(kind)
     if schema.validate(root):
         return []
-    entries = [(e.line, e.message) for e in schema.error_log if e.type_name not in _IDENTITY_VIOLATIONS]
+    entries = [e for e in schema.error_log if e.type_name not in _IDENTITY_VIOLATIONS]
     if not entries:
         return []
+    violations = {_subject(e): (_line(root, e), _plain(e.message, kind)) for e in reversed(entries)}
+    return _reported(list(reversed(violations.values())), root, kind, name)
+
+
+def _reported(violations: list[tuple[int, str]], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
     reasons = _explain(root, kind)
-    return [
-        SCHEMA_VIOLATION(_plain(message, kind), at=Location(name, line), help=reasons.get(line, ""))
-        for line, message in dict.fromkeys(entries)
-    ]
+    crowded = {line for line, count in Counter(line for line, _ in violations).items() if count > 1}
+    reported = []
+    for line, message in dict.fromkeys(violations):
+        unknown = _UNKNOWN_ATTRIBUTE.search(message)
+        # A reason is known by its line only, so it is no help where several things are wrong on one line.
+        help = "" if line in crowded else reasons.get(line, "")
+        if unknown:
+            help = _meant(unknown["name"], kind)
+        reported.append(SCHEMA_VIOLATION(message, at=Location(name, line), help=help))
+    return reported
+
+
+def _subject(entry: Any) -> tuple[int, str, str]:
+    """Return what a violation is about: libxml2 reports a bad attribute once for every facet and once for its type."""
+    about = entry.message.partition(": ")[0]
+    return entry.line, entry.path or "", about if "', attribute '" in about else entry.message
+
+
+def _line(root: etree._Element, entry: Any) -> int:
+    """Return the line of a violation; libxml2 does not know lines beyond 65534 exactly."""
+    if entry.line < LAST_EXACT_LINE or not entry.path:
+        return int(entry.line)
+    found = root.getroottree().xpath(entry.path)
+    return line_of(found[0]) if found else int(entry.line)
 
 
 @cache
@@ -81,15 +111,38 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
 
     schema = xmlschema.XMLSchema10(_schema_bytes(kind).decode())
     reasons: dict[int, str] = {}
-    for failure in islice(schema.iter_errors(root), _MAX_EXPLAINED):
-        if failure.reason and failure.sourceline and "match any pattern" not in failure.reason:
-            reasons.setdefault(failure.sourceline, " ".join(str(failure.reason).split()))
+    # What xmlschema cannot digest, such as an unknown xsi:type, stays without its explanation.
+    with suppress(xmlschema.XMLSchemaException):
+        for failure in islice(schema.iter_errors(root), _MAX_EXPLAINED):
+            if failure.reason and failure.sourceline and "match any pattern" not in failure.reason:
+                reason = _shortened(" ".join(str(failure.reason).split()))
+                reasons.setdefault(failure.sourceline, reason.replace(f"{{{namespace(kind)}}}", "").replace("'t:", "'"))
     return reasons
+
+
+_UNKNOWN_ATTRIBUTE = re.compile(r"The attribute '(?P<name>[^']*)' is not allowed")
+_LONG_VALUE = re.compile(r"(['\"])([^'\"]{60})[^'\"]{60,}(?:\1|$)")
+
+
+def _shortened(text: str) -> str:
+    """Cut quoted values that are so long that they would hide the message."""
+    return _LONG_VALUE.sub(r"\1\2...\1", text)
+
+
+@cache
+def _meant(attribute: str, kind: str) -> str:
+    """Return which attribute of the schema was probably meant."""
+    from lxml import etree
+
+    names = etree.fromstring(_schema_bytes(kind)).xpath("//*[local-name() = 'attribute']/@name")
+    return did_you_mean(attribute, sorted(set(map(str, names))), "remove it")
 
 
 _PATTERN_FACET = re.compile(
     r"\[facet 'pattern'\] The value '(?P<value>.*)' is not accepted by the pattern '(?P<pattern>.*)'\."
 )
+
+_FACET = re.compile(r"\[facet '\w+'\] ")
 
 
 @cache
@@ -112,5 +165,5 @@ def _plain(message: str, kind: str) -> str:
     message = message.replace(f"{{{namespace(kind)}}}", "")
     facet = _PATTERN_FACET.search(message)
     if facet and facet["pattern"] in _forms(kind):
-        return message[: facet.start()] + f"the value '{facet['value']}' is not {_forms(kind)[facet['pattern']]}"
-    return message
+        message = message[: facet.start()] + f"the value '{facet['value']}' is not {_forms(kind)[facet['pattern']]}"
+    return _shortened(_FACET.sub("", message))

@@ -2,17 +2,35 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from lxml import etree
 
+from halpipe.diagnostics import HalpipeError, error
+from halpipe.schemas import check, namespace
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
     from halpipe.durations import Duration
 
 
-def document(tag: str, namespace: str) -> etree._Element:
-    """Start a document with its default namespace."""
-    return etree.Element(f"{{{namespace}}}{tag}", nsmap={None: namespace})
+UNWRITABLE = error(
+    "HAL0104",
+    "Value cannot be written",
+    "The model or schedule holds a value that its file format cannot hold: a name with characters that names may not "
+    "have, an empty list of names, white space inside an item of a list, or a number with too many digits. Nothing is "
+    "written, because it could not be read back.",
+)
+
+_ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def document(kind: str, **attributes: str | int | Duration | None) -> etree._Element:
+    """Start a document of a kind, with its default namespace."""
+    uri = namespace(kind)
+    return _with(etree.Element(f"{{{uri}}}{kind}", nsmap={None: uri}), attributes)
 
 
 def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | None) -> etree._Element:
@@ -20,15 +38,39 @@ def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | N
 
     A trailing ``_`` escapes a Python keyword: ``from_`` writes ``from``.
     """
-    child = etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag)
+    return _with(etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag), attributes)
+
+
+def _with(element: etree._Element, attributes: Mapping[str, str | int | Duration | None]) -> etree._Element:
     for name, value in attributes.items():
         if value is not None:
-            child.set(name.rstrip("_").replace("_", "-"), str(value))
-    return child
+            # File names may hold what XML cannot; in a name the replacement is found by the schema.
+            element.set(name.rstrip("_").replace("_", "-"), _ILLEGAL.sub("\ufffd", str(value)))
+    return element
 
 
-def serialise(root: etree._Element) -> bytes:
-    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end."""
+def listed(items: Iterable[str]) -> str:
+    """Return a blank-separated list; raise `HalpipeError` for an item that would be read back as several."""
+    found = list(items)
+    for item in found:
+        if not item or _BLANK.search(item):
+            help = "rename it without white space"
+            raise HalpipeError(UNWRITABLE(f"{item!r} cannot be an item of a list of names", help=help))
+    return " ".join(found)
+
+
+_BLANK = re.compile(r"[ \t\r\n]")
+
+
+def serialise(root: etree._Element, kind: str) -> bytes:
+    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end.
+
+    Raise `HalpipeError` when they would not follow the schema of `kind`, so that what is written can be read.
+    """
+    violations = check(root, kind, "")
+    if violations:
+        help = "rename or repair it where it comes from"
+        raise HalpipeError(*(UNWRITABLE(v.message, help=help) for v in violations))
     etree.indent(root, space="  ")
     body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + body + b"\n"

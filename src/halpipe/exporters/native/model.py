@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.native.document import add, document, serialise
+from halpipe.exporters.native.document import add, document, listed, serialise
 from halpipe.quantities import format_bandwidth, format_rational, format_size
-from halpipe.schemas import TASK_MODEL, namespace
+from halpipe.schemas import TASK_MODEL
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from lxml import etree
 
     from halpipe.models import (
@@ -31,8 +29,7 @@ if TYPE_CHECKING:
 
 def format_model(model: TaskModel) -> bytes:
     """Return the canonical XML of a task model."""
-    root = document(TASK_MODEL, namespace(TASK_MODEL))
-    root.set("name", model.name)
+    root = document(TASK_MODEL, name=model.name)
     platform = add(root, "platform")
     for unit in model.units:
         _write_unit(platform, unit)
@@ -53,7 +50,7 @@ def format_model(model: TaskModel) -> bytes:
         for transition in model.transitions:
             _write_transition(transitions, transition)
     _write_origin(root, model.origin)
-    return serialise(root)
+    return serialise(root, TASK_MODEL)
 
 
 def _write_origin(parent: etree._Element, origin: Origin | None) -> None:
@@ -87,8 +84,9 @@ def _write_task(parent: etree._Element, task: Task) -> None:
 
 def _write_version(parent: etree._Element, version: Version) -> None:
     element = add(parent, "version", name=version.name, wcet=version.wcet)
-    if version.units:
-        add(element, "units", names=_names(version.units), gang=None if version.gang == 1 else version.gang)
+    if version.units or version.gang != 1:
+        gang = None if version.gang == 1 else version.gang
+        add(element, "units", names=listed(version.units) if version.units else None, gang=gang)
     for access in version.accesses:
         _write_access(element, access)
     for precedence in version.precedences:
@@ -129,9 +127,9 @@ def _write_source(parent: etree._Element, source: Source) -> None:
     add(
         parent,
         "source",
-        files=_names(source.files),
+        files=listed(source.files),
         entry=source.entry,
-        defines=_names(source.defines) if source.defines else None,
+        defines=listed(source.defines) if source.defines else None,
     )
 
 
@@ -140,7 +138,7 @@ def _write_chain(parent: etree._Element, chain: Chain) -> None:
         parent,
         "chain",
         name=chain.name,
-        tasks=_names(chain.tasks),
+        tasks=listed(chain.tasks),
         max_reaction=chain.max_reaction,
         max_age=chain.max_age,
     )
@@ -150,14 +148,10 @@ def _write_chain(parent: etree._Element, chain: Chain) -> None:
 def _write_mode(parent: etree._Element, mode: Mode) -> None:
     element = add(parent, "mode", name=mode.name)
     for run in mode.runs:
-        add(element, "run", task=run.task, versions=_names(run.versions))
+        add(element, "run", task=run.task, versions=listed(run.versions))
     _write_origin(element, mode.origin)
 
 
 def _write_transition(parent: etree._Element, transition: Transition) -> None:
     element = add(parent, "transition", from_=transition.source, to=transition.target, max_length=transition.max_length)
     _write_origin(element, transition.origin)
-
-
-def _names(names: Iterable[str]) -> str:
-    return " ".join(names)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.native.document import add, document, serialise
+from halpipe.exporters.native.document import add, document, listed, serialise
 from halpipe.quantities import format_rational
-from halpipe.schemas import SCHEDULE, namespace
+from halpipe.schemas import SCHEDULE
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -16,22 +16,20 @@ if TYPE_CHECKING:
 
 def format_schedule(schedule: Schedule) -> bytes:
     """Return the canonical XML of a schedule; jobs stay in their order."""
-    root = document(SCHEDULE, namespace(SCHEDULE))
-    root.set("model", schedule.model)
-    root.set("model-sha256", schedule.model_sha256)
-    if schedule.generator:
-        root.set("generator", schedule.generator)
-    if schedule.solver:
-        root.set("solver", schedule.solver)
-    if schedule.seed is not None:
-        root.set("seed", str(schedule.seed))
-    if schedule.tick is not None:
-        root.set("tick", str(schedule.tick))
+    root = document(
+        SCHEDULE,
+        model=schedule.model,
+        model_sha256=schedule.model_sha256,
+        generator=schedule.generator or None,
+        solver=schedule.solver or None,
+        seed=schedule.seed,
+        tick=schedule.tick,
+    )
     for mode in schedule.modes:
         _write_mode(root, mode)
     for table in schedule.transitions:
         _write_transition(root, table)
-    return serialise(root)
+    return serialise(root, SCHEDULE)
 
 
 def _write_mode(parent: etree._Element, mode: ModeSchedule) -> None:
@@ -58,7 +56,7 @@ def _write_jobs(parent: etree._Element, jobs: tuple[Job, ...]) -> None:
             start=job.start,
             end=job.end,
             version=job.version,
-            units=" ".join(job.units),
+            units=listed(job.units),
         )
 
 

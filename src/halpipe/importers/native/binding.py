@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.diagnostics import Findings, Location, error
 from halpipe.durations import Duration
+from halpipe.files import line_of
 from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ BAD_VALUE = error(
     "The value has the right form but no exact meaning here, such as a size that is not a whole number of bytes.",
 )
 
+_ITEM = re.compile(r"[^ \t\r\n]+")
+
 # A model states few distinct durations many times.
 _duration = lru_cache(maxsize=4096)(Duration.parse)
 _rational = lru_cache(maxsize=4096)(parse_rational)
@@ -38,7 +42,7 @@ class Binder:
 
     def at(self, element: etree._Element) -> Location:
         """Return the place of an element."""
-        return Location(self.file, element.sourceline or 0)
+        return Location(self.file, line_of(element))
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
         """Return the children called `tag`, in order."""
@@ -53,8 +57,8 @@ class Binder:
         return element.get(name) or ""
 
     def names(self, element: etree._Element, name: str) -> tuple[str, ...]:
-        """Return an attribute's blank-separated names."""
-        return tuple(self.text(element, name).split())
+        """Return an attribute's blank-separated names; only what is white space in XML separates them."""
+        return tuple(_ITEM.findall(self.text(element, name)))
 
     def integer(self, element: etree._Element, name: str, default: int = 0) -> int:
         """Return an integer attribute."""

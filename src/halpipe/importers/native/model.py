@@ -145,7 +145,7 @@ class _ModelBinder(Binder):
 
     def source(self, e: etree._Element) -> Source:
         files, defines = self.names(e, "files"), self.names(e, "defines")
-        return Source(files=files, entry=self.text(e, "entry").strip(), defines=defines, at=self.at(e))
+        return Source(files=files, entry=" ".join(self.names(e, "entry")), defines=defines, at=self.at(e))
 
     def chain(self, e: etree._Element) -> Chain:
         return Chain(
