@@ -4,7 +4,7 @@ from arxml_case import component, disabled, el, event, every, found, mode_group,
 
 from halpipe.importers.arxml import codes
 
-POWER = mode_group("Power", "Sleep Run", "Run Sleep")  # the last mode is the initial one
+POWER = mode_group("Power", "Sleep Run", "Run Sleep", "Run Run")  # the last mode is the initial one
 
 
 def runs(imported):
@@ -33,7 +33,7 @@ def test_one_group_makes_its_modes_the_initial_one_first(tmp_path):
     assert imported.model.modes[1].origin.path == "/T/Power/Sleep"
     assert {(t.source, t.target) for t in imported.model.transitions} == {("Run", "Sleep")}
     assert ("MODE-DECLARATION", 2, 2, 0) in imported.coverage.rows()
-    assert ("MODE-TRANSITION", 1, 1, 0) in imported.coverage.rows()
+    assert ("MODE-TRANSITION", 2, 1, 1) in imported.coverage.rows()
 
 
 def test_a_group_without_transitions_allows_every_one(tmp_path):

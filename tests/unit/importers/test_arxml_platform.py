@@ -176,7 +176,10 @@ def test_without_cores_there_is_one_per_ecu(tmp_path):
 
 
 def test_one_ecu_names_the_model_and_its_core(tmp_path):
-    imported = read(write(tmp_path, package("T", PUMP, named("ECU-INSTANCE", "Front"))))
+    target = el("COMPONENT-IREFS", el("COMPONENT-IREF", ref("TARGET-COMPONENT-REF", "/T/Car/p")))
+    mapping = named("SWC-TO-ECU-MAPPING", "M", target, ref("ECU-INSTANCE-REF", "/T/Front"))
+    parts = [PUMP, composition("Car", "p:Pump"), named("ECU-INSTANCE", "Front"), mapping]
+    imported = read(write(tmp_path, package("T", *parts)))
     assert (imported.model.name, [unit.name for unit in imported.model.units]) == ("Front", ["core0"])
 
 
@@ -201,6 +204,7 @@ def test_every_element_is_accounted_for_once(tmp_path):
     assert sum(read for _, read, _, _ in rows) == len(nodes)
     assert all(read == mapped + ignored for _, read, mapped, ignored in rows)
     reasons = {element.name: element.reason for element in imported.coverage.ignored_elements}
+    assert {("AR-PACKAGE", 2, 2, 0), ("SWC-INTERNAL-BEHAVIOR", 1, 1, 0)} <= set(rows)
     assert reasons["/T/If/Op"] == "no influence on timing"
     assert reasons["/T/Pump/B/Call"] == "server call: runs within its client"
     assert reasons["/T/Pump/B/Never"] == "no event starts it"

@@ -117,6 +117,12 @@ def with_os(period, *os, refs=(), task="Main", offset="", event_offset=()):
     ("period", "os", "refs", "expected"),
     [
         ("0.01", [alarm("Al", "20")], [("RteUsedOsAlarmRef", "/E/Os/Al")], "10ms"),
+        (
+            "0.0",
+            [alarm("Other", "20", activates="Main"), alarm("Al", "40")],
+            [("RteUsedOsAlarmRef", "/E/Os/Al")],
+            "40ms",
+        ),
         ("0.0", [alarm("Al", "20", activates="Main")], [("RteUsedOsAlarmRef", "/E/Os/Al")], "20ms"),
         ("0.0", [alarm("Al", "20", activates="Main")], [], "20ms"),
         (
@@ -133,7 +139,15 @@ def with_os(period, *os, refs=(), task="Main", offset="", event_offset=()):
         ),
         ("0.0", [schedule_table("Tab", "40", [("P", "5", "Main"), ("Q", "25", "Main")])], [], "20ms"),
     ],
-    ids=["event first", "its alarm", "alarm of the task", "alarm of its OS event", "expiry point", "even points"],
+    ids=[
+        "event first",
+        "its alarm first",
+        "its alarm",
+        "alarm of the task",
+        "alarm of its OS event",
+        "expiry point",
+        "even points",
+    ],
 )
 def test_sources_of_a_period(tmp_path, period, os, refs, expected):
     imported = read(write(tmp_path, *with_os(period, *os, refs=refs)), strict=True)
@@ -258,6 +272,36 @@ def test_the_overlay_gives_periods_and_drops_tasks(tmp_path):
     assert set(periods(imported)) == {"Pump/Serve"}
     reasons = {e.name: e.reason for e in imported.coverage.ignored_elements}
     assert reasons["/T/Pump/B/A"] == "left out by the overlay"
+
+
+def test_the_period_of_the_overlay_goes_to_the_event_that_an_os_task_runs(tmp_path):
+    pump = component(
+        "Pump",
+        event("OPERATION-INVOKED-EVENT", "Call", "Pump/Step"),
+        event("SWC-MODE-SWITCH-EVENT", "Switch", "Pump/Step"),
+        runnables="Step",
+    )
+    os = configuration("Os", os_task("Main"), configuration_of_core("Main"))
+    mapping = configuration("Rte", rte(mapped("Pump/B/Switch", "Main")))
+    path = write(tmp_path, package("T", pump), package("E", os, mapping))
+    (task,) = read(path, sources={"Pump/Step": "7ms"}, granularity="ostask").model.tasks
+    assert (task.name, task.period) == ("Main", ms("7ms"))
+
+
+def configuration_of_core(task):
+    params = {"OsApplicationCoreAssignment": "3"}
+    return container("Os/OsApplication", "App", params=params, refs=[("OsAppTaskRef", f"/E/Os/{task}")])
+
+
+def test_of_two_mappings_the_one_to_an_os_task_counts(tmp_path):
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    unmapped = container(
+        "Rte/RteSwComponentInstance/RteEventToTaskMapping", "U", refs=[("RteEventRef", "/T/Pump/B/Tick")]
+    )
+    os = configuration("Os", os_task("Main"))
+    mapping = configuration("Rte", rte(unmapped, mapped("Pump/B/Tick", "Main")))
+    path = write(tmp_path, package("T", pump), package("E", os, mapping))
+    assert periods(read(path, granularity="ostask")) == {"Main": "10ms"}
 
 
 def test_data_received_without_sender_takes_the_period_of_the_overlay(tmp_path):

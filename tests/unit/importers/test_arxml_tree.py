@@ -20,6 +20,7 @@ from halpipe.diagnostics import Exit, Findings
 from halpipe.files import BROKEN_XML, CANNOT_READ
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.reading import read_tree
+from halpipe.importers.arxml.sniff import load
 
 PUMP = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
 TEXT = document(package("T", PUMP))
@@ -116,6 +117,21 @@ def test_relative_references_use_the_base_they_name_or_the_default_of_their_pack
     for event_ref, base in cases:
         content = named("AR-PACKAGE", "T", bases(base), el("ELEMENTS", pump(event_ref)))
         assert periods(read(write(tmp_path, content))) == ONE_TASK
+
+
+def test_the_nearest_package_that_declares_the_label_counts(tmp_path):
+    event = named("TIMING-EVENT", "Tick", '<START-ON-EVENT-REF BASE="far">Pump/B/Step</START-ON-EVENT-REF>')
+    event = event.replace("</TIMING-EVENT>", "<PERIOD>0.01</PERIOD></TIMING-EVENT>")
+    inner = named("AR-PACKAGE", "Inner", bases((el("SHORT-LABEL", "near"), ref("PACKAGE-REF", "/none"))))
+    inner = inner.replace("</AR-PACKAGE>", el("ELEMENTS", component("Fan", event)) + "</AR-PACKAGE>")
+    far = bases((el("SHORT-LABEL", "far"), ref("PACKAGE-REF", "/T")))
+    outer = named("AR-PACKAGE", "T", far, el("ELEMENTS", PUMP), el("AR-PACKAGES", inner))
+    assert [d.code for d in read(write(tmp_path, outer)).diagnostics if d.code == codes.DANGLING.id] == []
+
+
+def test_a_file_named_twice_is_read_once(tmp_path):
+    path = str(write(tmp_path, package("T", PUMP)))
+    assert [document.name for document in load([path, path], Findings())] == [path]
 
 
 def test_elements_of_one_path_and_different_kinds_are_told_apart(tmp_path):

@@ -273,7 +273,7 @@ class ExecutionTime:
 
 @dataclass(frozen=True, slots=True)
 class Ecu:
-    """An ECU-INSTANCE and the component prototypes (paths) that SWC-TO-ECU-MAPPINGs put on it."""
+    """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so."""
 
     place: Place
     prototypes: tuple[str, ...]
