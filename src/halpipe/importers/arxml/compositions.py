@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 COMPOSITION = "COMPOSITION-SW-COMPONENT-TYPE"
 _PORTS = ("P-PORT-PROTOTYPE", "R-PORT-PROTOTYPE", "PR-PORT-PROTOTYPE")
 _MAX_DEPTH = 32
-MAX_INSTANCES = 100_000
+MAX_INSTANCES = 20_000
 
 
 # ------------------------------------------------------------------------------------------------ reading

@@ -222,18 +222,19 @@ class Periods:
         """
         event, mapping = activation.event, activation.mapping
         for stated in (mapping.offset if mapping else None, event.offset if event else None):
-            offset = self._stated_offset(stated) if stated else None
+            offset = self._stated_offset(stated, activation) if stated else None
             if offset:
                 return offset % recurrence.period or None
         return recurrence.offset % recurrence.period or None
 
-    def _stated_offset(self, stated: Stated) -> Duration | None:
+    def _stated_offset(self, stated: Stated, activation: Activation) -> Duration | None:
         offset = parse_seconds(stated.text)
         if offset is None:
             self._report(
                 codes.BAD_OFFSET(
                     f'offset "{stated.text}" is not a non-negative number of seconds',
                     at=stated.at,
+                    path=f'task "{activation.name}"',
                     help="write it in seconds, such as 0.0025",
                 )
             )

@@ -8,10 +8,11 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.periods import senders_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from halpipe.diagnostics import Findings
     from halpipe.durations import Duration
@@ -54,22 +55,31 @@ def _from_constraints(system: System, drafts: Sequence[Draft], findings: Finding
             paths = [member.place.path, *([member.event.place.path] if member.event else [])]
             for path in paths:
                 by_path.setdefault(path, []).append((draft, member.context))
+    _report_lost(system, by_path.keys(), findings)
     for order in system.orders:
-        lost = [path for path in (order.first, order.second) if path not in by_path]
-        if lost:
-            findings.add(
-                codes.ORDER_LOST(
-                    f"orders {order.first} before {order.second}, but {' and '.join(lost)} is no periodic task",
-                    at=order.place.at,
-                    path=f'{order.place.kind} "{order.place.path}"',
-                    help="give it a period in the overlay (sources) if the order matters",
-                )
-            )
         same_type = order.first.rpartition("/")[0] == order.second.rpartition("/")[0]
         for first, first_context in by_path.get(order.first, ()):
             for second, second_context in by_path.get(order.second, ()):
                 if first_context == second_context or not same_type:
                     yield Edge(first.name, second.name, order.place)
+
+
+def _report_lost(system: System, known: Collection[str], findings: Findings) -> None:
+    """Report, once per constraint, what it orders that is no task."""
+    lost: dict[Place, dict[str, None]] = {}
+    for order in system.orders:
+        for path in (order.first, order.second):
+            if path not in known:
+                lost.setdefault(order.place, {})[path] = None
+    for place, paths in lost.items():
+        findings.add(
+            codes.ORDER_LOST(
+                f"orders what is no periodic task: {listed(list(paths))}",
+                at=place.at,
+                path=f'{place.kind} "{place.path}"',
+                help="give it a period in the overlay (sources) if the order matters",
+            )
+        )
 
 
 def _from_positions(drafts: Sequence[Draft]) -> Iterator[Edge]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.periods import NOT_SCHEDULED
 
 if TYPE_CHECKING:
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
     from halpipe.importers.base import Coverage
     from halpipe.models import TaskModel
 
-_SHOWN = 5
-
 
 def report_periodless(activations: Sequence[Activation], findings: Findings) -> None:
     """Report events that make no task, one finding for each kind and reason; timing events have theirs already."""
@@ -34,7 +33,7 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
         code = codes.NOT_SCHEDULED if expected else codes.NO_PERIOD
         findings.add(
             code(
-                f"{len(found)} {kind} make no task ({reason}): {_listed([a.name for a in found])}",
+                f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",
                 at=found[0].event.place.at if found[0].event else found[0].place.at,
                 help="" if expected else "give them a period in the overlay (sources), if they belong to the schedule",
             )
@@ -83,7 +82,7 @@ def report_assumptions(
     if unbound and len(model.units) > 1:
         findings.add(
             codes.UNMAPPED(
-                f"{len(unbound)} tasks are bound to no core: {_listed([draft.name for draft in unbound])}",
+                f"{len(unbound)} tasks are bound to no core: {listed([draft.name for draft in unbound])}",
                 at=at,
                 help="bind them in the overlay (units), or leave the choice to the scheduler",
             )
@@ -99,7 +98,7 @@ def _report_times(model: TaskModel, at: Location, findings: Findings) -> None:
     if missing:
         findings.add(
             codes.NO_WCET(
-                f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {_listed(missing)}",
+                f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}",
                 at=at,
                 help="give them in an overlay (tasks: wcet)",
             )
@@ -137,7 +136,7 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
     places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
     findings.add(
         codes.DATA_FLOW(
-            f"{len(names)} data dependencies between runnables: {_listed(names)}",
+            f"{len(names)} data dependencies between runnables: {listed(names)}",
             at=places[writer].at,
             help="list those that must be fresh as chains in the overlay",
         )
@@ -161,8 +160,3 @@ def report_same_functions(drafts: Sequence[Draft], findings: Findings) -> None:
                     help="drop one of them in the overlay if they are one function",
                 )
             )
-
-
-def _listed(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:_SHOWN])
-    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
