@@ -84,7 +84,10 @@ def _access_excess(placement: Placement) -> Fraction:
 
 
 def _window_distances(placement: Placement) -> int:
-    """Return the part of p_pr from precedence: how far the nearest predecessor job lies outside each window."""
+    """Return the part of p_pr from precedence: how far the nearest predecessor job lies outside each window.
+
+    Where a predecessor on demand has no job at all, its missing demands count instead.
+    """
     anchors: dict[tuple[str, Anchor], Instants] = {}
     total = 0
     for job in placement.jobs:
@@ -92,6 +95,9 @@ def _window_distances(placement: Placement) -> int:
             key = (constraint.task, constraint.anchor)
             if key not in anchors:
                 anchors[key] = _anchor_instants(placement, *key)
+            before = placement.expansion.by_name.get(constraint.task)
+            if not anchors[key].times and before is not None and before.task.period is None:
+                continue
             low, high = constraint.min // placement.tick, constraint.max // placement.tick
             total += _distance(anchors[key], job.start, low, high, placement.hyperperiod)
     return total
@@ -116,7 +122,7 @@ def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: i
 
 
 def _missing_demands(placement: Placement) -> int:
-    """Return one hyperperiod for every demand without its job, and for every demand job without its demand."""
+    """Return one mean WCET for every demand without its job, and for every demand job without its demand."""
     version_of = {(job.active.name, job.index): job.version for job in placement.jobs}
     wrong = 0
     for active in placement.expansion.tasks:
@@ -124,11 +130,11 @@ def _missing_demands(placement: Placement) -> int:
             demander = version_of.get((demand.task, demand.index))
             wanted = demander is not None and demands_for(demander, active.name) > demand.slot
             wrong += wanted != ((active.name, index) in version_of)
-    return wrong * placement.hyperperiod
+    return wrong * placement.mean_wcet
 
 
 def _chain_excess(model: TaskModel, placement: Placement) -> int:
-    """Return the part of p_pr from chains: by how much their latencies pass their limits."""
+    """Return the part of p_pr from chains: by how much their latencies pass their limits; if endless, one mean WCET."""
     total = 0
     for chain in model.chains:
         if not all(name in placement.by_task for name in chain.tasks):
@@ -137,7 +143,7 @@ def _chain_excess(model: TaskModel, placement: Placement) -> int:
         for limit, measure in ((chain.max_reaction, worst_reaction), (chain.max_age, worst_age)):
             if limit is not None:
                 latency = measure(members, placement.hyperperiod)
-                over = placement.hyperperiod if latency is None else latency - limit // placement.tick
+                over = placement.mean_wcet if latency is None else latency - limit // placement.tick
                 total += max(0, over)
     return total
 

@@ -59,6 +59,11 @@ class Placement:
         """The hyperperiod in ticks."""
         return self.expansion.hyperperiod // self.tick
 
+    @property
+    def mean_wcet(self) -> int:
+        """The mean WCET of the mode in ticks, at least one: what the cost takes for what has no distance."""
+        return max(1, self.expansion.mean_wcet // self.tick)
+
     @cached_property
     def by_task(self) -> dict[str, list[PlacedJob]]:
         """The jobs of every active task, in the order given."""

@@ -151,7 +151,7 @@ def _check_range(problem: Problem) -> None:
     sides = 1 + int(arrays.row_first[-1]) + len(arrays.chain_limit)
     worst = hyperperiod * heaviest * max(1, jobs) * max(1, int(arrays.rect_first[-1]))
     worst += hyperperiod * int(arrays.unit_weight) * max(1, jobs) * sides
-    hottest = 64 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
+    hottest = 512 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
     if max(worst, hottest) >= LARGEST:
         raise HalpipeError(
             TOO_LARGE(

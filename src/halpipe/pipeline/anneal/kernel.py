@@ -35,13 +35,15 @@ from halpipe.pipeline.anneal.state import (
 CANDIDATES = 32
 CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
+HOTTER = 3
+"""One cycle in four starts at T0 times 2**3: hot enough to break tasks out of places where tight windows hold them."""
 NOISE_SHIFT = 20
 """Fraction bits of a temperature times a table entry: 10 each."""
 
 
 @compiled
 def next_temperature(p, s):
-    """Cool linearly to a third within a cycle; start cycles of Luby's lengths at T0, T0/2 or T0/4."""
+    """Cool linearly to a third within a cycle; start cycles of Luby's lengths at T0, T0/2, T0/4 or, hot, at 8 T0."""
     register = s.register
     if register[CYCLE_LEFT] == 0:
         register[CYCLE] += 1
@@ -56,7 +58,7 @@ def next_temperature(p, s):
                 length <<= 1
         register[CYCLE_LENGTH] = CYCLE_MOVES * len(p.entry_offset) * length
         register[CYCLE_LEFT] = register[CYCLE_LENGTH]
-        register[HEAT] = s.heat >> draw(s.random, 3)
+        register[HEAT] = s.heat << HOTTER if draw(s.random, 4) == 0 else s.heat >> draw(s.random, 3)
     register[CYCLE_LEFT] -= 1
     heat = register[HEAT]
     low = heat // 3
@@ -227,6 +229,8 @@ def move(p, s, noise):
     register = s.register
     entry, conflicting = pick(p, s)
     fresh = register[INSERTED] < len(p.entry_offset)
+    if register[INSERTED] == 0:
+        register[COST] = total_cost(p, s)  # of chains through tasks that have no jobs at all
     begin = p.entry_job[entry]
     end = p.entry_job[entry + 1]
     task = p.job_task[begin]

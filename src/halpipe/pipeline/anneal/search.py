@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from halpipe.models import Job
-from halpipe.pipeline.anneal.kernel import anneal, load
+from halpipe.pipeline.anneal.kernel import anneal, load, total_cost
 from halpipe.pipeline.anneal.noise import gumbel_table
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.state import BEST, INSERTED, MOVES, State, new_state
@@ -88,7 +88,7 @@ def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool
     size = max(1, SLICE_WORK * entries // (20 * max(1, len(problem.arrays.job_task))))
     register = state.register
     if entries == 0:
-        register[BEST] = 0
+        register[BEST] = total_cost(problem.arrays, state)
         return False
     while register[MOVES] < budget:
         cost = anneal(problem.arrays, state, noise, min(size, budget - int(register[MOVES])))
@@ -186,11 +186,13 @@ def _jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Iterator
 def _rotation(problem: Problem, task: int, start: list[int]) -> int:
     """Return by how much job numbers must turn for the phase s of a periodic task to lie in [0, D) (MODEL 3).
 
-    The kernel's moves may carry the phase past the period's edges, which only renames the jobs.
+    The kernel's moves may carry the phase past the period's edges, which only renames the jobs. The jobs of a task
+    that demands others keep their numbers, by which its demands are known.
     """
     arrays = problem.arrays
-    entry = int(arrays.job_entry[arrays.task_job[task]]) if start else 0
-    if not start or not arrays.task_cyclic[task] or arrays.entry_offset[entry] >= 0:
+    first, last = int(arrays.task_job[task]), int(arrays.task_job[task + 1])
+    demanding = arrays.dependent_first[last] > arrays.dependent_first[first]
+    if not arrays.task_cyclic[task] or demanding or arrays.entry_offset[arrays.job_entry[first]] >= 0:
         return 0
     period, hyperperiod = int(arrays.task_period[task]), int(arrays.hyperperiod)
     offsets = [(time - number * period) % hyperperiod for number, time in enumerate(start)]

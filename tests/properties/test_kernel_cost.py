@@ -1,0 +1,193 @@
+"""The kernel's running cost is the cost of what it holds, and the cost that the reference finds in it."""
+
+from collections import Counter
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scheduler_systems import random_problem
+
+from halpipe.pipeline.anneal.kernel import load, move, next_temperature, total_cost
+from halpipe.pipeline.anneal.noise import gumbel_table
+from halpipe.pipeline.anneal.search import _deal_anyhow, _jobs
+from halpipe.pipeline.anneal.state import BEST, COST, INSERTED, new_state
+from halpipe.pipeline.cost import cost_terms
+from halpipe.pipeline.placement import Placement
+
+SEEDS = st.integers(0, 2**32)
+FAST = settings(max_examples=120, deadline=None, derandomize=True)
+NOISE = gumbel_table()
+
+
+def walk(problem, seed, moves):
+    """Yield the state after each of `moves` moves; unlike the search, go on where the cost is zero."""
+    state = new_state(problem.arrays, seed, problem.mean_wcet)
+    for _ in range(moves if len(problem.arrays.entry_offset) else 0):
+        next_temperature(problem.arrays, state)
+        move(problem.arrays, state, NOISE)
+        yield state
+
+
+def is_complete(problem, state):
+    return state.register[INSERTED] == len(problem.arrays.entry_offset)
+
+
+def rectangles(problem, state):
+    """Yield lane, begin, length and height of everything placed, with job and number of the rectangle."""
+    arrays = problem.arrays
+    for job in np.flatnonzero(state.start >= 0).tolist():
+        first, last = arrays.rect_first[state.option[job] : state.option[job] + 2].tolist()
+        for number, (lane, offset, length, height) in enumerate(arrays.rect[first:last].tolist()):
+            yield lane, int(state.start[job]) + offset, length, height, job, number
+
+
+def check_profiles(problem, state):
+    """Every lane's profile is the sum of what lies on it, tick by tick, and its owners are those who lie on it."""
+    arrays = problem.arrays
+    load_of, owners = Counter(), set()
+    for lane, begin, length, height, job, number in rectangles(problem, state):
+        owners.add((lane, job, number))
+        for time in range(begin, begin + length):
+            load_of[lane, time % arrays.hyperperiod] += height
+    for lane in range(len(arrays.lane_capacity)):
+        base, count = int(arrays.lane_first[lane]), int(state.edges[lane])
+        edges, levels = state.edge[base : base + count + 1], state.level[base : base + count]
+        assert edges[0] == 0
+        assert edges[-1] == arrays.hyperperiod
+        assert np.all(np.diff(edges) > 0)
+        profile = np.repeat(levels, np.diff(edges)).tolist()
+        assert profile == [load_of[lane, time] for time in range(arrays.hyperperiod)]
+        assert base + count < arrays.lane_first[lane + 1]
+        place = int(arrays.owner_first[lane])
+        held = state.owner[place : place + int(state.owners[lane])].tolist()
+        assert {(lane, *divmod(owner, state.max_rects)) for owner in held} == {o for o in owners if o[0] == lane}
+        assert len(held) == len(set(held))
+
+
+def check_phases(problem, state):
+    """Starts follow from phases, and the jobs of a task have a common phase within slack, deadline and offset."""
+    arrays = problem.arrays
+    for task in range(len(arrays.task_period)):
+        jobs = [j for j in range(arrays.task_job[task], arrays.task_job[task + 1]) if state.start[j] >= 0]
+        for number, job in enumerate(jobs):
+            assert arrays.task_option[task] <= state.option[job] < arrays.task_option[task + 1]
+            shift = number * arrays.task_period[task] if arrays.task_cyclic[task] else 0
+            assert state.start[job] == (state.phase[job] + shift) % arrays.hyperperiod
+        if not arrays.task_cyclic[task] or not jobs:
+            continue
+        earliest = max(int(state.phase[job] - arrays.option_late[state.option[job]]) for job in jobs)
+        latest = min(int(state.phase[job]) for job in jobs)
+        offset = int(arrays.entry_offset[arrays.job_entry[jobs[0]]])
+        assert earliest <= latest
+        assert offset < 0 or earliest <= offset <= latest
+
+
+def named_jobs(problem, start, option):
+    return list(_jobs(problem, start, option, _deal_anyhow(problem, start, option)))
+
+
+def access_cost(problem, placement):
+    """Return the cost of overloads, weighted as the kernel weighs them, and their integral; tick by tick."""
+    arrays = problem.arrays
+    names = dict.fromkeys(
+        a.resource for active in problem.expansion.tasks for version in active.task.versions for a in version.accesses
+    )
+    order = {"r": len(problem.groups), "s": len(problem.groups) + 1}
+    cost, integral = Fraction(0), Fraction(0)
+    for name in names:
+        claims = [Fraction(0)] * placement.hyperperiod
+        for job in placement.jobs:
+            for a in (a for a in job.version.accesses if a.resource == name):
+                for time in range(a.start // placement.tick, a.end // placement.tick):
+                    claims[(job.start + time) % placement.hyperperiod] += a.bound
+        excess = sum((max(Fraction(0), claim - 1) for claim in claims), Fraction(0))
+        lane = order[name]
+        integral += excess
+        cost += excess * int(arrays.lane_capacity[lane]) * int(arrays.lane_weight[lane])
+    return cost, integral
+
+
+def reference_cost(system, problem, start, option):
+    """Return the reference cost in the kernel's weights; lanes are single units."""
+    placement = Placement.of(problem.expansion, named_jobs(problem, start, option))
+    terms = cost_terms(system, placement)
+    assert placement.tick == problem.tick or problem.tick // placement.tick >= 1
+    assert terms.unit == 0
+    access, integral = access_cost(problem, placement)
+    assert terms.access == integral
+    scale = problem.tick // placement.tick
+    return access / scale + int(problem.arrays.unit_weight) * (terms.overlap + terms.precedence) / scale, terms
+
+
+@FAST
+@given(SEEDS, st.booleans())
+def test_the_running_cost_is_the_cost_of_the_placement_after_every_move(seed, grouped):
+    _, problem = random_problem(seed, grouped=grouped)
+    for state in walk(problem, seed, 80):
+        assert state.register[COST] == total_cost(problem.arrays, state)
+        check_phases(problem, state)
+
+
+@FAST
+@given(SEEDS, st.booleans())
+def test_profiles_hold_what_is_placed(seed, grouped):
+    _, problem = random_problem(seed, grouped=grouped)
+    for number, state in enumerate(walk(problem, seed, 60)):
+        if number % 6 == 5:
+            check_profiles(problem, state)
+
+
+@FAST
+@given(SEEDS)
+def test_the_kernel_and_the_reference_agree_on_the_cost(seed):
+    system, problem = random_problem(seed, grouped=False)
+    for number, state in enumerate(walk(problem, seed, 60)):
+        if is_complete(problem, state) and number % 8 == 0:
+            expected, terms = reference_cost(system, problem, state.start, state.option)
+            assert state.register[COST] == expected
+            assert (state.register[COST] == 0) == (terms.total <= 0)
+
+
+@settings(FAST, max_examples=60)
+@given(SEEDS)
+def test_the_best_placement_has_the_best_cost(seed):
+    system, problem = random_problem(seed, grouped=False)
+    costs = [int(state.register[COST]) for state in walk(problem, seed, 70) if is_complete(problem, state)]
+    for state in list(walk(problem, seed, 70))[-1:]:
+        if is_complete(problem, state):
+            assert state.register[BEST] == min(costs)
+            assert reference_cost(system, problem, state.best_start, state.best_option)[0] == min(costs)
+
+
+@settings(FAST, max_examples=40)
+@given(SEEDS)
+def test_a_placement_that_is_loaded_costs_what_it_cost(seed):
+    _, problem = random_problem(seed, grouped=True)
+    for state in list(walk(problem, seed, 40))[-1:]:
+        if is_complete(problem, state):
+            fresh = new_state(problem.arrays, seed + 1, problem.mean_wcet)
+            for name in ("start", "option", "phase"):
+                getattr(fresh, name)[:] = getattr(state, name)
+            assert load(problem.arrays, fresh) == state.register[COST] == fresh.register[BEST]
+            check_profiles(problem, fresh)
+            assert fresh.best_start.tolist() == state.start.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("grouped", [True, False])
+def test_costs_at_length(grouped):
+    @settings(FAST, max_examples=1500)
+    @given(SEEDS)
+    def check(seed):
+        system, problem = random_problem(seed, grouped=grouped)
+        for number, state in enumerate(walk(problem, seed, 200)):
+            assert state.register[COST] == total_cost(problem.arrays, state)
+            if number % 10 == 0:
+                check_phases(problem, state)
+                check_profiles(problem, state)
+                if not grouped and is_complete(problem, state):
+                    assert state.register[COST] == reference_cost(system, problem, state.start, state.option)[0]
+
+    check()
