@@ -31,7 +31,6 @@ MAX_INPUT_BYTES = 256 * 2**20
 MAX_YAML_NODES = 2_000_000
 MAX_YAML_DEPTH = 64
 MAX_SYNTAX_ERRORS = 20
-LAST_EXACT_LINE = 65535
 
 CANNOT_READ = error(
     "HAL0001",
@@ -145,21 +144,6 @@ def _syntax_errors(parser: Any, failure: Exception, name: str) -> list[Diagnosti
         BROKEN_XML(_ADVICE_TO_PROGRAMMERS.sub("", message.strip()), at=Location(name, line), help="repair the file")
         for line, message in unique
     ]
-
-
-def line_of(element: etree._Element) -> int:
-    """Return the line of an element's start tag, also beyond line 65534.
-
-    There libxml2 only tells the line at which a piece of text near the element ends (xmlGetLineNo).
-    """
-    line = int(element.sourceline or 0)
-    if line < LAST_EXACT_LINE:
-        return line
-    if element.text:
-        return line - str(element.text).count("\n")
-    if len(element):
-        return line_of(element[0])
-    return line - (element.tail or "").count("\n")
 
 
 class YamlMap(dict[str, Any]):

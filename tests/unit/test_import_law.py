@@ -26,7 +26,7 @@ MAY_IMPORT = {
     "files": {"diagnostics"},
     "fields": {"diagnostics", "files", "suggest"},
     "models": {"diagnostics", "durations", "quantities"},
-    "schemas": {"diagnostics"},
+    "schemas": {"diagnostics", "suggest"},
     "importers": FOUNDATION | {"models", "schemas"},
     "exporters": FOUNDATION | {"models", "schemas"},
     "pipeline": FOUNDATION | {"models"},

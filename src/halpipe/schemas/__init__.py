@@ -14,7 +14,6 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, Location, error
-from halpipe.files import LAST_EXACT_LINE, line_of
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -39,6 +38,7 @@ SCHEMA_VIOLATION = error(
 # Dangling names are left to the semantic checks, which suggest what was meant.
 _IDENTITY_VIOLATIONS = ("SCHEMAV_CVC_IDC",)
 _MAX_EXPLAINED = 50
+_LAST_EXACT_LINE = 65535
 
 
 def namespace(kind: str) -> str:
@@ -84,9 +84,24 @@ def _subject(entry: Any) -> tuple[int, str, str]:
     return entry.line, entry.path or "", about if "', attribute '" in about else entry.message
 
 
+def line_of(element: etree._Element) -> int:
+    """Return the line of an element's start tag, also beyond line 65534.
+
+    There libxml2 only tells the line at which a piece of text near the element ends (xmlGetLineNo).
+    """
+    line = int(element.sourceline or 0)
+    if line < _LAST_EXACT_LINE:
+        return line
+    if element.text:
+        return line - str(element.text).count("\n")
+    if len(element):
+        return line_of(element[0])
+    return line - (element.tail or "").count("\n")
+
+
 def _line(root: etree._Element, entry: Any) -> int:
     """Return the line of a violation; libxml2 does not know lines beyond 65534 exactly."""
-    if entry.line < LAST_EXACT_LINE or not entry.path:
+    if entry.line < _LAST_EXACT_LINE or not entry.path:
         return int(entry.line)
     found = root.getroottree().xpath(entry.path)
     return line_of(found[0]) if found else int(entry.line)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.diagnostics import Findings, Location, error
 from halpipe.durations import Duration
-from halpipe.files import line_of
 from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
