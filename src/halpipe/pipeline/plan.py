@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, error
+from halpipe.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
 from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
 from halpipe.fields import Fields
@@ -71,7 +71,8 @@ def read_plan(path: str) -> Plan:
         raise HalpipeError(NOT_A_PIPELINE("is no pipeline of version 1", at=Location(path, 1), help=help))
     findings = Findings()
     plan = _Reader(Path(path).parent).plan(Fields(path, findings, document, "pipeline", _TOP))
-    findings.stop_on_errors()
+    if findings.has_errors:
+        raise HalpipeError(*sort_diagnostics(findings.items))
     return plan
 
 
@@ -127,8 +128,16 @@ def _search(f: Fields) -> SearchOptions:
     return SearchOptions(
         seed=f.value("seed", _whole(0), 1),
         budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
-        tick=f.value("tick", Duration.parse, None),
+        tick=f.value("tick", _grid, None),
     )
+
+
+def _grid(text: str) -> Duration:
+    """Read a duration above zero."""
+    tick = Duration.parse(text)
+    if not tick:
+        raise ValueError(f"{text} is no grid; write a duration above zero, or leave it out")
+    return tick
 
 
 def _whole(least: int) -> Callable[[str], int]:

@@ -35,7 +35,6 @@ INVALID_SOLUTION = error(
     "The search called a schedule valid that verify does not accept. This is a bug of halpipe; please report it "
     "with the model. No schedule was written.",
 )
-NEEDS_SCHEDULE = error("HAL0904", "Export needs a schedule", "This format shows or realises a schedule; give one.")
 UNSCHEDULABLE_YET = warning(
     "HAL0905",
     "Imported model cannot be scheduled yet",
@@ -179,8 +178,6 @@ def verify_schedule(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
 def export(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
     """Verify, then write; return the contents by relative file name, the main output as ``""``."""
     writer = exporter(format)
-    if schedule is None and writer.needs_schedule:
-        raise HalpipeError(NEEDS_SCHEDULE(f'format "{format}" needs a schedule', help="give --schedule FILE"))
     if schedule is not None:
         findings = Findings(validate_model(model))
         findings.stop_on_errors()

@@ -1,0 +1,183 @@
+"""The stages: formats found by name, losses under --strict, nothing invalid written or exported."""
+
+from dataclasses import replace
+
+import pytest
+
+import halpipe.cli
+from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.codes import NEEDS_SCHEDULE
+from halpipe.exporters.native import format_model
+from halpipe.importers.base import Coverage, Imported, ImportOptions
+from halpipe.models import Status
+from halpipe.pipeline import stages
+from halpipe.pipeline.schedule import Scheduled, SearchOptions
+from halpipe.pipeline.verify.codes import OVERLAP
+from support import access, model, schedule, task, version
+from support import job as job_of
+
+
+def system():
+    """Two tasks that fill one unit by turns."""
+    return model(task("a", "10ms", version("v", "4ms", "u1")), task("b", "10ms", version("v", "4ms", "u1")))
+
+
+def tables(owner, second="4ms"):
+    return schedule(owner, "10ms", job_of(owner, "a", 0, "0ms", "u1"), job_of(owner, "b", 0, second, "u1"))
+
+
+# ------------------------------------------------------------------------------------------------ formats
+
+
+@pytest.mark.parametrize("find", [stages.importer, stages.exporter])
+def test_an_unknown_format_is_named_with_those_that_are_installed(find):
+    with pytest.raises(HalpipeError) as refused:
+        find("nonsense")
+    (found,) = refused.value.diagnostics
+    assert found.code == stages.UNKNOWN_FORMAT.id
+    for name in stages.formats(stages.IMPORTERS if find is stages.importer else stages.EXPORTERS):
+        assert name in found.help
+
+
+@pytest.mark.parametrize(
+    ("find", "typed", "meant"), [(stages.importer, "arxlm", "arxml"), (stages.exporter, "raport", "report")]
+)
+def test_a_misspelt_format_is_put_right(find, typed, meant):
+    with pytest.raises(HalpipeError) as refused:
+        find(typed)
+    assert f'did you mean "{meant}"' in refused.value.diagnostics[0].help
+
+
+def test_every_installed_format_keeps_to_its_door():
+    for name in stages.formats(stages.IMPORTERS):
+        assert stages.importer(name).name == name
+        assert stages.importer(name).summary
+    for name in stages.formats(stages.EXPORTERS):
+        assert stages.exporter(name).name == name
+        assert stages.exporter(name).suffix.startswith(".")
+
+
+# ------------------------------------------------------------------------------------------------ import
+
+
+class Plugin:
+    """An importer of somebody else: returns what it was made with, and does not look at `strict`."""
+
+    name = "plugin"
+    summary = "a model that is already there"
+
+    def __init__(self, owner, *found):
+        self._imported = Imported(model=owner, diagnostics=found, coverage=Coverage())
+
+    def read(self, paths, options):
+        return self._imported
+
+
+def run_import(monkeypatch, owner, *found, strict=False):
+    monkeypatch.setattr(stages, "importer", lambda name: Plugin(owner, *found))
+    return stages.import_model("plugin", [], [], ImportOptions(strict=strict))
+
+
+def loss():
+    """A finding that an importer would only warn about; its code is any warning there is."""
+    return stages.UNSCHEDULABLE_YET("something was left out")
+
+
+def test_under_strict_every_loss_is_an_error_with_its_exit_code(monkeypatch):
+    with pytest.raises(HalpipeError) as refused:
+        run_import(monkeypatch, system(), loss(), strict=True)
+    assert refused.value.exit is Exit.UNSUPPORTED
+    assert [d.code for d in refused.value.diagnostics] == [loss().code, stages.LOST_UNDER_STRICT.id]
+
+
+def test_without_strict_a_loss_is_passed_on(monkeypatch):
+    assert run_import(monkeypatch, system(), loss()).diagnostics == (loss(),)
+
+
+def test_strict_without_losses_is_no_error(monkeypatch):
+    assert run_import(monkeypatch, system(), strict=True).diagnostics == ()
+
+
+def test_an_import_without_wcets_says_once_that_it_cannot_be_scheduled_yet(monkeypatch):
+    owner = model(*(task(name, "10ms", version("v", None, "u1")) for name in "abc"))
+    (found,) = run_import(monkeypatch, owner).diagnostics
+    assert found.code == stages.UNSCHEDULABLE_YET.id
+    assert "3 times" in found.message
+    assert not found.is_error
+
+
+# ------------------------------------------------------------------------------------------------ schedule
+
+
+@pytest.fixture
+def solver(monkeypatch):
+    """Let the search answer with given tables, and claim what it likes of them."""
+
+    def answer_with(tables):
+        answer = Scheduled(schedule=tables, diagnostics=(), moves=1, stopped=False)
+        monkeypatch.setattr("halpipe.pipeline.schedule.schedule_model", lambda *_: answer)
+
+    return answer_with
+
+
+def test_a_search_that_claims_a_broken_schedule_valid_is_a_bug_and_writes_nothing(solver, tmp_path, capsys):
+    owner = system()
+    (tmp_path / "model.xml").write_bytes(format_model(owner))
+    (tmp_path / "schedule.xml").write_text("precious")
+    solver(tables(owner, second="3ms"))
+    code = halpipe.cli.invoke(["schedule", str(tmp_path / "model.xml"), "-o", str(tmp_path / "schedule.xml")])
+    said = capsys.readouterr().err
+    assert code == Exit.INTERNAL == 70
+    assert stages.INVALID_SOLUTION.id in said
+    assert OVERLAP.id in said
+    assert (tmp_path / "schedule.xml").read_text() == "precious"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.xml", "schedule.xml"]
+
+
+def test_a_valid_claim_passes(solver):
+    owner = system()
+    solver(tables(owner))
+    assert stages.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == tables(owner)
+
+
+def test_a_table_that_is_called_not_found_may_break_rules(solver):
+    owner = system()
+    broken = tables(owner, second="3ms")
+    failed = replace(broken, modes=tuple(replace(mode, status=Status.NOT_FOUND) for mode in broken.modes))
+    solver(failed)
+    assert stages.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == failed
+
+
+def test_an_invalid_model_is_not_searched(solver):
+    owner = model(task("a", "10ms", version("v", "11ms", "u1")))
+    solver(tables(system()))
+    with pytest.raises(HalpipeError) as refused:
+        stages.schedule_model(owner, SearchOptions(), lambda *_: True)
+    assert "HAL0231" in {d.code for d in refused.value.diagnostics}
+
+
+# ------------------------------------------------------------------------------------------------ export
+
+
+@pytest.mark.parametrize("name", ["report", "trace"])
+def test_formats_that_need_a_schedule_say_so(name):
+    with pytest.raises(HalpipeError) as refused:
+        stages.export(name, system(), None, ExportOptions())
+    assert [d.code for d in refused.value.diagnostics] == [NEEDS_SCHEDULE.id]
+
+
+@pytest.mark.parametrize("name", ["report", "graph", "trace"])
+def test_no_format_takes_a_schedule_that_does_not_verify(name):
+    owner = system()
+    assert stages.export(name, owner, tables(owner), ExportOptions())[""]
+    with pytest.raises(HalpipeError):
+        stages.export(name, owner, tables(owner, second="3ms"), ExportOptions())
+
+
+def test_no_format_takes_a_schedule_of_an_invalid_model():
+    owner = system()
+    wrong = replace(owner, tasks=(*owner.tasks, task("c", "10ms", version("v", "1ms", "u1", access("mem", 0, 1)))))
+    with pytest.raises(HalpipeError) as refused:
+        stages.export("report", wrong, tables(owner), ExportOptions())
+    assert "HAL0206" in {d.code for d in refused.value.diagnostics}
