@@ -6,17 +6,22 @@ A page is a pure function of what the code declares, so that a test can hold the
 from __future__ import annotations
 
 import importlib
+import inspect
 import pkgutil
 import re
+from enum import Enum
+from importlib import resources
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import halpipe
 from halpipe.diagnostics import REGISTER, Exit
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Iterator
+
+    from lxml import etree
 
     from halpipe.diagnostics import Code
 
@@ -63,6 +68,8 @@ def pages() -> dict[str, str]:
         "diagnostics.md": diagnostics_page(),
         "checks.md": checks_page(),
         "exit-codes.md": exit_codes_page(),
+        "cli.md": cli_page(),
+        "schemas.md": schemas_page(),
     }
 
 
@@ -149,6 +156,197 @@ def exit_codes_page() -> str:
         "The same for every command, so that scripts can tell the cases apart.",
         "\n".join(("| code | name | meaning |", "|---|---|---|", *rows)),
     )
+
+
+# ------------------------------------------------------------------------------------------------ command line
+
+
+def cli_page() -> str:
+    """Every verb with its arguments and options, from the signatures that typer makes the command line of."""
+    from halpipe.cli.app import app
+    from halpipe.cli.output import SHOWN_PER_CODE
+
+    verbs = [(str(command.name), command.callback) for command in app.registered_commands if command.callback]
+    overview = "\n".join(("| verb | |", "|---|---|", *(f"| [`{n}`](#halpipe-{n}) | {_doc(f)[0]} |" for n, f in verbs)))
+    common = (
+        "Results go to standard output or to the file named with `-o`, everything else to standard error. For input, "
+        "`-` is standard input; for output, standard output. Colour is used on a terminal only, and never where "
+        "`NO_COLOR` is set. In text form at most {errors} errors and {warnings} warnings of one code are shown, and "
+        "notes are counted; `--verbose`, JSON and SARIF have them all. The exit codes are "
+        "[the same for every verb](exit-codes.md). `halpipe --version` prints the version, and `-h` or `--help` after a verb this page in short."
+    )
+    shown = {f"{severity}s": most for severity, most in SHOWN_PER_CODE.items()}
+    return _page(
+        "The command line", common.format(**shown), overview, *(_verb(name, function) for name, function in verbs)
+    )
+
+
+def _doc(function: Callable[..., Any]) -> tuple[str, ...]:
+    """Return the paragraphs of a docstring, each on one line."""
+    return tuple(" ".join(part.split()) for part in (inspect.getdoc(function) or "").split("\n\n"))
+
+
+def _verb(name: str, function: Callable[..., Any]) -> str:
+    from typer.models import ArgumentInfo
+
+    hints = get_type_hints(function, include_extras=True)
+    parameters = [
+        (parameter, *get_args(hints[parameter.name])) for parameter in inspect.signature(function).parameters.values()
+    ]
+    usage, required_options = [f"halpipe {name}"], []
+    arguments, options = ["| argument | |", "|---|---|"], ["| option | | default |", "|---|---|---|"]
+    for parameter, kind, info in parameters:
+        required = parameter.default is inspect.Parameter.empty
+        if isinstance(info, ArgumentInfo):
+            shown = info.metavar or parameter.name.upper()
+            shown += "..." if get_origin(kind) is list else ""
+            usage.append(shown)
+            arguments.append(f"| `{shown}` | {info.help} |")
+            continue
+        flags, value = _option(parameter.name, kind, info)
+        required_options += [f"{flags[-1]} {value}"] if required else []
+        text = " or ".join(f"`{flag} {value}`" if value else f"`{flag}`" for flag in flags)
+        default = "required" if required else _default(parameter.default, info)
+        options.append(f"| {text} | {_escaped(info.help)} | {default} |")
+    usage += [*required_options, "[OPTIONS]"]
+    parts = [f"## halpipe {name}", *_doc(function), f"```\n{' '.join(usage)}\n```"]
+    parts += ["\n".join(table) for table in (arguments, options) if len(table) > 2]
+    return "\n\n".join(parts)
+
+
+def _option(name: str, kind: Any, info: Any) -> tuple[list[str], str]:
+    """Return the spellings of an option, and the word for its value (empty: it is a switch)."""
+    long = "--" + name.rstrip("_").replace("_", "-")
+    # In an annotation, typer keeps the first spelling where a default value would stand.
+    stated = [flag for flag in (info.default, *(info.param_decls or ())) if isinstance(flag, str)]
+    flags = [flag for flag in stated if flag.startswith("-")] or [long]
+    inner = next((part for part in get_args(kind) if part is not type(None)), kind)  # X | None
+    inner = get_args(inner)[0] if get_origin(inner) is list else inner
+    if inner is bool:
+        return flags, ""
+    if isinstance(inner, type) and issubclass(inner, Enum):
+        return flags, info.metavar or "\\|".join(member.value for member in inner)
+    words = {int: "INTEGER", float: "NUMBER", str: "TEXT"}
+    return flags, info.metavar or words[inner]
+
+
+def _default(value: Any, info: Any) -> str:
+    if isinstance(info.show_default, str):
+        return f"`{info.show_default}`"
+    return "" if value in (None, "", False) else f"`{value}`"
+
+
+# ------------------------------------------------------------------------------------------------ schemas
+
+XS = "{http://www.w3.org/2001/XMLSchema}"
+
+
+def schemas_page() -> str:
+    """The elements of the task model and of the schedule, from their XML schemas."""
+    from halpipe.schemas import SCHEDULE, TASK_MODEL
+
+    intro = (
+        "halpipe has two file formats of its own. Both are XML in a namespace that carries the version of the format, "
+        "and both are checked against their schema before anything is read: every violation is reported with its line "
+        "as [HAL0102](diagnostics.md#hal0102). The schema files are in `src/halpipe/schemas`."
+    )
+    return _page("File formats", intro, *(_schema(kind) for kind in (TASK_MODEL, SCHEDULE)))
+
+
+def _schema(kind: str) -> str:
+    from halpipe.files import parse_xml
+
+    name = f"{kind}-1.xsd"
+    schema = parse_xml(resources.files("halpipe.schemas").joinpath(name).read_bytes(), name)
+    types = {node.get("name"): node for node in schema.iterchildren(f"{XS}complexType")}
+    parts = [f"## {kind.replace('-', ' ').capitalize()}: `{name}`", f"Namespace `{schema.get('targetNamespace')}`."]
+    parts.append(_documentation(schema))
+    parts += [_element(element, type, types) for element, type in _elements(schema, types)]
+    simple = [f"| `{t.get('name')}` | {_form(t)} |" for t in schema.iterchildren(f"{XS}simpleType")]
+    parts += [f"### Values of a {kind.replace('-', ' ')}", "\n".join(("| type | form |", "|---|---|", *simple))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _elements(
+    schema: etree._Element, types: dict[str | None, etree._Element]
+) -> Iterator[tuple[etree._Element, etree._Element | None]]:
+    """Yield every element once with its type, in the order in which a document has them."""
+    seen: set[str] = set()
+    ahead = list(schema.iterchildren(f"{XS}element"))
+    while ahead:
+        element = ahead.pop(0)
+        if element.get("name") in seen:
+            continue
+        seen.add(str(element.get("name")))
+        type = types.get(element.get("type"))
+        type = element.find(f"{XS}complexType") if type is None else type
+        yield element, type
+        ahead = ([] if type is None else list(type.iterfind(f"{XS}sequence/{XS}element"))) + ahead
+
+
+def _element(element: etree._Element, type: etree._Element | None, types: dict[str | None, etree._Element]) -> str:
+    parts = [f"### `<{element.get('name')}>`", _documentation(element)]
+    parts.append("" if type is None else _documentation(type))
+    attributes = [] if type is None else type.findall(f"{XS}attribute")
+    if attributes:
+        rows = (
+            f"| `{a.get('name')}` | {_type(a)} | {_presence(a)} | {_documentation(a) or _remark(a)} |"
+            for a in attributes
+        )
+        parts.append("\n".join(("| attribute | type | | |", "|---|---|---|---|", *rows)))
+    children = [] if type is None else type.findall(f"{XS}sequence/{XS}element")
+    if children:
+        listed = (f"`<{child.get('name')}>` ({_times(child)}{_remark(child, '; ')})" for child in children)
+        parts.append("Holds, in this order: " + ", ".join(listed) + ".")
+    return "\n\n".join(part for part in parts if part)
+
+
+def _documentation(node: etree._Element) -> str:
+    """Return the annotation of a node itself, not of what is inside it."""
+    return " ".join((node.findtext(f"{XS}annotation/{XS}documentation") or "").split())
+
+
+def _remark(node: etree._Element, before: str = "") -> str:
+    """Return the comment that stands right before a node of the schema."""
+    comment = node.getprevious()
+    is_comment = comment is not None and not isinstance(comment.tag, str)
+    return before + " ".join((comment.text or "").split()) if is_comment else ""
+
+
+def _type(attribute: etree._Element) -> str:
+    words = [f"`{value.get('value')}`" for value in attribute.iter(f"{XS}enumeration")]
+    patterns = [f"`{value.get('value')}`" for value in attribute.iter(f"{XS}pattern")]
+    return ", ".join(words or patterns).replace("|", "\\|") or str(attribute.get("type")).removeprefix("xs:")
+
+
+def _presence(attribute: etree._Element) -> str:
+    if attribute.get("use") == "required":
+        return "required"
+    default = attribute.get("default")
+    return f"default `{default}`" if default else "optional"
+
+
+def _times(element: etree._Element) -> str:
+    least, most = element.get("minOccurs", "1"), element.get("maxOccurs", "1")
+    return {("1", "1"): "one", ("0", "1"): "optional"}.get(
+        (least, most), "any number" if least == "0" else "one or more"
+    )
+
+
+def _form(type: etree._Element) -> str:
+    documented = _documentation(type)
+    words = [f"`{value.get('value')}`" for value in type.iter(f"{XS}enumeration")]
+    items = [value.get("itemType") for value in type.iter(f"{XS}list")]
+    if items:
+        return f"{str(items[0]).removeprefix('xs:')}, at least one, separated by white space"
+    limits = [
+        f"{word} {value.get('value')}"
+        for facet, word in (("minInclusive", "at least"), ("maxInclusive", "at most"), ("maxLength", "length at most"))
+        for value in type.iter(XS + facet)
+    ]
+    base = type.find(f"{XS}restriction")
+    plain = "" if base is None else str(base.get("base")).removeprefix("xs:")
+    return "; ".join([documented or ", ".join(words) or plain, *limits])
 
 
 def main() -> None:
