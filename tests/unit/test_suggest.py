@@ -10,11 +10,9 @@ def test_the_nearest_name_comes_first():
 
 
 def test_at_most_the_wanted_number_of_names_is_given():
-    assert (
-        nearest("core", ["core1", "core2", "core3", "core4"], count=2)
-        == nearest("core", ["core1", "core2", "core3", "core4"])[:2]
-    )
-    assert len(nearest("core", [f"core{n}" for n in range(10)])) == 3
+    cores = [f"core{n}" for n in range(10)]
+    assert len(nearest("core", cores)) == 3
+    assert len(nearest("core", cores, count=2)) == 2
 
 
 def test_the_question_names_what_was_probably_meant():
