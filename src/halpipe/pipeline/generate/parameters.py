@@ -1,0 +1,173 @@
+"""The parameters of a synthetic task set, and the four experiments of the paper's Table III."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration, least_common_multiple, milliseconds
+from halpipe.pipeline.generate.codes import BAD_PARAMETER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TICK = Duration(1000)
+"""The grid of all generated times (D): one microsecond."""
+
+HYPERPERIOD = milliseconds(120)
+"""The hyperperiod t_P where none is stated (D)."""
+
+SEXTANTS = 6
+"""Two and three start times at equal distances divide the hyperperiod into sixths."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetParameters:
+    """What a synthetic task set is to be like; the first eight are the rows of Table III, the others are extensions.
+
+    `access_windows` None means one for every task. With a `resource_fill`, windows are added until the resources are
+    in use for that share of the time on average. `gang` is the share of tasks that take two units at once. With
+    `unlike_units`, no two units can run the same versions. `periods`, when given, replace the random periods: one task
+    for each (then `tasks` and `hyperperiod` do not count).
+    """
+
+    tasks: int = 60
+    units: int = 6
+    unit_types: int = 2
+    access_windows: int | None = None
+    resources: int = 2
+    multi_version: Fraction = Fraction(0)
+    precedence: Fraction = Fraction(0)
+    utilisation: Fraction = Fraction(3, 5)
+    hyperperiod: Duration = HYPERPERIOD
+    slack: Fraction = Fraction(0)
+    fractional: bool = False
+    resource_fill: Fraction | None = None
+    gang: Fraction = Fraction(0)
+    unlike_units: bool = False
+    periods: tuple[Duration, ...] = ()
+
+    @property
+    def task_count(self) -> int:
+        """The number of tasks of the set."""
+        return len(self.periods) or self.tasks
+
+    @property
+    def window_count(self) -> int:
+        """The number of access windows to place; with a `resource_fill`, the fill decides instead."""
+        return self.task_count if self.access_windows is None else self.access_windows
+
+    @property
+    def span(self) -> Duration:
+        """The hyperperiod t_P."""
+        return least_common_multiple(self.periods) if self.periods else self.hyperperiod
+
+    def check(self) -> None:
+        """Raise `HalpipeError` with everything that no set could have."""
+        found = [BAD_PARAMETER(text, path=name, help=help) for name, text, help in self._faults()]
+        if found:
+            raise HalpipeError(*found)
+
+    def _faults(self) -> Iterator[tuple[str, str, str]]:
+        counts = (("tasks", 1), ("units", 1), ("unit_types", 1), ("resources", 0), ("access_windows", 0))
+        for name, least in counts:
+            value = getattr(self, name)
+            if value is not None and value < least:
+                yield name, f"is {value}", f"give at least {least}"
+        for name in ("multi_version", "precedence", "utilisation", "slack", "gang", "resource_fill"):
+            share = getattr(self, name)
+            if share is not None and not 0 <= share <= 1:
+                yield name, f"is {share}, which is no share", "give a number from 0 to 1"
+        if not self.utilisation:
+            yield "utilisation", "is 0", "give a number above 0"
+        if self.unit_types > self.units:
+            yield "unit_types", f"is {self.unit_types} for {self.units} units", "give no more types than units"
+        if not self.resources and (self.window_count or self.resource_fill):
+            yield "resources", "is 0, but there are access windows", "give a resource, or no windows and no fill"
+        if self.gang > Fraction(1, 2):
+            yield "gang", f"is {self.gang}", "give at most 0.5: gang tasks are among those with two start times"
+        if self.gang and self.units < 2 * self.unit_types:
+            yield "gang", "needs two units of every type", "give more units or fewer types"
+        if self.gang and self.periods:
+            yield "gang", "cannot be combined with stated periods", "leave one of the two out"
+        yield from self._times()
+
+    def _times(self) -> Iterator[tuple[str, str, str]]:
+        if self.periods:
+            for period in self.periods:
+                if not period or period % TICK:
+                    yield "periods", f"{period} is no positive multiple of {TICK}", "round it"
+        elif not self.hyperperiod or self.hyperperiod % (TICK * SEXTANTS):
+            yield "hyperperiod", f"{self.hyperperiod} is no multiple of {TICK * SEXTANTS}", "round it"
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One experiment of Table III: its cells, and the algorithm runtime in seconds that the paper reports."""
+
+    number: int
+    varies: str
+    cells: tuple[SetParameters, ...]
+    paper_seconds: tuple[int, int]
+
+
+def _experiments() -> tuple[Experiment, ...]:
+    """Table III. Of ranges that the paper gives by their ends, the steps in between are ours (D)."""
+    platforms = list(itertools.product((2, 3), (Fraction(3, 5), Fraction(7, 10))))
+    tenth = Fraction(1, 10)
+    return (
+        Experiment(
+            1,
+            "tasks",
+            tuple(
+                SetParameters(tasks=tasks, unit_types=types, utilisation=share, multi_version=tenth)
+                for tasks in (60, 80, 100, 120)
+                for types, share in platforms
+            ),
+            (460, 6816),
+        ),
+        Experiment(
+            2,
+            "multi_version",
+            tuple(
+                SetParameters(multi_version=Fraction(percent, 100), unit_types=types, utilisation=share)
+                for percent in (0, 10, 25, 50)
+                for types, share in platforms
+            ),
+            (500, 700),
+        ),
+        Experiment(
+            3,
+            "precedence",
+            tuple(
+                SetParameters(precedence=Fraction(percent, 100), unit_types=types, utilisation=share)
+                for percent in (0, 20, 40, 60)
+                for types, share in platforms
+            ),
+            (470, 630),
+        ),
+        Experiment(
+            4,
+            "resources",
+            tuple(
+                SetParameters(
+                    tasks=112,
+                    units=8,
+                    unit_types=1,
+                    access_windows=windows,
+                    resources=resources,
+                    utilisation=Fraction(7, 10),
+                )
+                for resources in (1, 2, 3, 4)
+                for windows in (2, 18, 34, 50)
+            ),
+            (240, 400),
+        ),
+    )
+
+
+TABLE_III = _experiments()
+"""The parameter grids of Table III; all on 6 units but the last, which has 8."""
