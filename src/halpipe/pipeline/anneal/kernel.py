@@ -35,8 +35,11 @@ from halpipe.pipeline.anneal.state import (
 CANDIDATES = 32
 CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
+HOT_CYCLES = 6
+"""Of 16 + entries cycles, this many start hot: a few entries hold each other in place by their windows and must all
+move at once; of many, a hot cycle throws away more than it frees."""
 HOTTER = 3
-"""One cycle in four starts at T0 times 2**3: hot enough to break tasks out of places where tight windows hold them."""
+"""Hot cycles start at T0 times 2**3."""
 NOISE_SHIFT = 20
 """Fraction bits of a temperature times a table entry: 10 each."""
 
@@ -58,7 +61,8 @@ def next_temperature(p, s):
                 length <<= 1
         register[CYCLE_LENGTH] = CYCLE_MOVES * len(p.entry_offset) * length
         register[CYCLE_LEFT] = register[CYCLE_LENGTH]
-        register[HEAT] = s.heat << HOTTER if draw(s.random, 4) == 0 else s.heat >> draw(s.random, 3)
+        is_hot = draw(s.random, 16 + len(p.entry_offset)) < HOT_CYCLES
+        register[HEAT] = s.heat << HOTTER if is_hot else s.heat >> draw(s.random, 3)
     register[CYCLE_LEFT] -= 1
     heat = register[HEAT]
     low = heat // 3
@@ -193,7 +197,7 @@ def sample(p, s, noise, task, begin, end, single, fresh, best):
     coupled = p.task_coupled[task] == 1
     entry = p.job_entry[begin]
     temperature = s.register[TEMPERATURE]
-    for _ in range(2 * CANDIDATES if fresh else CANDIDATES):
+    for attempt in range(2 * CANDIDATES if fresh else CANDIDATES):
         job = begin + draw(s.random, end - begin)
         start = candidate_start(p, s, task, job, fresh)
         limit = best + (temperature * noise[draw(s.random, len(noise))] >> NOISE_SHIFT)
@@ -201,6 +205,8 @@ def sample(p, s, noise, task, begin, end, single, fresh, best):
             cost = try_job(p, s, noise, task, job, start, limit)
         else:
             phase = p.entry_offset[entry]
+            if phase < 0 and fresh and attempt == 0:
+                phase = s.hint[entry]
             if phase < 0:
                 phase = start % p.task_period[task]
             cost = try_entry(p, s, noise, task, begin, end, phase, limit)
