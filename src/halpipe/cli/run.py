@@ -39,9 +39,9 @@ def run(
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
     code = find_schedule(model, plan.search, plan.schedule)
-    if code != Exit.OK:
+    if code not in (Exit.OK, Exit.FINDINGS):
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
         write_export(stages.export(step.format, model, schedule, step.options), step.output)
-    return Exit.OK
+    return code

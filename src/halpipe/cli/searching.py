@@ -97,18 +97,16 @@ def _handling(watch: Watch) -> Iterator[None]:
 def find_schedule(model: TaskModel, options: SearchOptions, target: str, time_limit: float = 0) -> int:
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
-    from halpipe.models import Status
     from halpipe.pipeline.stages import schedule_model
 
     began = time.monotonic()
     with Watch(time_limit) as watch, _handling(watch):
         scheduled = schedule_model(model, options, watch.on_progress)
     output.report(scheduled.diagnostics)
-    complete = not scheduled.stopped and all(mode.status is Status.VALID for mode in scheduled.schedule.modes)
-    if complete:
+    if scheduled.is_complete:
         write_output(target, format_schedule(scheduled.schedule))
         _summarise(scheduled, target, time.monotonic() - began)
-        return Exit.OK
+        return Exit.FINDINGS if any(d.is_error for d in scheduled.diagnostics) else Exit.OK
     return _save_best(model, scheduled, target, interrupted=watch.interrupted)
 
 
@@ -116,6 +114,10 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
     schedule = scheduled.schedule
     for mode in schedule.modes:
         output.inform(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, valid")
+    for table in schedule.transitions:
+        output.inform(
+            f"switch {table.source} to {table.target}: length {table.length}, worst latency {table.worst_latency}"
+        )
     jobs = sum(len(mode.jobs) for mode in schedule.modes)
     output.inform(
         f"{target}: {len(schedule.modes)} modes, {jobs} jobs, verified; {scheduled.moves} moves in {seconds:.2f} s"

@@ -17,6 +17,7 @@ from halpipe.pipeline.problem import MAX_OPTIONS_PER_VERSION, Problem, build_pro
 if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Mode, ModeSchedule, TaskModel
+    from halpipe.pipeline.anneal.warmstart import Earlier
 
 DEFAULT_BUDGET = 20_000
 """Moves per task before the search gives up."""
@@ -31,13 +32,15 @@ LARGEST = 2**62
 class SearchOptions:
     """What the user may choose: the outcome depends on the model and on these alone.
 
-    `budget` counts moves per task; `tick` replaces the natural tick.
+    `budget` counts moves per task; `tick` replaces the natural tick. `attempt` gives other placements for the
+    same seed, between which switches may exist that the first ones do not allow.
     """
 
     seed: int = 1
     budget: int = DEFAULT_BUDGET
     tick: Duration | None = None
     modes: tuple[str, ...] = ()
+    attempt: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,18 +51,28 @@ class Scheduled:
     diagnostics: tuple[Diagnostic, ...]
     moves: int
     stopped: bool
+    lacks_only_transitions: bool = False
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every mode asked for has a valid schedule."""
+        return not self.stopped and all(mode.status is Status.VALID for mode in self.schedule.modes)
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
     """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
+    from halpipe.pipeline.anneal.warmstart import Earlier
+
     chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
     tables: list[ModeSchedule] = []
     diagnostics: list[Diagnostic] = []
-    moves, stopped = 0, False
+    moves, stopped, earlier = 0, False, Earlier()
     for number, mode in enumerate(chosen):
         expansion = expand(model, mode)
-        table, found, made, stopped = _schedule_mode(model, expansion, options, number, on_progress)
+        table, found, made, stopped = _schedule_mode(model, expansion, options, number, on_progress, earlier)
         tables.append(table)
+        if table.status is Status.VALID:
+            earlier = earlier.and_then(expansion, table.jobs)
         diagnostics += found
         moves += made
         if stopped:
@@ -77,7 +90,12 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
 
 def _schedule_mode(
-    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int, on_progress: OnProgress
+    model: TaskModel,
+    expansion: Expansion,
+    options: SearchOptions,
+    number: int,
+    on_progress: OnProgress,
+    earlier: Earlier,
 ) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
     from halpipe.pipeline.anneal.search import search
 
@@ -87,18 +105,20 @@ def _schedule_mode(
     outcome = search(
         problem,
         lambda: _problem(model, expansion, options.tick, grouped=False),
-        _mode_seed(options.seed, number),
+        _mode_seed(options.seed, number, options.attempt),
         budget,
         lambda moves, best: on_progress(name, moves, budget, best),
+        earlier,
     )
+    on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)
     return table, _notes(problem), outcome.moves, outcome.stopped
 
 
-def _mode_seed(seed: int, number: int) -> int:
-    """Give every mode its own stream of pseudo-random numbers."""
-    return seed + number * 0x5DEECE66D
+def _mode_seed(seed: int, number: int, attempt: int) -> int:
+    """Give every mode and attempt its own stream of pseudo-random numbers."""
+    return seed + number * 0x5DEECE66D + attempt * 0x2545F4914F
 
 
 def _problem(model: TaskModel, expansion: Expansion, tick: Duration | None, *, grouped: bool = True) -> Problem:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.base import Exporter, ExportOptions
     from halpipe.importers.base import Imported, Importer, ImportOptions
-    from halpipe.models import Schedule, TaskModel
+    from halpipe.models import Schedule, TaskModel, TransitionTable
     from halpipe.pipeline.schedule import OnProgress, Scheduled, SearchOptions
 
 UNKNOWN_FORMAT = error("HAL0901", "Unknown format", "No importer or exporter of that name is installed.")
@@ -41,6 +41,9 @@ UNSCHEDULABLE_YET = warning(
     "The model was written, but validation finds errors in it; most often WCETs are missing, which no source "
     "format states. Give them in an overlay.",
 )
+
+ATTEMPTS = 32
+"""Placements of the modes that are tried for switches between all allowed pairs, within the budget of moves."""
 
 IMPORTERS = "halpipe.importers"
 EXPORTERS = "halpipe.exporters"
@@ -127,21 +130,55 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
-    scheduled = search(model, options, on_progress)
-    wrong = _broken_claims(model, scheduled.schedule)
-    if wrong:
-        raise HalpipeError(INVALID_SOLUTION(f"verify finds {len(wrong)} violations"), *wrong, exit=Exit.INTERNAL)
-    return replace(scheduled, diagnostics=(*findings.items, *scheduled.diagnostics))
+    best: Scheduled | None = None
+    moves = 0
+    for attempt in range(ATTEMPTS):
+        scheduled = search(model, replace(options, attempt=attempt), on_progress)
+        _refuse_broken_claims(model, scheduled.schedule)
+        scheduled = _with_transitions(model, scheduled)
+        if best is None or len(scheduled.schedule.transitions) > len(best.schedule.transitions):
+            best = scheduled
+        moves += scheduled.moves
+        if scheduled.stopped or not scheduled.lacks_only_transitions or moves > options.budget * len(model.tasks):
+            break
+    assert best is not None, "there is at least one attempt"
+    return replace(best, diagnostics=(*findings.items, *best.diagnostics), moves=moves)
 
 
-def _broken_claims(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
-    """Return what verify finds in the tables that call themselves valid."""
+def _with_transitions(model: TaskModel, scheduled: Scheduled) -> Scheduled:
+    """Add the transition tables between the modes that have a schedule."""
+    from halpipe.pipeline.transitions import switch_tables
+
+    schedule = scheduled.schedule
+    switched = switch_tables(model, schedule, lambda table: not _broken_switch(model, schedule, table))
+    return replace(
+        scheduled,
+        schedule=replace(schedule, transitions=switched.tables),
+        diagnostics=(*scheduled.diagnostics, *switched.diagnostics),
+        lacks_only_transitions=scheduled.is_complete and bool(switched.diagnostics),
+    )
+
+
+def _broken_switch(model: TaskModel, schedule: Schedule, table: TransitionTable) -> list[Diagnostic]:
+    """Return what verify finds in one table, on its own with its two modes."""
+    pair = (table.source, table.target)
+    modes = tuple(mode for mode in model.modes if mode.name in pair)
+    listed = tuple(t for t in model.allowed_transitions() if (t.source, t.target) == pair)
+    alone = replace(model, modes=modes, transitions=listed)
+    tables = tuple(mode for mode in schedule.modes if mode.name in pair)
+    return [d for d in verify_schedule(alone, replace(schedule, modes=tables, transitions=(table,))) if d.is_error]
+
+
+def _refuse_broken_claims(model: TaskModel, schedule: Schedule) -> None:
+    """Stop with an internal error if verify finds fault with a mode that calls itself valid."""
     from halpipe.models import Status
 
     claimed = tuple(mode for mode in schedule.modes if mode.status is Status.VALID)
     names = {mode.name for mode in claimed}
     alone = replace(model, modes=tuple(mode for mode in model.modes if mode.name in names), transitions=())
-    return [d for d in verify_schedule(alone, replace(schedule, modes=claimed)) if d.is_error] if claimed else []
+    wrong = [d for d in verify_schedule(alone, replace(schedule, modes=claimed)) if d.is_error] if claimed else []
+    if wrong:
+        raise HalpipeError(INVALID_SOLUTION(f"verify finds {len(wrong)} violations"), *wrong, exit=Exit.INTERNAL)
 
 
 def explain_failure(model: TaskModel, scheduled: Scheduled, *, interrupted: bool) -> list[Diagnostic]:

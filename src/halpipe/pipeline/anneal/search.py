@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ from halpipe.pipeline.anneal.noise import gumbel_table
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.state import BEST, INSERTED, MOVES, State, new_state
 from halpipe.pipeline.anneal.units import Arc, assign_units
+from halpipe.pipeline.anneal.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.problem import Option
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
 
 
+NOTHING = Earlier()
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """What a search came to: all jobs of the mode, valid if `cost` is zero."""
@@ -44,13 +48,23 @@ class Outcome:
     stopped: bool
 
 
-def search(problem: Problem, separate: Callable[[], Problem], seed: int, budget: int, on_slice: OnSlice) -> Outcome:
-    """Look for a valid schedule in at most `budget` moves.
+def search(
+    problem: Problem,
+    separate: Callable[[], Problem],
+    seed: int,
+    budget: int,
+    on_slice: OnSlice,
+    earlier: Earlier = NOTHING,
+) -> Outcome:
+    """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
     units fits, but the jobs cannot be dealt out to its units as they lie.
     """
     state = new_state(problem.arrays, seed, problem.mean_wcet)
+    state.hint[:] = hints(problem, earlier)
+    order = known_first(problem.arrays.construction, state.hint)
+    problem = replace(problem, arrays=problem.arrays._replace(construction=order))
     stopped = _run(problem, state, budget, on_slice)
     moves = int(state.register[MOVES])
     start, option = _best(problem, state)
@@ -61,7 +75,8 @@ def search(problem: Problem, separate: Callable[[], Problem], seed: int, budget:
         moves += int(state.register[MOVES])
         start, option = _best(problem, state)
         units = _deal(problem, start, option)
-    jobs = tuple(_jobs(problem, start, option, units or _deal_anyhow(problem, start, option)))
+    units = rename_units(problem, units or _deal_anyhow(problem, start, option), earlier)
+    jobs = tuple(_jobs(problem, start, option, units))
     return Outcome(jobs, int(state.register[BEST]), moves, stopped)
 
 

@@ -44,6 +44,7 @@ class State(NamedTuple):
     owner_at: Ints  # per job and rectangle: its place in `owner`
     hot: Ints  # entries that may be in conflict
     hot_at: Ints  # per entry: its place in `hot`, or -1
+    hint: Ints  # per entry: phase to try first at construction, or -1
     best_start: Ints
     best_option: Ints
     old: Ints  # per job: start, option, phase before the move
@@ -77,6 +78,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
         owner_at=np.zeros((jobs, max_rects), np.int64),
         hot=np.zeros(entries, np.int64),
         hot_at=np.full(entries, -1, np.int64),
+        hint=np.full(entries, -1, np.int64),
         best_start=np.full(jobs, -1, np.int64),
         best_option=np.zeros(jobs, np.int64),
         old=np.zeros((jobs, 3), np.int64),

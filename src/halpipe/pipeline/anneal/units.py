@@ -31,7 +31,11 @@ class _Step:
 
 
 def assign_units(arcs: list[Arc], units: int, hyperperiod: int) -> dict[int, tuple[int, ...]] | None:
-    """Give every job its units 0..units-1, or return None where the sweep finds no way."""
+    """Give every job its units 0..units-1, or return None where neither way to sweep finds one."""
+    return _assign(arcs, units, hyperperiod, keep_homes=False) or _assign(arcs, units, hyperperiod, keep_homes=True)
+
+
+def _assign(arcs: list[Arc], units: int, hyperperiod: int, *, keep_homes: bool) -> dict[int, tuple[int, ...]] | None:
     cut = _lightest_cut(arcs, hyperperiod)
     crossing = [arc for arc in arcs if 0 < (cut - arc.start) % hyperperiod < arc.length]
     home: dict[int, list[int]] = {}
@@ -39,7 +43,8 @@ def assign_units(arcs: list[Arc], units: int, hyperperiod: int) -> dict[int, tup
     for arc in crossing:
         home[arc.job] = list(range(taken, taken + arc.width))
         taken += arc.width
-    steps = _sweep(arcs, home, units, cut, hyperperiod)
+    homes = frozenset(track for tracks in home.values() for track in tracks) if keep_homes else frozenset()
+    steps = _sweep(arcs, home, homes, units, cut, hyperperiod)
     if steps is None:
         return None
     target = _targets(steps, home, units)
@@ -71,8 +76,13 @@ def _lightest_cut(arcs: list[Arc], hyperperiod: int) -> int:
     return cut
 
 
-def _sweep(arcs: list[Arc], home: dict[int, list[int]], units: int, cut: int, hyperperiod: int) -> list[_Step] | None:
-    """Go once round from the cut, giving each arc the tracks that became idle last; crossing arcs come last again."""
+def _sweep(
+    arcs: list[Arc], home: dict[int, list[int]], avoided: frozenset[int], units: int, cut: int, hyperperiod: int
+) -> list[_Step] | None:
+    """Go once round from the cut, giving each arc the tracks that became idle last; crossing arcs come last again.
+
+    Tracks `avoided` are given only where no others are idle.
+    """
     idle_since = [0] * units
     for arc in arcs:
         for track in home.get(arc.job, ()):
@@ -84,7 +94,7 @@ def _sweep(arcs: list[Arc], home: dict[int, list[int]], units: int, cut: int, hy
         if len(idle) < arc.width:
             return None
         wanted = [track for track in home.get(arc.job, ()) if track in idle]
-        others = sorted((t for t in idle if t not in wanted), key=lambda t: -idle_since[t])
+        others = sorted((t for t in idle if t not in wanted), key=lambda t: (t in avoided, -idle_since[t]))
         tracks = (wanted + others)[: arc.width]
         for track in tracks:
             idle_since[track] = begin + arc.length

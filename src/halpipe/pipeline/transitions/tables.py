@@ -1,0 +1,134 @@
+"""Transition tables for the allowed mode pairs: the shortest length for which the search finds one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, error, warning
+from halpipe.models import Job, Status, TransitionTable
+from halpipe.pipeline.transitions.modes import on_common_grid
+from halpipe.pipeline.transitions.search import Blocked, Table
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.models import Schedule, TaskModel, Transition
+    from halpipe.pipeline.transitions.line import LineJob
+    from halpipe.pipeline.transitions.modes import GridMode
+
+NO_TABLE = error(
+    "HAL0410",
+    "No transition table found",
+    "For a mode pair that the model lists, no table of an allowed length was found. The finding names the task and "
+    "the rule that stood in the way of the longest table tried.",
+)
+NO_IMPLIED_TABLE = warning(
+    "HAL0411",
+    "Mode pair has no transition table",
+    "The model lists no transitions, so every pair may be switched; for this one no table was found, and the switch "
+    "must not be performed.",
+)
+
+LENGTHS = 400
+"""Lengths that are tried for one pair."""
+
+Check = Callable[[TransitionTable], bool]
+"""Decides whether a table is valid: the independent check of the stages."""
+
+
+@dataclass(frozen=True, slots=True)
+class Switched:
+    """The tables found, and a finding for every pair without one."""
+
+    tables: tuple[TransitionTable, ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def switch_tables(model: TaskModel, schedule: Schedule, check: Check) -> Switched:
+    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each."""
+    scheduled = {mode.name: mode for mode in schedule.modes if mode.status is Status.VALID}
+    tables, diagnostics = [], []
+    for pair in model.allowed_transitions():
+        if pair.source not in scheduled or pair.target not in scheduled:
+            continue
+        before, after = on_common_grid(model, scheduled[pair.source], scheduled[pair.target])
+        found = _shortest(pair, before, after, check)
+        if isinstance(found, TransitionTable):
+            tables.append(found)
+        else:
+            diagnostics.append(_failure(model, pair, found))
+    return Switched(tuple(tables), tuple(diagnostics))
+
+
+def _shortest(pair: Transition, before: GridMode, after: GridMode, check: Check) -> TransitionTable | Blocked:
+    """Try lengths from short to long until a table passes the check."""
+    blocked = Blocked("", "no length is allowed")
+    for length in _lengths(pair, before, after):
+        jobs = Table(before, after, length).fill()
+        if isinstance(jobs, Blocked):
+            blocked = jobs if jobs.progress >= blocked.progress else blocked
+            continue
+        table = _named(pair, before, after, length, jobs)
+        if check(table):
+            return table
+        blocked = Blocked("", "a chain limit or another rule that only the whole line shows", progress=2)
+    return blocked
+
+
+def _lengths(pair: Transition, before: GridMode, after: GridMode) -> list[int]:
+    """Return the lengths to try: those at which something begins to fit, and an even grid up to the limit."""
+    last = _longest(pair.max_length, before, after)
+    ends = {job.end - before.hyperperiod for job in before.jobs} | {0}
+    starts = {job.start for job in after.jobs}
+    exact = sorted({end - start for end in ends for start in starts if 0 < end - start <= last} | {0})
+    for window in (w for windows in after.windows.values() for w in windows):
+        if len(exact) > LENGTHS:
+            break
+        instants = {window.instant(job) - before.hyperperiod for job in before.jobs if job.task == window.task}
+        exact += [i + window.low - s for i in instants for s in starts if 0 < i + window.low - s <= last]
+    step = max(1, last // LENGTHS)
+    return sorted({*sorted(set(exact))[:LENGTHS], *range(0, last + 1, step)})
+
+
+def _longest(limit: Duration | None, before: GridMode, after: GridMode) -> int:
+    """Return the stated limit in ticks; without one, room for a cycle of each mode and its longest job."""
+    if limit is not None:
+        return limit // before.tick
+    longest = max((shape.wcet for shapes in after.shapes.values() for shape in shapes), default=0)
+    return before.hyperperiod + after.hyperperiod + longest
+
+
+def _named(
+    pair: Transition, before: GridMode, after: GridMode, length: int, jobs: tuple[LineJob, ...]
+) -> TransitionTable:
+    tick = after.tick
+    return TransitionTable(
+        source=pair.source,
+        target=pair.target,
+        length=tick * length,
+        worst_latency=tick * (before.hyperperiod + length),
+        status=Status.VALID,
+        jobs=tuple(
+            Job(
+                task=job.task,
+                index=job.index,
+                start=tick * job.start,
+                end=tick * job.end,
+                version=job.shape.version,
+                units=job.units,
+            )
+            for job in sorted(jobs)
+        ),
+    )
+
+
+def _failure(model: TaskModel, pair: Transition, blocked: Blocked) -> Diagnostic:
+    code = NO_TABLE if model.transitions else NO_IMPLIED_TABLE
+    who = f'task "{blocked.task}": ' if blocked.task else "of "
+    return code(
+        f"no table found; the closest try failed because {who}{blocked.rule}",
+        at=pair.at,
+        path=f'transition "{pair.source}" to "{pair.target}"',
+        help="allow a longer table, more slack or wider windows, or another --seed",
+    )

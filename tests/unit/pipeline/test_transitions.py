@@ -1,0 +1,157 @@
+"""Transition tables: found shortest, accepted by verify, explained where there is none (MODEL 5)."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from halpipe.durations import Duration, milliseconds
+from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.stages import schedule_model, verify_schedule
+from halpipe.pipeline.transitions.line import Line, LineJob, Phase, Shape
+from halpipe.pipeline.transitions.search import Blocked, Table
+from halpipe.pipeline.transitions.tables import NO_IMPLIED_TABLE, NO_TABLE, on_common_grid, switch_tables
+from support import access, after, chain, job, mode, model, ms, schedule, task, version
+
+
+def shape(wcet, units="u1 u2", gang=1, phases=(), name="t"):
+    return Shape(name, "v", wcet, tuple(units.split()), gang, tuple(phases))
+
+
+def line_of(*jobs):
+    line = Line()
+    for start, form, units in jobs:
+        line.enter(LineJob(start, form.task, 0, form, tuple(units.split())))
+    return line
+
+
+def test_the_first_fit_waits_for_a_unit_and_a_resource():
+    read = Phase("mem", 0, 2, Fraction(3, 5))
+    line = line_of((0, shape(10, phases=[read], name="a"), "u1"), (0, shape(4, name="b"), "u2"))
+    assert line.first_fit(shape(3, name="c"), 0, 50) == (4, ("u2",))
+    assert line.first_fit(shape(3, units="u1 u2", gang=2, name="c"), 0, 50) == (10, ("u1", "u2"))
+    assert line.first_fit(shape(3, units="u3", phases=[read], name="c"), 1, 50) == (2, ("u3",))
+    assert line.first_fit(shape(3, units="u3", phases=[replace(read, bound=Fraction(2, 5))], name="c"), 1, 50) == (
+        1,
+        ("u3",),
+    )
+    assert line.first_fit(shape(3, name="c"), 0, 3) is None
+
+
+def test_a_task_does_not_run_against_itself_on_another_unit():
+    line = line_of((5, shape(10, name="a"), "u1"))
+    assert line.first_fit(shape(10, units="u2", name="a"), 0, 50) == (15, ("u2",))
+
+
+def two_modes(slack=0, phase_before=0, phase_after=0, limit=None):
+    """One task of 4 ms every 10 ms in both modes, and its schedule with the given phases."""
+    work = task("work", 10, version("v", 4, "u1 u2"), slack=slack)
+    system = model(work, units="u1 u2", modes=[mode("a", [work]), mode("b", [work])], transitions=[("a", "b", limit)])
+    tables = [
+        schedule(system, 10, job(system, "work", 0, phase, "u1"), mode_name=name).modes[0]
+        for name, phase in (("a", phase_before), ("b", phase_after))
+    ]
+    return system, replace(schedule(system, 10), modes=tuple(tables))
+
+
+def tables_of(system, plan):
+    def check(table):
+        one = replace(plan, transitions=(table,))
+        return not any(d.is_error for d in verify_schedule(system, one))
+
+    return switch_tables(system, plan, check)
+
+
+@pytest.mark.parametrize(
+    ("slack", "before", "after_", "length", "starts"),
+    [
+        (0, 0, 0, 0, []),  # the same phase goes on
+        (0, 6, 2, 0, []),  # an earlier phase is a shorter gap, 6 ms >= 4 ms
+        (0, 8, 0, 2, []),  # back to back only: the job before runs until 2 ms after the switch
+        (0, 0, 3, 1, [0]),  # a later phase needs a job in between: from -10 to 0, and it ends when the next starts
+        (Fraction(1, 2), 0, 3, 0, []),  # 13 ms are within (1 + 1/2) periods
+    ],
+)
+def test_the_shortest_table_of_one_task(slack, before, after_, length, starts):
+    system, plan = two_modes(slack, before, after_)
+    switched = tables_of(system, plan)
+    assert switched.diagnostics == ()
+    (table,) = switched.tables
+    assert table.length == milliseconds(length)
+    assert [j.start for j in table.jobs] == [milliseconds(start) for start in starts]
+    assert table.worst_latency == milliseconds(10 + length)
+
+
+def test_a_limit_that_is_too_short_is_a_finding_that_names_task_and_rule():
+    system, plan = two_modes(0, 0, 3, limit="0ms")
+    switched = tables_of(system, plan)
+    assert switched.tables == ()
+    (found,) = switched.diagnostics
+    assert found.code == NO_TABLE.id
+    assert '"work"' in found.message
+    assert "start often enough" in found.message
+
+
+def test_pairs_that_the_model_does_not_list_only_warn():
+    system, plan = two_modes(0, 0, 3)
+    system = replace(system, transitions=())
+    never = switch_tables(system, plan, lambda table: False)
+    assert {d.code for d in never.diagnostics} == {NO_IMPLIED_TABLE.id}
+
+
+def test_an_entering_task_starts_early_where_a_constraint_needs_it():
+    sense = task("sense", 10, version("v", 2, "u1"))
+    act = task("act", 10, version("v", 2, "u2", after("sense", 8, 9, "start")))
+    system = model(sense, act, units="u1 u2", modes=[mode("idle", [sense]), mode("busy", [sense, act])])
+    entering = replace(system, modes=(mode("other", [task("x", 10, version("v", 1, "u1"))]), system.modes[1]))
+    entering = replace(entering, tasks=(*system.tasks, task("x", 10, version("v", 1, "u1"))))
+    busy = schedule(system, 10, job(system, "sense", 0, 4, "u1"), job(system, "act", 0, 2, "u2"), mode_name="busy")
+    other = schedule(entering, 10, job(entering, "x", 0, 0, "u1"), mode_name="other")
+    plan = replace(busy, modes=(other.modes[0], busy.modes[0]))
+    entering = replace(entering, transitions=(next(t for t in entering.allowed_transitions() if t.target == "busy"),))
+    (table,) = tables_of(entering, plan).tables
+    assert [(j.task, j.start) for j in table.jobs] == [("sense", table.length + milliseconds(-6))]
+
+
+def test_what_blocks_a_length_is_named():
+    system, plan = two_modes(0, 8, 0)
+    before, target = on_common_grid(system, *plan.modes)
+    assert Table(before, target, 0).fill() == Blocked("work", "unit or resource is still in use by the mode before")
+
+
+def drive_model(seed):
+    """A sense-plan-act stack in two modes with a resource and a chain; switches must exist in both directions."""
+    sense = task("sense", 20, version("v", 6, "u1 u2 u3", access("mem", 0, 2)), slack=Fraction(1, 10))
+    plan = task("plan", 20, version("v", 9, "u1 u2 u3", access("mem", 0, 2), after("sense", 0, 10, "end")))
+    quick = task("quick", 10, version("v", 2, "u1 u2 u3", access("mem", 0, 1)), slack=Fraction(1, 5))
+    act = task("act", 20, version("v", 3, "u1 u2 u3", after("sense", 0, 20, "end")), slack=Fraction(1, 10))
+    return model(
+        sense,
+        plan,
+        quick,
+        act,
+        units="u1 u2 u3",
+        resources="mem",
+        chains=[chain("c", "sense act", reaction="80ms")],
+        modes=[mode("full", [sense, plan, quick, act]), mode("slow", [sense, act])],
+    )
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_every_pair_of_a_scheduled_system_has_a_verified_table(seed):
+    system = drive_model(seed)
+    scheduled = schedule_model(system, SearchOptions(seed=seed), lambda *progress: True)
+    assert scheduled.is_complete
+    pairs = [(t.source, t.target) for t in scheduled.schedule.transitions]
+    assert pairs == [("full", "slow"), ("slow", "full")]
+    assert [d.message for d in verify_schedule(system, scheduled.schedule) if d.severity != "note"] == []
+
+
+def test_later_modes_keep_the_phases_of_earlier_ones_where_they_can():
+    system = drive_model(1)
+    scheduled = schedule_model(system, SearchOptions(seed=1), lambda *progress: True)
+    first, second = scheduled.schedule.modes
+    starts = {j.task: (j.start, j.units) for j in first.jobs if j.index == 0}
+    assert {j.task: (j.start, j.units) for j in second.jobs} == {name: starts[name] for name in ("sense", "act")}
+    assert all(table.length == Duration(0) for table in scheduled.schedule.transitions)
+    assert ms("0ms") == Duration(0)
