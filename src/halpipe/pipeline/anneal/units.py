@@ -43,6 +43,8 @@ def _assign(arcs: list[Arc], units: int, hyperperiod: int, *, keep_homes: bool) 
     for arc in crossing:
         home[arc.job] = list(range(taken, taken + arc.width))
         taken += arc.width
+    if taken > units:
+        return None
     homes = frozenset(track for tracks in home.values() for track in tracks) if keep_homes else frozenset()
     steps = _sweep(arcs, home, homes, units, cut, hyperperiod)
     if steps is None:
