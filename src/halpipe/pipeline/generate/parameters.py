@@ -20,6 +20,15 @@ TICK = Duration(1000)
 HYPERPERIOD = milliseconds(120)
 """The hyperperiod t_P where none is stated (D)."""
 
+_LIMITS = {
+    "tasks": (1, 100_000),
+    "units": (1, 10_000),
+    "unit_types": (1, 10_000),
+    "resources": (0, 10_000),
+    "access_windows": (0, 1_000_000),
+}
+_MOST_JOBS = 1_000_000
+
 SEXTANTS = 6
 """Two and three start times at equal distances divide the hyperperiod into sixths."""
 
@@ -72,11 +81,10 @@ class SetParameters:
             raise HalpipeError(*found)
 
     def _faults(self) -> Iterator[tuple[str, str, str]]:
-        counts = (("tasks", 1), ("units", 1), ("unit_types", 1), ("resources", 0), ("access_windows", 0))
-        for name, least in counts:
+        for name, (least, most) in _LIMITS.items():
             value = getattr(self, name)
-            if value is not None and value < least:
-                yield name, f"is {value}", f"give at least {least}"
+            if value is not None and not least <= value <= most:
+                yield name, f"is {value}", f"give a number from {least} to {most}"
         for name in ("multi_version", "precedence", "utilisation", "slack", "gang", "resource_fill"):
             share = getattr(self, name)
             if share is not None and not 0 <= share <= 1:
@@ -97,9 +105,13 @@ class SetParameters:
 
     def _times(self) -> Iterator[tuple[str, str, str]]:
         if self.periods:
-            for period in self.periods:
-                if not period or period % TICK:
-                    yield "periods", f"{period} is no positive multiple of {TICK}", "round it"
+            rough = [period for period in self.periods if not period or period % TICK]
+            for period in rough:
+                yield "periods", f"{period} is no positive multiple of {TICK}", "round it"
+            jobs = 0 if rough else sum(self.span // period for period in self.periods)
+            if jobs > _MOST_JOBS:
+                help = f"choose periods that give at most {_MOST_JOBS}"
+                yield "periods", f"give {jobs} jobs in a hyperperiod of {self.span}", help
         elif not self.hyperperiod or self.hyperperiod % (TICK * SEXTANTS):
             yield "hyperperiod", f"{self.hyperperiod} is no multiple of {TICK * SEXTANTS}", "round it"
 

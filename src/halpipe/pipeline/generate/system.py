@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import random
+from bisect import bisect_left
 from collections import Counter
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.durations import ZERO
 from halpipe.models import (
     Access,
     Job,
@@ -143,18 +145,22 @@ class _Set:
         """
         order = self._shuffled()
         wanted = round(self._parameters.precedence * len(order))
+        by_period: dict[int, list[tuple[int, int]]] = {}
+        for number, piece in sorted(enumerate(self._pieces), key=lambda item: (item[1].start, item[0])):
+            by_period.setdefault(piece.period, []).append((piece.start, number))
         chosen: dict[int, tuple[int, int]] = {}
         for number in order if wanted else ():
             own = self._pieces[number]
-            before = [
-                other
-                for other, piece in enumerate(self._pieces)
-                if piece.start < own.start and own.period % piece.period == 0
+            earlier = [
+                (group, bisect_left(group, (own.start,)))
+                for period, group in sorted(by_period.items())
+                if own.period % period == 0
             ]
-            if before:
-                other = self._rng.choice(before)
+            count = sum(end for _, end in earlier)
+            if count:
+                start, other = _pick(earlier, self._rng.randrange(count))
                 period = self._pieces[other].period
-                chosen[number] = other, (own.start - self._pieces[other].start) % period or period
+                chosen[number] = other, (own.start - start) % period or period
             if len(chosen) == wanted:
                 break
         return chosen
@@ -258,12 +264,17 @@ class _Set:
     def _precedences(self, number: int) -> Iterator[Precedence]:
         if number in self._predecessors:
             other, difference = self._predecessors[number]
-            low, high = int(difference * EARLIEST), -int(-difference * LATEST // 1)
-            yield Precedence(task=self._names[other], min=_ticks(low), max=_ticks(high))
+            low, high = math.floor(difference * EARLIEST), math.ceil(difference * LATEST)
+            yield Precedence(task=self._names[other], min=TICK * low, max=TICK * high)
 
 
-def _ticks(count: int) -> Duration:
-    return TICK * count
+def _pick(groups: list[tuple[list[tuple[int, int]], int]], place: int) -> tuple[int, int]:
+    """Return the item at `place` of the beginnings of these lists, laid end to end."""
+    for items, end in groups:
+        if place < end:
+            return items[place]
+        place -= end
+    raise IndexError(place)
 
 
 def _names(prefix: str, count: int) -> list[str]:
