@@ -80,12 +80,15 @@ def fill_units(parameters: SetParameters, rng: Random) -> list[Piece]:
 
 
 def _counts(parameters: SetParameters) -> list[Counts]:
-    """Return every unit's tasks by number of starts; halves and quarters come out exact over the whole set (D)."""
+    """Return every unit's tasks by number of starts: of four tasks, one has one, two have two and one has three.
+
+    (D) They are counted on from unit to unit, so that half and quarter come out over the whole set.
+    """
     counts: list[Counts] = []
     before = 0
     for unit in range(parameters.units):
         after = before + parameters.tasks // parameters.units + (unit < parameters.tasks % parameters.units)
-        two, three = after // 2 - before // 2, after // 4 - before // 4
+        two, three = after // 2 - before // 2, (after + 1) // 4 - (before + 1) // 4
         counts.append((after - before - two - three, two, three))
         before = after
     return counts
