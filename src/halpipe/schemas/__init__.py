@@ -87,7 +87,8 @@ def _subject(entry: Any) -> tuple[int, str, str]:
 def line_of(element: etree._Element) -> int:
     """Return the line of an element's start tag, also beyond line 65534.
 
-    There libxml2 only tells the line at which a piece of text near the element ends (xmlGetLineNo).
+    There libxml2 only tells the line at which the text after the start tag, or after the element, ends
+    (xmlGetLineNo). What follows from that is exact where white space surrounds elements, and near otherwise.
     """
     line = int(element.sourceline or 0)
     if line < _LAST_EXACT_LINE:
