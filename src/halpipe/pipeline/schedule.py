@@ -125,7 +125,10 @@ def _problem(model: TaskModel, expansion: Expansion, tick: Duration | None, *, g
     """Build the arrays, refusing what does not fit them."""
     _check_tick(expansion, tick)
     resources = [resource.name for resource in model.resources]
-    problem = build_problem(expansion, model.units, resources, model.chains, tick=tick, grouped=grouped)
+    try:
+        problem = build_problem(expansion, model.units, resources, model.chains, tick=tick, grouped=grouped)
+    except OverflowError:
+        raise HalpipeError(_too_large(expansion, tick or natural_tick(expansion))) from None
     _check_options(problem)
     _check_range(problem)
     return problem
@@ -172,15 +175,18 @@ def _check_range(problem: Problem) -> None:
     worst = hyperperiod * heaviest * max(1, jobs) * max(1, int(arrays.rect_first[-1]))
     worst += hyperperiod * int(arrays.unit_weight) * max(1, jobs) * sides
     hottest = 512 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
-    if max(worst, hottest) >= LARGEST:
-        raise HalpipeError(
-            TOO_LARGE(
-                f"the hyperperiod has {hyperperiod} ticks of {problem.tick} and {jobs} jobs",
-                at=problem.expansion.mode.at,
-                path=f'mode "{problem.expansion.mode.name}"',
-                help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
-            )
-        )
+    stated = max(int(arrays.row[:, 1].max(initial=0)), int(arrays.chain_limit.max(initial=0)))
+    if max(worst, hottest, stated) >= LARGEST:
+        raise HalpipeError(_too_large(problem.expansion, problem.tick))
+
+
+def _too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
+    return TOO_LARGE(
+        f"the hyperperiod has {expansion.hyperperiod // tick} ticks of {tick} and {expansion.job_count} jobs",
+        at=expansion.mode.at,
+        path=f'mode "{expansion.mode.name}"',
+        help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
+    )
 
 
 def _notes(problem: Problem) -> list[Diagnostic]:

@@ -67,33 +67,33 @@ def search(
     problem = replace(problem, arrays=problem.arrays._replace(construction=order))
     stopped = _run(problem, state, budget, on_slice)
     moves = int(state.register[MOVES])
-    start, option = _best(problem, state)
-    units = _deal(problem, start, option)
+    if state.register[BEST] == NEVER:
+        state = _completed(problem, state, seed)
+    units = _deal(problem, state.best_start, state.best_option)
     if units is None and state.register[BEST] == 0:
-        problem, state = _continue(problem, start, option, state.phase, separate(), seed)
-        stopped = _run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best))
+        problem, state = _continue(problem, state, separate(), seed)
+        stopped = stopped or _run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best))
         moves += int(state.register[MOVES])
-        start, option = _best(problem, state)
-        units = _deal(problem, start, option)
+        units = _deal(problem, state.best_start, state.best_option)
+    start, option = state.best_start, state.best_option
     units = rename_units(problem, units or _deal_anyhow(problem, start, option), earlier)
     jobs = tuple(_jobs(problem, start, option, units))
     return Outcome(jobs, int(state.register[BEST]), moves, stopped)
 
 
-def _best(problem: Problem, state: State) -> tuple[Ints, Ints]:
-    """Return start and option of every job in the best placement; while it is constructed, as far as it stands.
-
-    Jobs not placed yet start where their offsets, or zero, put them.
-    """
-    if state.register[BEST] < NEVER:
-        return state.best_start, state.best_option
+def _completed(problem: Problem, state: State, seed: int) -> State:
+    """Return a state in which a construction that was cut short is complete: the jobs left start at their offsets."""
     arrays = problem.arrays
     task = arrays.job_task
-    number = np.arange(len(task)) - arrays.task_job[task]
+    number = np.where(arrays.task_cyclic[task] == 1, np.arange(len(task)) - arrays.task_job[task], 0)
     phase = np.maximum(arrays.entry_offset[arrays.job_entry], 0)
-    regular = (phase + number * arrays.task_period[task]) % max(1, arrays.hyperperiod)
     placed = state.start >= 0
-    return np.where(placed, state.start, regular), np.where(placed, state.option, arrays.task_option[task])
+    fresh = new_state(arrays, seed, problem.mean_wcet)
+    fresh.start[:] = np.where(placed, state.start, (phase + number * arrays.task_period[task]) % arrays.hyperperiod)
+    fresh.option[:] = np.where(placed, state.option, arrays.task_option[task])
+    fresh.phase[:] = np.where(placed, state.phase, phase)
+    load(arrays, fresh)
+    return fresh
 
 
 def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool:
@@ -153,23 +153,21 @@ def _deal_anyhow(problem: Problem, start: Ints, option: Ints) -> Units:
     return units
 
 
-def _continue(
-    problem: Problem, start: Ints, option: Ints, phase: Ints, alone: Problem, seed: int
-) -> tuple[Problem, State]:
-    """Carry a placement over to the problem with one lane per unit; overlaps are left to the kernel."""
-    units = _deal_anyhow(problem, start, option)
+def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tuple[Problem, State]:
+    """Carry a schedule over to the problem with one lane per unit; overlaps are left to the kernel."""
+    units = _deal_anyhow(problem, state.start, state.option)
     fresh = new_state(alone.arrays, seed + 1, alone.mean_wcet)
     group_of = {names[0]: group for group, names in enumerate(alone.groups)}
     task_option, job_task = alone.arrays.task_option.tolist(), alone.arrays.job_task.tolist()
-    for job, chosen in enumerate(option.tolist()):
+    for job, chosen in enumerate(state.option.tolist()):
         version = problem.options[chosen].version
         wanted = Option(version, tuple(sorted((group_of[name], 1) for name in units[job])))
         task = job_task[job]
         offered = range(task_option[task], task_option[task + 1])
         same = [n for n in offered if alone.options[n].version == version]  # of large gangs, not every set is offered
         fresh.option[job] = next((n for n in same if alone.options[n] == wanted), same[0])
-    fresh.start[:] = start
-    fresh.phase[:] = phase
+    fresh.start[:] = state.start
+    fresh.phase[:] = state.phase
     load(alone.arrays, fresh)
     return alone, fresh
 

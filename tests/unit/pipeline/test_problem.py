@@ -1,0 +1,253 @@
+"""From names to arrays: lanes, options, quanta, rounding to a tick, and what is refused."""
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import milliseconds
+from halpipe.pipeline import codes, problem
+from halpipe.pipeline.expand import expand
+from halpipe.pipeline.problem import NO_TICK, build_problem, natural_tick
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from support import access, after, chain, model, ms, task, version
+
+
+def build(system, **options):
+    tick = ms(options.pop("tick", None))
+    names = [resource.name for resource in system.resources]
+    return build_problem(expand(system, system.modes[0]), system.units, names, system.chains, tick=tick, **options)
+
+
+def options_of(built, number=0):
+    first, last = built.arrays.task_option[number : number + 2].tolist()
+    return [(o.version and o.version.name, o.groups) for o in built.options[first:last]]
+
+
+def column(built, table, number=0):
+    """Return the rows of a table that option `number` owns."""
+    first, last = getattr(built.arrays, f"{table}_first")[number : number + 2].tolist()
+    return [tuple(row) for row in getattr(built.arrays, table)[first:last].tolist()]
+
+
+def refusal(system, **options):
+    """Return the one diagnostic with which scheduling refuses a model."""
+    with pytest.raises(HalpipeError) as caught:
+        schedule_model(system, SearchOptions(**options), lambda *_: True)
+    (found,) = caught.value.diagnostics
+    return found
+
+
+# ------------------------------------------------------------------------------------------------ lanes
+
+
+def test_units_that_all_versions_treat_alike_share_a_lane():
+    system = model(
+        task("a", 10, version("v", 1, "u1 u2 u3")), task("b", 10, version("v", 1, "u2 u4")), units="u1 u2 u3 u4 idle"
+    )
+    built = build(system)
+    assert built.groups == (("u1", "u3"), ("u2",), ("u4",))
+    assert built.arrays.lane_capacity.tolist() == [2, 1, 1]
+    assert options_of(built, 0) == [("v", ((0, 1),)), ("v", ((1, 1),))]
+    assert build(system, grouped=False).groups == (("u1",), ("u2",), ("u3",), ("u4",))
+
+
+def test_a_gang_has_an_option_for_every_split_over_the_groups():
+    system = model(
+        task("a", 10, version("v", 1, "u1 u2 u3", gang=2)), task("b", 10, version("v", 1, "u3")), units="u1 u2 u3"
+    )
+    assert options_of(build(system)) == [("v", ((0, 2),)), ("v", ((0, 1), (1, 1)))]
+    alone = options_of(build(system, grouped=False))
+    assert alone == [("v", ((a, 1), (b, 1))) for a, b in ((0, 1), (0, 2), (1, 2))]
+
+
+def test_a_gang_over_many_unlike_units_is_cut_and_says_so(monkeypatch):
+    monkeypatch.setattr(problem, "MAX_OPTIONS_PER_VERSION", 2)
+    monkeypatch.setattr("halpipe.pipeline.schedule.MAX_OPTIONS_PER_VERSION", 2)
+    lone = [task(f"t{n}", 10, version("v", 1, f"u{n}")) for n in (1, 2, 3)]
+    system = model(task("a", 10, version("v", 1, "u1 u2 u3", gang=2)), *lone, units="u1 u2 u3")
+    assert len(options_of(build(system))) == 2
+    found = schedule_model(system, SearchOptions(), lambda *_: True).diagnostics
+    assert [d.code for d in found] == [codes.OPTIONS_CUT.id]
+    assert 'task "a"' in found[0].path
+
+
+def test_a_resource_has_the_common_denominator_of_its_bounds():
+    system = model(
+        task("a", 10, version("v", 4, "u1", access("r", 0, 1, "1/3"), access("r", 1, 2, "3/4"), access("s", 0, 1, 1))),
+        resources="r s t",
+    )
+    arrays = build(system).arrays
+    assert arrays.lane_capacity.tolist() == [1, 12, 1, 1]
+    assert arrays.lane_weight.tolist() == [12, 1, 12, 12]
+    assert column(build(system), "rect") == [(0, 0, 4, 1), (1, 0, 1, 4), (1, 1, 1, 9), (2, 0, 1, 1)]
+
+
+def test_bounds_beyond_the_grid_are_rounded_up():
+    system = model(task("a", 10, version("v", 1, "u1", access("r", 0, 1, "1/3000017"))), resources="r")
+    built = build(system)
+    assert built.arrays.lane_capacity.tolist()[1] == problem.MAX_QUANTA
+    assert column(built, "rect")[1] == (1, 0, 1, 1)
+
+
+def test_phases_that_overlap_in_a_job_are_summed():
+    system = model(
+        task("a", 10, version("v", 6, "u1", access("r", 0, 4, "1/2"), access("r", 2, 6, "1/4"))), resources="r"
+    )
+    assert column(build(system, tick=1), "rect") == [(0, 0, 6, 1), (1, 0, 2, 2), (1, 2, 2, 3), (1, 4, 2, 1)]
+
+
+def test_phases_made_to_overlap_by_a_coarse_tick_count_once():
+    """They follow each other within a tick, so at no instant of it do both hold."""
+    system = model(
+        task("a", 10, version("v", "3ms", "u1", access("r", 0, "1.5ms", "2/3"), access("r", "1.5ms", 3, "1/2"))),
+        resources="r",
+    )
+    assert column(build(system, tick=1), "rect")[1:] == [(1, 0, 1, 4), (1, 1, 1, 4), (1, 2, 1, 3)]
+
+
+# ------------------------------------------------------------------------------------------------ time
+
+
+def test_the_tick_divides_all_durations():
+    system = model(
+        task("a", 10, version("v", "1.5ms", "u1", access("r", 0, "0.75ms"), after("b", 0, "2.5ms")), offset="4ms"),
+        task("b", 20, version("v", 2)),
+        resources="r",
+    )
+    built = build(system)
+    assert natural_tick(built.expansion) == built.tick == ms("250us")
+    assert built.arrays.hyperperiod == 80
+    assert built.arrays.entry_offset.tolist() == [16, NO_TICK]
+
+
+def test_a_coarse_tick_rounds_outward_and_inward():
+    """WCETs and phases grow, windows shrink; the end of a predecessor that grew is really up to a tick earlier."""
+    system = model(
+        task("a", 10, version("v", "1.5ms", "u1", access("r", "0.4ms", "0.6ms"), access("r", "1.1ms", "1.2ms"))),
+        task("b", 10, version("v", 2, "u1", after("a", "1.5ms", "4.5ms"), after("a", "1.5ms", "4.5ms", "end"))),
+        task("c", 10, version("v", 2, "u1", after("b", "1.5ms", "4.5ms", "end"))),
+        resources="r",
+    )
+    built = build(system, tick=1)
+    assert built.arrays.option_wcet.tolist() == [2, 2, 2]
+    assert column(built, "rect") == [(0, 0, 2, 1), (1, 0, 1, 1), (1, 1, 1, 1)]
+    assert column(built, "row", 1) == [(0, 2, 2, 0), (0, 2, 1, 1)]
+    assert column(built, "row", 2) == [(1, 2, 2, 1)]
+
+
+@pytest.mark.parametrize(
+    ("slack", "deadline", "late"),
+    [
+        (0, None, 0),
+        ("1/2", None, 5),
+        ("1/4", None, 2),  # 2.5 ms, in whole ticks
+        (1, None, 8),  # the deadline, by default the period, leaves as much
+        ("1/2", 6, 4),
+        ("1/2", 2, 0),
+        (1, 20, 9),  # never a whole period
+    ],
+)
+def test_the_delay_of_a_job_is_limited_by_slack_and_deadline(slack, deadline, late):
+    system = model(task("a", 10, version("v", 2), slack=slack, deadline=deadline), task("b", 20, version("v", 1)))
+    assert build(system).arrays.option_late[0] == late
+
+
+def test_an_offset_beyond_the_period_is_taken_modulo():
+    system = model(task("a", 10, version(), offset=23), task("b", 10, version(), offset=0), task("c", 10, version()))
+    assert build(system).arrays.entry_offset.tolist() == [3, 0, NO_TICK]
+
+
+def test_a_window_as_wide_as_the_hyperperiod_is_met_anywhere():
+    system = model(task("a", 10, version()), task("b", 10, version("v", 1, "u1", after("a", 3, 70))))
+    assert column(build(system), "row", 1) == [(0, 3, 9, 0)]
+
+
+# ------------------------------------------------------------------------------------------------ options
+
+
+def test_versions_that_cannot_be_met_are_dropped():
+    system = model(
+        task("a", 10, version("long", 8), version("short", 2), version("needs", 1, "u1", after("b", 0, 5)), deadline=4),
+        task("b", None, version()),
+    )
+    assert options_of(build(system)) == [("short", ((0, 1),)), ("needs", ((0, 1),))]
+    narrow = model(
+        task("a", 10, version("v", 1)),
+        task("b", 10, version("never", 1, "u1", after("a", "1.2ms", "1.8ms")), version("w", 1)),
+    )
+    assert options_of(build(narrow, tick=1), 1) == [("w", ((0, 1),))]
+
+
+def test_a_job_on_demand_may_be_absent_only_if_its_demand_may_be():
+    always = version("x", 1, "u1", after("h", 0, 5))
+    system = model(task("a", 10, always, version("y", 2, "u1", after("h", 0, 9))), task("h", None, version()))
+    assert options_of(build(system), 1) == [("v", ((0, 1),))]
+    system = model(
+        task("a", 10, always, version("z")),
+        task("h", None, version("v", 1, "u1", after("g", 0, 5))),
+        task("g", None, version()),
+    )
+    assert [name for name, _ in options_of(build(system), 1)] == ["v", None]
+    assert [name for name, _ in options_of(build(system), 2)] == ["v", None]
+    assert build(system).arrays.demand_job.tolist() == [-1, 0, 1]
+
+
+def test_chains_count_where_they_have_a_limit_and_all_tasks():
+    system = model(
+        task("a", 10, version()),
+        task("b", 10, version()),
+        chains=[
+            chain("free", "a b"),
+            chain("zero", "a", reaction=0),
+            chain("both", "a b", 5, 7),
+            chain("gone", "a x", 5),
+        ],
+    )
+    built = build(system)
+    assert built.arrays.chain_limit.tolist() == [[0, NO_TICK], [5, 7]]
+    assert built.arrays.chain_task.tolist() == [0, 0, 1]
+
+
+# ------------------------------------------------------------------------------------------------ refusals
+
+
+def test_a_tick_must_divide_periods_and_offsets():
+    system = model(task("a", 9, version()), task("b", 10, version(), offset=3), task("c", 10, version("v", "0.3ms")))
+    with pytest.raises(HalpipeError) as caught:
+        schedule_model(system, SearchOptions(tick=milliseconds(2)), lambda *_: True)
+    found = caught.value.diagnostics
+    assert {d.code for d in found} == {codes.TICK_DOES_NOT_DIVIDE.id}
+    assert [(d.path, d.message) for d in found] == [
+        ('task "a"', "period 9ms is not a multiple of the tick 2ms"),
+        ('task "b"', "offset 3ms is not a multiple of the tick 2ms"),
+    ]
+
+
+def test_a_task_without_any_option_is_named():
+    system = model(task("a", 10, version("v", 8), version("w", 9), deadline=7), task("b", 10, version()))
+    found = refusal(system)
+    assert (found.code, found.path) == (codes.NO_OPTION.id, 'task "a"')
+    assert 'mode "all"' in found.message
+    assert found.help
+
+
+@pytest.mark.parametrize(
+    ("system", "tick"),
+    [
+        # the cost: overlaps of a thousand jobs, in ticks of a millionth of a nanosecond, do not add up in 64 bits
+        (model(task("a", "1s", version()), task("b", "1ms", version())), "1/1000000ns"),
+        # the ticks of the hyperperiod, of a window, of a limit
+        (model(task("a", "1s", version())), "1/10000000000000ns"),
+        (
+            model(
+                task("a", 1, version()), task("b", 1, version("v", 1, "u1", after("a", "9000000000s", "9000000001s")))
+            ),
+            "1ns",
+        ),
+        (model(task("a", 1, version()), chains=[chain("c", "a", "9000000000s")]), "1ns"),
+    ],
+)
+def test_numbers_that_could_overflow_are_refused(system, tick):
+    found = refusal(system, tick=ms(tick))
+    assert (found.code, found.path) == (codes.TOO_LARGE.id, 'mode "all"')
+    assert "ticks of" in found.message
+    assert "--tick" in found.help
