@@ -173,7 +173,8 @@ def cli_page() -> str:
         "`-` is standard input; for output, standard output. Colour is used on a terminal only, and never where "
         "`NO_COLOR` is set. In text form at most {errors} errors and {warnings} warnings of one code are shown, and "
         "notes are counted; `--verbose`, JSON and SARIF have them all. The exit codes are "
-        "[the same for every verb](exit-codes.md). `halpipe --version` prints the version, and `-h` or `--help` after a verb this page in short."
+        "[the same for every verb](exit-codes.md). `halpipe --version` prints the version, and `-h` or `--help` after "
+        "a verb this page in short."
     )
     shown = {f"{severity}s": most for severity, most in SHOWN_PER_CODE.items()}
     return _page(

@@ -1,10 +1,12 @@
 """The generated reference pages on disk are those that the code makes now."""
 
 import importlib.util
+import re
 from pathlib import Path
 
 import pytest
 
+import halpipe
 from halpipe.diagnostics import REGISTER, Exit
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "generate.py"
@@ -22,7 +24,7 @@ def pages():
     return load_script().pages()
 
 
-@pytest.mark.parametrize("name", ["diagnostics.md", "checks.md", "exit-codes.md"])
+@pytest.mark.parametrize("name", ["diagnostics.md", "checks.md", "exit-codes.md", "cli.md", "schemas.md"])
 def test_page_is_up_to_date(pages, name):
     on_disk = SCRIPT.parent / "reference" / name
     assert on_disk.exists(), "run make docs"
@@ -45,3 +47,39 @@ def test_every_range_of_codes_has_a_title(pages):
 
 def test_tags_are_not_taken_for_markup():
     assert load_script()._escaped("a <b> `<c>` <d>") == "a &lt;b> `<c>` &lt;d>"
+
+
+def test_no_page_is_made_without_being_held_to_the_code(pages):
+    tested = next(mark for mark in test_page_is_up_to_date.pytestmark if mark.name == "parametrize").args[1]
+    assert sorted(tested) == sorted(pages)
+
+
+def test_every_verb_and_each_of_its_options_is_listed(pages):
+    """Against the help that typer prints, which the page is not made from."""
+    from typer.main import get_command
+
+    from halpipe.cli.app import app
+
+    sections = dict(re.findall(r"^## halpipe ([\w-]+)\n(.*?)(?=^## |\Z)", pages["cli.md"], re.MULTILINE | re.DOTALL))
+    commands = get_command(app).commands
+    assert list(sections) == list(commands)
+    for name, command in commands.items():
+        for parameter in command.params:
+            flags = [flag for flag in parameter.opts if flag.startswith("-") and flag != "--help"]
+            missing = [flag for flag in flags if flag not in sections[name]]
+            assert not missing, f"halpipe {name}: {missing}"
+
+
+@pytest.mark.parametrize("kind", ["task-model", "schedule"])
+def test_every_element_and_attribute_of_the_schemas_is_listed(pages, kind):
+    text = (Path(halpipe.__file__).parent / "schemas" / f"{kind}-1.xsd").read_text(encoding="utf-8")
+    for element in re.findall(r'<xs:element name="([\w-]+)"', text):
+        assert f"### `<{element}>`\n" in pages["schemas.md"]
+    for attribute in re.findall(r'<xs:attribute name="([\w-]+)"', text):
+        assert f"\n| `{attribute}` |" in pages["schemas.md"]
+
+
+def test_pages_do_not_depend_on_the_terminal(pages, monkeypatch):
+    for columns in ("20", "400"):
+        monkeypatch.setenv("COLUMNS", columns)
+        assert load_script().cli_page() == pages["cli.md"]

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "tests" / "README.md", *(ROOT / "examples").rglob("README.md")])
+OUTSIDE = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "tests" / "README.md"]
+PAGES = sorted([*OUTSIDE, *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("README.md")])
 LINK = re.compile(r"\]\((?!\w+:)([^)#\s]*)(?:#([\w-]+))?\)")
 
 

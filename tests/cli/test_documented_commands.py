@@ -1,0 +1,171 @@
+"""What the documentation shows is what happens: its commands are run and its output lines looked for.
+
+A block marked ``console`` holds commands after ``$`` with the output that is shown of each; ``...`` stands for output
+left out, within a line for its rest. A comment ``# exit code N`` after a command says how it ends. Blocks marked
+``yaml`` and ``xml`` must be read without a complaint; those in how-to guides are saved as the text says.
+"""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import halpipe.cli
+from halpipe.importers.native import read_model, read_schedule
+from halpipe.importers.overlay import read_overlays
+from halpipe.pipeline.plan import read_plan
+from halpipe.pipeline.stages import validate_model, verify_schedule
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+ARXML = ROOT / "tests" / "unit" / "importers" / "arxml_fixtures" / "findings" / "HAL0541-unmapped.arxml"
+
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SAVED_AS = re.compile(r"[Ss]ave (?:it|the overlay) as `([\w.-]+)`")
+
+
+def pages():
+    return [ROOT / "README.md", *sorted(DOCS.rglob("*.md")), *sorted((ROOT / "examples").rglob("README.md"))]
+
+
+def blocks(page, kind):
+    return [text for found, text in BLOCK.findall(page.read_text(encoding="utf-8")) if found == kind]
+
+
+def name_of(page):
+    return page.relative_to(ROOT).as_posix()
+
+
+WITH_COMMANDS = [page for page in pages() if blocks(page, "console")]
+
+
+def commands(text):
+    """The commands of a block as (command, exit code, lines shown)."""
+    found = []
+    for line in text.splitlines():
+        if line.startswith("$ "):
+            command, _, comment = line[2:].partition("     # ")
+            found.append((command, int(comment.removeprefix("exit code ") or 0), []))
+        else:
+            found[-1][2].append(line)
+    return found
+
+
+def run(command, capfd):
+    """Run a command in this process if it is one of ours without the shell's help; it starts faster."""
+    words = shlex.split(command)
+    if words[0] == "halpipe" and not {">", "|", "&&"} & set(words):
+        capfd.readouterr()
+        code = halpipe.cli.invoke(words[1:])
+        return code, "".join(capfd.readouterr())
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60)
+    return done.returncode, done.stdout + done.stderr
+
+
+def check_shown(shown, output, command):
+    """Each line shown stands in the output, in order; without ``...`` between two, they follow each other."""
+    lines, place, skipped = output.splitlines(), 0, False
+    for text in shown:
+        if text.strip() == "...":
+            skipped = True
+            continue
+        wanted, *rest = text.split("...")
+        for number in range(place, len(lines)):
+            if lines[number] == wanted or (rest and lines[number].startswith(wanted.rstrip())):
+                break
+            assert skipped, f"{command}: after {lines[max(0, place - 1)]!r} comes {lines[number]!r}, not {text!r}"
+        else:
+            pytest.fail(f"{command} does not print {text!r}, but:\n{output}")
+        place, skipped = number + 1, False
+    assert skipped or place == len(lines) or not shown, f"{command} prints more: {lines[place:]}"
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch):
+    """A copy of the example, with what a reader of the how-to guides would have besides."""
+    shutil.copytree(ROOT / "examples" / "roboracer", tmp_path / "w", ignore=shutil.ignore_patterns("out"))
+    for folder in ("extract", "ecuc"):
+        (tmp_path / "w" / folder).mkdir()
+    text = ARXML.read_text()
+    cut = text.index("<SHORT-NAME>Ecu</SHORT-NAME>")
+    begin = text.rindex("<AR-PACKAGE>", 0, cut)
+    end = text.rindex("</AR-PACKAGES>")
+    head = text[: text.index("<AR-PACKAGE>")]
+    (tmp_path / "w" / "extract" / "pump.arxml").write_text(text[:begin] + text[end:])
+    (tmp_path / "w" / "ecuc" / "cores.arxml").write_text(head + text[begin:])
+    monkeypatch.chdir(tmp_path / "w")
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{ROOT}:/usr/bin:/bin")
+    return tmp_path / "w"
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=name_of)
+def test_commands_do_what_the_page_shows(page, workplace, capfd):
+    text = page.read_text(encoding="utf-8")
+    saved = SAVED_AS.findall(text)
+    for name, content in zip(saved, blocks(page, "yaml"), strict=False):
+        (workplace / name).write_text(content)
+    for block in blocks(page, "console"):
+        for command, code, shown in commands(block):
+            ended, output = run(command, capfd)
+            assert ended == code, f"{command} ends with {ended}:\n{output}"
+            check_shown(shown, output, command)
+
+
+def test_every_guide_to_an_import_is_among_them():
+    assert {
+        "docs/tutorial/roboracer.md",
+        "docs/how-to/import-a-ros-stack.md",
+        "docs/how-to/import-an-ecu-extract.md",
+    } <= {name_of(page) for page in WITH_COMMANDS}
+
+
+@pytest.mark.parametrize("page", [p for p in pages() if blocks(p, "yaml")], ids=name_of)
+def test_yaml_that_is_shown_is_read(page, tmp_path):
+    path = tmp_path / "shown.yaml"
+    for text in blocks(page, "yaml"):
+        if "halpipe-pipeline" in text:
+            path.write_text(text)
+            read_plan(str(path))
+        else:
+            path.write_text(text if "halpipe-overlay" in text else "halpipe-overlay: 1\n" + text)
+            read_overlays([str(path)])
+
+
+@pytest.mark.parametrize("page", [p for p in pages() if blocks(p, "xml")], ids=name_of)
+def test_xml_that_is_shown_is_a_valid_model_and_a_valid_schedule(page, tmp_path):
+    shown, schedule = blocks(page, "xml")
+    (tmp_path / "model.xml").write_text(shown)
+    (tmp_path / "schedule.xml").write_text(schedule)
+    model = read_model(str(tmp_path / "model.xml"))
+    assert validate_model(model) == []
+    assert verify_schedule(model, read_schedule(str(tmp_path / "schedule.xml"))) == []
+
+
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
+NAMED = re.compile(r"`(halpipe [^`]+)`|^(?:    |\$ )(halpipe [a-z].*)", re.MULTILINE)
+LISTED = re.compile(r"^(halpipe [a-z].*)", re.MULTILINE)
+
+
+def commands_named(page):
+    """What stands in code spans, in indented lines, after ``$``, and in blocks of no kind."""
+    text = page.read_text(encoding="utf-8")
+    found = [span or line for span, line in NAMED.findall(text)]
+    return found + [line for block in blocks(page, "") for line in LISTED.findall(block)]
+
+
+@pytest.mark.parametrize("page", [p for p in pages() if commands_named(p)], ids=name_of)
+def test_commands_and_options_that_are_named_exist(page):
+    """Every ``halpipe verb`` has its verb, and every option after it is one of that verb's."""
+    reference = (DOCS / "reference" / "cli.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## halpipe ([\w-]+)\n(.*?)(?=^## |\Z)", reference, re.MULTILINE | re.DOTALL))
+    for command in commands_named(page):
+        verb = command.split()[1]
+        if verb.startswith("-") or verb == "VERB":
+            continue
+        assert verb in sections, f"{name_of(page)}: there is no halpipe {verb}"
+        unknown = [o for o in OPTION.findall(command) if o not in sections[verb] and o != "--help"]
+        assert not unknown, f"{name_of(page)}: halpipe {verb} has no {', '.join(unknown)}"
