@@ -66,7 +66,7 @@ def _overlap(placement: Placement) -> int:
     """Return p_ov: on every unit, the time for which more than one job is on it, counted per job too many."""
     by_unit: dict[str, list[Interval]] = {}
     for job in placement.jobs:
-        for unit in job.units:
+        for unit in dict.fromkeys(job.units):
             by_unit.setdefault(unit, []).append(Interval(job.start, job.wcet, 1))
     return int(sum(_excess(intervals, placement.hyperperiod) for intervals in by_unit.values()))
 

@@ -38,7 +38,7 @@ def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], sta
 def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
     busy = dict.fromkeys((unit.name for unit in model.units), ZERO)
     for job in placement.jobs:
-        for unit in job.units:
+        for unit in dict.fromkeys(job.units):
             busy[unit] += placement.tick * job.wcet
     total = placement.expansion.hyperperiod
     return tuple(
