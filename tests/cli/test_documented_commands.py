@@ -115,6 +115,19 @@ def test_commands_do_what_the_page_shows(page, workplace, capfd):
             check_shown(shown, output, command)
 
 
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "examples" / "roboracer" / "README.md"], ids=name_of)
+def test_commands_that_are_listed_work_one_after_another(page, workplace, capfd):
+    (workplace / "wcets.yaml").write_text('halpipe-overlay: 1\ntasks: {"*": {wcet: 1ms}}\n')
+    tried = 0
+    for command in commands_listed(page):
+        if command.split()[1] == "VERB" or (".svg" in command and shutil.which("dot") is None):
+            continue
+        ended, output = run(command, capfd)
+        assert ended == 0, f"{command} ends with {ended}:\n{output}"
+        tried += 1
+    assert tried >= 5
+
+
 def test_every_guide_to_an_import_is_among_them():
     assert {
         "docs/tutorial/roboracer.md",
@@ -148,6 +161,14 @@ def test_xml_that_is_shown_is_a_valid_model_and_a_valid_schedule(page, tmp_path)
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 NAMED = re.compile(r"`(halpipe [^`]+)`|^(?:    |\$ )(halpipe [a-z].*)", re.MULTILINE)
 LISTED = re.compile(r"^(halpipe [a-z].*)", re.MULTILINE)
+
+
+def commands_listed(page):
+    """What stands in indented lines and in blocks of no kind, without comments."""
+    text = page.read_text(encoding="utf-8")
+    lines = re.findall(r"^    (halpipe [a-z].*)", text, re.MULTILINE)
+    lines += [line for block in blocks(page, "") for line in LISTED.findall(block)]
+    return [line.partition("  #")[0].rstrip() for line in lines]
 
 
 def commands_named(page):
