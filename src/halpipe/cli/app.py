@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from halpipe import __version__
-from halpipe.cli import doctor, export, generate, import_, run, schedule, show, validate, verify
+from halpipe.cli import bench, doctor, export, generate, import_, run, schedule, show, validate, verify
 
 app = typer.Typer(
     help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
@@ -43,4 +43,5 @@ app.command("show")(show.show)
 app.command("export")(export.export)
 app.command("run")(run.run)
 app.command("generate")(generate.generate)
+app.command("bench")(bench.bench)
 app.command("doctor")(doctor.doctor)

@@ -11,7 +11,7 @@ from halpipe.cli import output
 from halpipe.diagnostics import Exit
 
 PACKAGES = ("lxml", "xmlschema", "numpy", "numba", "pyyaml", "jinja2", "typer", "rich", "graphviz")
-EXTRAS = {"autosar-data": "halpipe[arxml]", "ortools": "halpipe[exact]"}
+EXTRAS = {"autosar-data": "halpipe[arxml]", "ortools": "halpipe[exact]", "distributed": "halpipe[cluster]"}
 PROGRAMS = {"dot": "apt-get install graphviz"}
 
 

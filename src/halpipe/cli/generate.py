@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.pipeline.generate import Achieved
+
+_Value = TypeVar("_Value")
 
 _SHARE = "SHARE"
 """Shares are written as 0.7, 7/10 or 70%."""
@@ -106,7 +108,7 @@ def _share(option: str, text: str) -> Fraction:
     return _read(option, text, parse_rational)
 
 
-def _read(option: str, text: str, reader: Callable[[str], Any]) -> Any:
+def _read(option: str, text: str, reader: Callable[[str], _Value]) -> _Value:
     try:
         return reader(text)
     except ValueError as failure:

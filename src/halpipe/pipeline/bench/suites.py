@@ -1,0 +1,111 @@
+"""What is measured: rows of cells, every cell with several seeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import Duration, milliseconds, seconds
+from halpipe.pipeline.generate import TABLE_III, SetParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A line of the table: sets of several parameters, with what was aimed at and what the paper reports for them."""
+
+    name: str
+    cells: tuple[SetParameters, ...]
+    goal_success: Fraction = Fraction(1)
+    goal_kernel: Duration | None = None
+    paper_seconds: tuple[int, int] | None = None
+
+
+def _table3() -> Iterator[Row]:
+    """One row for each value that an experiment varies."""
+    for experiment in TABLE_III:
+        for value in dict.fromkeys(getattr(cell, experiment.varies) for cell in experiment.cells):
+            cells = tuple(cell for cell in experiment.cells if getattr(cell, experiment.varies) == value)
+            shown = f"{value * 100} %" if isinstance(value, Fraction) else str(value)
+            yield Row(
+                name=f"({experiment.number}) {experiment.varies.replace('_', '-')} {shown}",
+                cells=cells,
+                goal_kernel=milliseconds(5 if cells[0].tasks == 60 else 10),
+                paper_seconds=experiment.paper_seconds,
+            )
+
+
+_TENTH = Fraction(1, 10)
+_MIXED_RATES = tuple(milliseconds(n) for n in (5, 10, 11, 20, 25, 33, 66, 400))
+"""A task of 5 ms beside one of 400 ms; all together 6981 jobs in 13.2 s."""
+
+
+def _hard() -> Iterator[Row]:
+    """The goals of the project. Resources are as many for each unit as in Table III, where nothing else is stated."""
+    cells = [cell for experiment in TABLE_III for cell in experiment.cells]
+    sixty = tuple(cell for cell in cells if cell.tasks == 60)
+    larger = tuple(cell for cell in cells if cell.tasks in (112, 120) and cell.utilisation == Fraction(7, 10))
+    yield Row(name="Table III, 60 tasks", cells=sixty, goal_kernel=milliseconds(5))
+    yield Row(name="Table III, 112 and 120 tasks, 70 %", cells=larger, goal_kernel=milliseconds(10))
+    six = SetParameters(multi_version=_TENTH)
+    for tasks, percent, success, goal in ((120, 85, 100, 200), (144, 90, 95, 10_000), (144, 95, 50, 60_000)):
+        yield Row(
+            name=f"{tasks} tasks on 6, {percent} %",
+            cells=(replace(six, tasks=tasks, utilisation=Fraction(percent, 100)),),
+            goal_success=Fraction(success, 100),
+            goal_kernel=milliseconds(goal),
+        )
+    twelve = replace(six, tasks=240, units=12, unit_types=3, resources=4, utilisation=Fraction(7, 10))
+    most = Fraction(95, 100)
+    yield Row(
+        name="240 on 12, 70 %, fractional bounds, resources 65 % full",
+        cells=(replace(twelve, fractional=True, resource_fill=Fraction(65, 100)),),
+        goal_success=most,
+        goal_kernel=seconds(5),
+    )
+    yield Row(
+        name="240 on 12, 70 %, 60 % precedence",
+        cells=(replace(twelve, precedence=Fraction(3, 5)),),
+        goal_kernel=milliseconds(500),
+    )
+    yield Row(
+        name="480 on 24, 70 %, resources 75 % full",
+        cells=(replace(twelve, tasks=480, units=24, resources=8, resource_fill=Fraction(3, 4)),),
+        goal_kernel=milliseconds(200),
+    )
+    yield Row(
+        name="2400 on 120, 70 %",
+        cells=(replace(twelve, tasks=2400, units=120, resources=40),),
+        goal_kernel=seconds(3),
+    )
+    yield Row(
+        name="10000 on 500, 60 %",
+        cells=(replace(twelve, tasks=10_000, units=500, resources=166, utilisation=Fraction(3, 5)),),
+        goal_success=most,
+        goal_kernel=seconds(60),
+    )
+    yield Row(
+        name="5 ms beside 400 ms in 13.2 s",
+        cells=(SetParameters(units=2, unit_types=1, resources=1, periods=_MIXED_RATES),),
+        goal_kernel=seconds(5),
+    )
+    yield Row(
+        name="no two units alike, 240 on 12, 65 %",
+        cells=(replace(twelve, unlike_units=True, utilisation=Fraction(65, 100)),),
+        goal_success=most,
+        goal_kernel=seconds(10),
+    )
+
+
+def _tiny() -> Iterator[Row]:
+    """Sets that take no time: to try the benchmark itself."""
+    yield Row(name="12 tasks", cells=(SetParameters(tasks=12, units=3),), paper_seconds=(1, 2))
+    hopeless = SetParameters(tasks=48, units=2, utilisation=Fraction(1))
+    yield Row(name="48 tasks, nothing idle", cells=(hopeless,), goal_kernel=milliseconds(1))
+
+
+SUITES = {"table3": tuple(_table3()), "hard": tuple(_hard()), "tiny": tuple(_tiny())}
+"""The benchmarks by name."""
