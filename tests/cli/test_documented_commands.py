@@ -67,13 +67,16 @@ def run(command, capfd):
 
 
 def check_shown(shown, output, command):
-    """Each line shown stands in the output, in order; without ``...`` between two, they follow each other."""
-    lines, place, skipped = output.splitlines(), 0, False
+    """Each line shown stands in the output, in order; without ``...`` between two, they follow each other.
+
+    The width of white space does not count: that of columns depends on what a search finds.
+    """
+    lines, place, skipped = [" ".join(line.split()) for line in output.splitlines()], 0, False
     for text in shown:
         if text.strip() == "...":
             skipped = True
             continue
-        wanted, *rest = text.split("...")
+        wanted, *rest = " ".join(text.split()).split("...")
         for number in range(place, len(lines)):
             if lines[number] == wanted or (rest and lines[number].startswith(wanted.rstrip())):
                 break
