@@ -4,11 +4,12 @@
 task with multiple start times, the access window was replicated to all other executions of this task. If necessary,
 other access phases were moved."
 
-(D) A start is a random instant on a random unit; the task that lies there has the window. Its resource is drawn, its
-length lies between a tenth and a half of the task (between a fifth and four fifths with fractional bounds). Where the
-replicas would take more of the resource than there is, the window is moved within the task to the nearest place where
-they do not, shortened to it if need be, or put on another resource; if nothing of that works, another start is drawn.
-Windows are placed on tasks already shortened to the wanted utilisation: shortened later, they could meet again.
+(D) A start is a random instant on a random unit; the task that lies there has the window. Its resource is drawn. The
+paper does not state lengths: they lie between 1/20 and 2/5 of the task, with which the resources of Table III are in
+use for about half of the time (between 1/5 and 4/5 of the task with fractional bounds). Where the replicas would take
+more of the resource than there is, the window is moved within the task to the nearest place where they do not,
+shortened to it if need be, or put on another resource; if nothing of that works, another start is drawn. Windows are
+placed on tasks already shortened to the wanted utilisation: shortened later, they could meet again.
 """
 
 from __future__ import annotations
@@ -119,7 +120,7 @@ class WindowPlacer:
         unit, instant = rng.randrange(len(self._on_unit)), rng.randrange(self._hyperperiod)
         order = list(range(len(self._profiles)))
         rng.shuffle(order)
-        share = rng.randrange(200, 801) if self._fractional else rng.randrange(100, 501)
+        share = rng.randrange(200, 801) if self._fractional else rng.randrange(50, 401)
         height = rng.choice(_BOUNDS) if self._fractional else CAPACITY
         number = self._task_at(unit, instant)
         if number is None or len(self.windows[number]) >= _MOST_ON_A_TASK:
