@@ -18,7 +18,7 @@ from halpipe.quantities import (
     parse_size,
 )
 
-FAST = settings(max_examples=200, deadline=None, derandomize=True)
+FAST = settings(max_examples=100, deadline=None, derandomize=True)
 
 rationals = st.fractions(min_value=0, max_value=10**12, max_denominator=10**9)
 spans = rationals.map(Duration)
