@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from halpipe import __version__
-from halpipe.cli import bench, doctor, export, generate, import_, run, schedule, show, validate, verify
+from halpipe.cli import bench, doctor, explain, export, generate, import_, run, schedule, show, validate, verify
 
 app = typer.Typer(
     help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
@@ -39,6 +39,7 @@ app.command("import")(import_.import_)
 app.command("validate")(validate.validate)
 app.command("schedule")(schedule.schedule)
 app.command("verify")(verify.verify)
+app.command("explain")(explain.explain)
 app.command("show")(show.show)
 app.command("export")(export.export)
 app.command("run")(run.run)

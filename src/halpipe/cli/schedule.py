@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,8 +13,25 @@ from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, S
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from halpipe.durations import Duration
     from halpipe.models import TaskModel
+
+
+class Improve(StrEnum):
+    """What to go on for once a schedule is valid."""
+
+    FIRST = "first"
+    COST = "cost"
+    MARGIN = "margin"
+
+
+class Engine(StrEnum):
+    """Who looks for the schedule."""
+
+    ANNEAL = "anneal"
+    EXACT = "exact"
 
 
 def schedule(
@@ -26,6 +45,13 @@ def schedule(
     ] = 0,
     tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
     mode: Annotated[list[str] | None, typer.Option(help="Schedule this mode only; repeatable.")] = None,
+    engine: Annotated[
+        Engine, typer.Option(help="anneal; or exact, for small systems: OR-Tools CP-SAT.")
+    ] = Engine.ANNEAL,
+    quality: Annotated[
+        Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
+    ] = Improve.FIRST,
+    target: Annotated[str, typer.Option(help="With --quality cost: stop once the cost F is at most this.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -36,13 +62,14 @@ def schedule(
     """
     from halpipe.cli.searching import find_schedule
     from halpipe.importers.native import read_model
-    from halpipe.pipeline.schedule import SearchOptions
+    from halpipe.pipeline.schedule import Quality, SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = _parse_tick(tick)
     system = read_model(model)
     _check_modes(system, mode or [])
-    options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()))
+    options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
+    options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
     return find_schedule(system, options, output_file, time_limit)
 
 
@@ -58,6 +85,18 @@ def _parse_tick(text: str) -> Duration | None:
     if not tick:
         raise typer.BadParameter("must be longer than 0", param_hint="--tick")
     return tick
+
+
+def _parse_target(text: str) -> Fraction | None:
+    from halpipe.quantities import parse_rational
+
+    if not text:
+        return None
+    sign = -1 if text.startswith("-") else 1
+    try:
+        return sign * parse_rational(text.removeprefix("-"))
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--target") from None
 
 
 def _check_modes(model: TaskModel, chosen: list[str]) -> None:

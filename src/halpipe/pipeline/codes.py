@@ -43,3 +43,34 @@ STILL_BROKEN = warning(
     "Rule still broken by the best placement",
     "What verify finds in the best placement of a search that failed: where the conflict is.",
 )
+
+# ---------------------------------------------------------------------------- the exact engine
+
+EXACT_MISSING = error(
+    "HAL0420",
+    "Exact engine is not installed",
+    "The exact engine is OR-Tools' CP-SAT, an optional part: pip install 'halpipe[exact]'.",
+)
+EXACT_TOO_LARGE = error(
+    "HAL0421",
+    "Mode is too large for the exact engine",
+    "The exact engine writes every job, unit and window down as variables, which only small systems allow. The "
+    "annealer takes modes of any size.",
+)
+EXACT_WRONG = error(
+    "HAL0422",
+    "Exact engine and checker disagree",
+    "The exact engine gave a schedule that verify does not accept. This is a bug of halpipe; please report it with the "
+    "model. No schedule was written.",
+)
+EXACT_INFEASIBLE = error(
+    "HAL0423",
+    "Exact engine finds that there is no schedule",
+    "CP-SAT searched the whole mode and says that it has no schedule. That is its own word, which nobody can check by "
+    "hand; `halpipe explain` looks for the conflict behind it.",
+)
+EXACT_TICK = error(
+    "HAL0424",
+    "Exact engine takes no tick",
+    "It computes on the grid that loses nothing. Leave --tick away, or use the annealer.",
+)

@@ -7,9 +7,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.diagnostics import Diagnostic, HalpipeError
+from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
 from halpipe.models import Schedule, Status
-from halpipe.pipeline.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
+from halpipe.pipeline.codes import (
+    EXACT_INFEASIBLE,
+    EXACT_TICK,
+    NO_OPTION,
+    NOT_FOUND,
+    OPTIONS_CUT,
+    TICK_DOES_NOT_DIVIDE,
+    TOO_LARGE,
+)
 from halpipe.pipeline.expand import Expansion, expand
 from halpipe.pipeline.metrics import mode_report
 from halpipe.pipeline.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
@@ -27,13 +35,16 @@ OnProgress = Callable[[str, int, int, int], bool]
 
 LARGEST = 2**62
 
+EXACT = "exact"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchOptions:
     """What the user may choose: the outcome depends on the model and on these alone.
 
     `budget` counts moves per task; `tick` replaces the natural tick. `attempt` gives other placements for the
-    same seed, between which switches may exist that the first ones do not allow.
+    same seed, between which switches may exist that the first ones do not allow. `engine` is ``anneal``, or ``exact``
+    for small systems, which knows neither budget nor tick.
     """
 
     seed: int = 1
@@ -41,6 +52,7 @@ class SearchOptions:
     tick: Duration | None = None
     modes: tuple[str, ...] = ()
     attempt: int = 0
+    engine: str = "anneal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +93,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         model=model.name,
         model_sha256=model.digest,
         generator=f"halpipe {__version__}",
-        solver="anneal",
+        solver=options.engine,
         seed=options.seed,
         tick=options.tick or _common_tick(model, chosen),
         modes=tuple(tables),
@@ -97,6 +109,8 @@ def _schedule_mode(
     on_progress: OnProgress,
     earlier: Earlier,
 ) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
+    if options.engine == EXACT:
+        return _solve_mode(model, expansion, options, number)
     from halpipe.pipeline.anneal.search import search
 
     name = expansion.mode.name
@@ -114,6 +128,27 @@ def _schedule_mode(
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)
     return table, _notes(problem), outcome.moves, outcome.stopped
+
+
+def _solve_mode(
+    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int
+) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
+    """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
+    from halpipe.pipeline.exact import Answer, solve_exact
+
+    mode = expansion.mode
+    path = f'mode "{mode.name}"'
+    if options.tick is not None:
+        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
+    seed = _mode_seed(options.seed, number, options.attempt) % 2**31
+    result = solve_exact(model, mode, seed=seed)
+    if result.status is Answer.FEASIBLE:
+        return mode_report(model, expansion, result.jobs, Status.VALID), [], 0, False
+    if result.status is Answer.INFEASIBLE:
+        text, help = "the exact engine finds that it has no schedule", "ask `halpipe explain` for the conflict"
+        raise HalpipeError(EXACT_INFEASIBLE(text, at=mode.at, path=path, help=help), exit=Exit.NOT_FOUND)
+    text = "the exact engine found no schedule within its effort, and no proof that there is none"
+    raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 
 
 def _mode_seed(seed: int, number: int, attempt: int) -> int:

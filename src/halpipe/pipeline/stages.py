@@ -125,11 +125,15 @@ def validate_model(model: TaskModel) -> list[Diagnostic]:
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
-    """Validate, search and verify; a schedule that leaves here as valid has passed the independent check."""
+    """Validate, search and verify; a schedule that leaves here as valid has passed the independent check.
+
+    A mode that provably has no schedule is not searched for one: raise `HalpipeError` with the proof.
+    """
     from halpipe.pipeline.schedule import schedule_model as search
 
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
+    refuse_hopeless(model, options.modes)
     best: Scheduled | None = None
     moves = 0
     for attempt in range(ATTEMPTS):
@@ -143,6 +147,15 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
             break
     assert best is not None, "there is at least one attempt"
     return replace(best, diagnostics=(*findings.items, *best.diagnostics), moves=moves)
+
+
+def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
+    """Stop with the witnesses if some mode (of those named, or all) certainly has no schedule; takes an instant."""
+    from halpipe.pipeline.explain.witnesses import find_witnesses
+
+    proofs = [found for hopeless in find_witnesses(model, modes) for found in hopeless.diagnostics]
+    if proofs:
+        raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
 
 
 def _with_transitions(model: TaskModel, scheduled: Scheduled) -> Scheduled:

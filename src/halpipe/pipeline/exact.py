@@ -1,0 +1,145 @@
+"""The exact engine: one mode as a constraint program for CP-SAT, every rule of MODEL 3, for small systems.
+
+It starts from the expanded model and shares nothing with the annealer's arrays, so that each can be held against the
+other. Its schedules are checked by verify before anyone sees them; "infeasible" is its own word alone, which `explain`
+turns into a set of tasks and constraints that can be looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.models import ModeSchedule, Schedule, Status
+from halpipe.pipeline.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
+from halpipe.pipeline.expand import expand
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from halpipe.models import Chain, Job, Mode, TaskModel
+    from halpipe.pipeline.expand import Expansion
+
+DEFAULT_EFFORT = 60
+"""Deterministic seconds of CP-SAT: a count of work, about a second of it each, the same on every machine."""
+
+MAX_JOBS = 2_000
+MAX_PARTS = 200_000
+"""Jobs, and pieces of the program they become, up to which a mode is taken; larger ones are for the annealer."""
+
+MAX_TICKS = 2**36
+"""Ticks of a hyperperiod: products with job counts and bounds must stay within 64 bits."""
+
+
+class Answer(StrEnum):
+    """What the exact engine says; `UNKNOWN` when its effort is spent."""
+
+    FEASIBLE = "feasible"
+    INFEASIBLE = "infeasible"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class ExactResult:
+    """The answer for one mode, with the jobs of a valid schedule where there is one."""
+
+    status: Answer
+    jobs: tuple[Job, ...] = ()
+
+
+def solve_exact(
+    model: TaskModel, mode: Mode, *, seconds: float = DEFAULT_EFFORT, workers: int = 1, seed: int = 1
+) -> ExactResult:
+    """Decide whether `mode` of a validated model has a valid schedule, within `seconds` of deterministic time.
+
+    With one worker the same input gives the same answer on every machine. Raise `HalpipeError` where OR-Tools is not
+    installed, where the mode is too large, or where verify refuses the schedule found (a bug).
+    """
+    expansion = expand(model, mode)
+    result = solve_expansion(model, expansion, seconds=seconds, workers=workers, seed=seed)
+    if result.status is Answer.FEASIBLE:
+        _check(model, expansion, result.jobs)
+    return result
+
+
+def solve_expansion(
+    model: TaskModel,
+    expansion: Expansion,
+    *,
+    chains: Sequence[Chain] | None = None,
+    seconds: float = DEFAULT_EFFORT,
+    workers: int = 1,
+    seed: int = 1,
+) -> ExactResult:
+    """Solve an expanded mode, or a part of one; of `chains` (the model's) those count whose tasks are all in it.
+
+    Nothing is verified here: a part of a mode keeps the hyperperiod of the whole, which verify would not accept.
+    """
+    cp_model = _solver_library(expansion)
+    from halpipe.pipeline.exactmodel import build
+
+    program = build(cp_model, expansion, model, model.chains if chains is None else chains, MAX_PARTS)
+    if program is None:
+        raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
+    solver = cp_model.CpSolver()
+    parameters: Any = solver.parameters
+    parameters.num_workers = workers
+    parameters.random_seed = seed
+    parameters.max_deterministic_time = seconds
+    status = solver.solve(program.cp)
+    if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+        return ExactResult(Answer.FEASIBLE, tuple(program.jobs(solver)))
+    return ExactResult(Answer.INFEASIBLE if status == cp_model.INFEASIBLE else Answer.UNKNOWN)
+
+
+def is_small(expansion: Expansion) -> bool:
+    """Tell whether a mode is of a size for this engine."""
+    from halpipe.pipeline.exactmodel import exact_tick
+
+    return expansion.job_count <= MAX_JOBS and expansion.hyperperiod // exact_tick(expansion) <= MAX_TICKS
+
+
+def is_installed() -> bool:
+    """Tell whether OR-Tools is there."""
+    from importlib.util import find_spec
+
+    return find_spec("ortools") is not None
+
+
+def _solver_library(expansion: Expansion) -> Any:
+    """Import CP-SAT, or say how to get it, and refuse what is too large for it."""
+    if not is_installed():
+        raise HalpipeError(
+            EXACT_MISSING("OR-Tools is not installed", help="install it: pip install 'halpipe[exact]'"),
+        )
+    if not is_small(expansion):
+        raise _too_large(
+            expansion, f"has {expansion.job_count} jobs in {expansion.hyperperiod}; {MAX_JOBS} jobs are taken"
+        )
+    from ortools.sat.python import cp_model
+
+    return cp_model
+
+
+def _too_large(expansion: Expansion, text: str) -> HalpipeError:
+    path = f'mode "{expansion.mode.name}"'
+    return HalpipeError(EXACT_TOO_LARGE(text, at=expansion.mode.at, path=path, help="use --engine anneal"))
+
+
+def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
+    """Refuse a schedule that the independent checker refuses."""
+    from dataclasses import replace
+
+    from halpipe.pipeline.verify import verify
+
+    table = ModeSchedule(
+        name=expansion.mode.name, hyperperiod=expansion.hyperperiod, status=Status.VALID, jobs=tuple(jobs)
+    )
+    alone = replace(model, modes=(expansion.mode,), transitions=())
+    schedule = Schedule(model=model.name, model_sha256=model.digest, modes=(table,))
+    wrong = [d for d in verify(alone, schedule) if d.is_error]
+    if wrong:
+        text = f"verify finds {len(wrong)} violations in the schedule of the exact engine"
+        raise HalpipeError(EXACT_WRONG(text, path=f'mode "{expansion.mode.name}"'), *wrong, exit=Exit.INTERNAL)

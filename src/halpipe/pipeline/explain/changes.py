@@ -1,0 +1,86 @@
+"""Changes of a model that could make it schedulable: each returns the changed model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.models import Unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+    from fractions import Fraction
+
+    from halpipe.durations import Duration
+    from halpipe.models import Precedence, Task, TaskModel, Version
+
+
+def more_units(model: TaskModel, like: str, count: int) -> TaskModel:
+    """Add `count` units that every version may use which may use the unit `like`."""
+    original = next(unit for unit in model.units if unit.name == like)
+    names = tuple(_fresh(model, f"{like}+{number}") for number in range(1, count + 1))
+
+    def widen(version: Version) -> Version:
+        return replace(version, units=(*version.units, *names)) if like in version.units else version
+
+    added = tuple(Unit(name=name, type=original.type) for name in names)
+    return replace(_each_version(model, None, widen), units=(*model.units, *added))
+
+
+def _fresh(model: TaskModel, name: str) -> str:
+    known = {unit.name for unit in model.units}
+    while name in known:
+        name += "+"
+    return name
+
+
+def with_slack(model: TaskModel, tasks: Collection[str], slack: Fraction) -> TaskModel:
+    """Give periodic tasks at least this slack."""
+
+    def loosen(task: Task) -> Task:
+        return task if task.period is None else replace(task, slack=max(slack, task.slack))
+
+    return _each_task(model, tasks, loosen)
+
+
+def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction) -> TaskModel:
+    """Scale the WCETs of tasks, and their access phases with them."""
+
+    def shorten(version: Version) -> Version:
+        accesses = tuple(replace(a, start=a.start * factor, end=a.end * factor) for a in version.accesses)
+        wcet = None if version.wcet is None else version.wcet * factor
+        return replace(version, wcet=wcet, accesses=accesses)
+
+    return _each_version(model, tasks, shorten)
+
+
+def with_wider_windows(model: TaskModel, task: str, predecessor: str, by: Duration) -> TaskModel:
+    """Raise the maximum of the windows of `task` on `predecessor`."""
+
+    def widen(row: Precedence) -> Precedence:
+        return replace(row, max=row.max + by) if row.task == predecessor else row
+
+    return _each_version(model, [task], lambda v: replace(v, precedences=tuple(map(widen, v.precedences))))
+
+
+def without_offset(model: TaskModel, tasks: Collection[str]) -> TaskModel:
+    """Let the phases of tasks be free."""
+    return _each_task(model, tasks, lambda task: replace(task, offset=None))
+
+
+def without_limits(model: TaskModel, chain: str) -> TaskModel:
+    """Take the limits of a chain away."""
+    free = (replace(c, max_reaction=None, max_age=None) if c.name == chain else c for c in model.chains)
+    return replace(model, chains=tuple(free))
+
+
+def _each_task(model: TaskModel, tasks: Collection[str], change: Callable[[Task], Task]) -> TaskModel:
+    return replace(model, tasks=tuple(change(task) if task.name in tasks else task for task in model.tasks))
+
+
+def _each_version(model: TaskModel, tasks: Collection[str] | None, change: Callable[[Version], Version]) -> TaskModel:
+    changed = (
+        replace(task, versions=tuple(map(change, task.versions))) if tasks is None or task.name in tasks else task
+        for task in model.tasks
+    )
+    return replace(model, tasks=tuple(changed))

@@ -1,0 +1,212 @@
+"""A minimal set of tasks and constraints that have no schedule together, by leaving out one after the other.
+
+Every part of the mode keeps its hyperperiod, since with another one there might be more schedules or fewer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.exact import Answer, is_installed, is_small, solve_expansion
+from halpipe.pipeline.expand import ActiveTask, Demand, Expansion, demands_for, expand
+from halpipe.pipeline.explain import codes
+from halpipe.pipeline.validate.context import place, quoted
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Chain, Mode, TaskModel
+
+MAX_JOBS = 300
+"""Jobs of a mode up to which a conflicting set is looked for."""
+
+EFFORT = 5
+"""Deterministic seconds for every part tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What is left of a mode: its tasks, which constraints of them, and the chains with their limits."""
+
+    tasks: tuple[ActiveTask, ...]
+    chains: tuple[Chain, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Conflict:
+    """What the exact engine says of a mode, and where it says infeasible, the part of it that already is."""
+
+    answer: Answer
+    kept: Kept | None = None
+    is_minimal: bool = False
+
+
+def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Conflict:
+    """Return the conflicting set of a mode; `Answer.UNKNOWN` where it is too large or the effort is spent."""
+    expansion = expand(model, mode)
+    if not is_installed() or not is_small(expansion) or expansion.job_count > MAX_JOBS:
+        return Conflict(Answer.UNKNOWN)
+    whole = Kept(expansion.tasks, model.chains)
+
+    def answer(kept: Kept, seed: int = 1) -> Answer:
+        part = Expansion(mode, expansion.hyperperiod, kept.tasks)
+        return solve_expansion(model, part, chains=kept.chains, seconds=EFFORT, seed=seed).status
+
+    first = answer(whole)
+    if first is not Answer.INFEASIBLE:
+        return Conflict(first)
+    kept, is_minimal = _reduce(whole, answer, go_on)
+    if answer(kept, seed=2) is not Answer.INFEASIBLE:
+        return Conflict(Answer.UNKNOWN)
+    return Conflict(Answer.INFEASIBLE, kept, is_minimal)
+
+
+def _reduce(kept: Kept, answer: Callable[[Kept], Answer], go_on: Callable[[], bool]) -> tuple[Kept, bool]:
+    """Leave out whole tasks first, then constraints, whatever is not needed for the conflict."""
+    is_minimal = True
+    for parts in (_tasks, _constraints):
+        for leave_out in parts(kept):
+            smaller = leave_out(kept)
+            if smaller == kept:
+                continue
+            if not go_on():
+                return kept, False
+            found = answer(smaller)
+            if found is Answer.INFEASIBLE:
+                kept = smaller
+            elif found is Answer.UNKNOWN:
+                is_minimal = False
+    return kept, is_minimal
+
+
+Change = Callable[[Kept], Kept]
+
+
+def _tasks(kept: Kept) -> Iterable[Change]:
+    """Return how to leave out each task, with what names it; tasks on demand go with those who demand them."""
+    return [_without_task(active.name) for active in kept.tasks]
+
+
+def _without_task(name: str) -> Change:
+    def change(kept: Kept) -> Kept:
+        tasks = tuple(_forget(active, name) for active in kept.tasks if active.name != name)
+        return Kept(_demanded(tasks), tuple(c for c in kept.chains if name not in c.tasks))
+
+    return change
+
+
+def _forget(active: ActiveTask, name: str) -> ActiveTask:
+    """Take the constraints on a task away from another one."""
+    versions = tuple(replace(v, precedences=tuple(p for p in v.precedences if p.task != name)) for v in active.versions)
+    return replace(active, versions=versions)
+
+
+def _demanded(tasks: tuple[ActiveTask, ...]) -> tuple[ActiveTask, ...]:
+    """Count the demands again, and leave out the tasks on demand that nothing demands any more."""
+    most = {
+        (active.name, row.task): max(demands_for(v, row.task) for v in active.versions)
+        for active in tasks
+        for version in active.versions
+        for row in version.precedences
+    }
+    by_name = {active.name: active for active in tasks}
+    graph = {name: [by for by, target in most if target == name] for name in by_name}
+    settled: dict[str, ActiveTask] = {}
+    for name in TopologicalSorter(graph).static_order():
+        active = by_name[name]
+        if active.task.period is None:
+            demanders = [settled[by] for by in graph[name] if by in settled]
+            demands = tuple(
+                Demand(by.name, index, slot)
+                for by in demanders
+                for index in range(by.jobs)
+                for slot in range(most[by.name, name])
+            )
+            active = replace(active, jobs=len(demands), demands=demands)
+        if active.jobs:
+            settled[name] = active
+    return tuple(settled[name] for name in by_name if name in settled)
+
+
+def _constraints(kept: Kept) -> Iterable[Change]:
+    """Return how to leave out each chain limit, offset and resource, and each window that demands nothing."""
+    changes: list[Change] = [_without_chain(chain.name) for chain in kept.chains]
+    periodic = {active.name for active in kept.tasks if active.task.period is not None}
+    for active in kept.tasks:
+        if active.task.offset is not None:
+            changes.append(_without_offset(active.name))
+        named = dict.fromkeys(p.task for v in active.versions for p in v.precedences)
+        changes += [_without_window(active.name, other) for other in named if other in periodic]
+    resources = dict.fromkeys(a.resource for active in kept.tasks for v in active.versions for a in v.accesses)
+    changes += [_without_resource(name) for name in resources]
+    return changes
+
+
+def _without_chain(name: str) -> Change:
+    return lambda kept: replace(kept, chains=tuple(c for c in kept.chains if c.name != name))
+
+
+def _without_offset(name: str) -> Change:
+    def free(active: ActiveTask) -> ActiveTask:
+        return replace(active, task=replace(active.task, offset=None)) if active.name == name else active
+
+    return lambda kept: replace(kept, tasks=tuple(map(free, kept.tasks)))
+
+
+def _without_window(name: str, other: str) -> Change:
+    return lambda kept: replace(
+        kept, tasks=tuple(_forget(active, other) if active.name == name else active for active in kept.tasks)
+    )
+
+
+def _without_resource(name: str) -> Change:
+    def free(active: ActiveTask) -> ActiveTask:
+        versions = tuple(
+            replace(v, accesses=tuple(a for a in v.accesses if a.resource != name)) for v in active.versions
+        )
+        return replace(active, versions=versions)
+
+    return lambda kept: replace(kept, tasks=tuple(map(free, kept.tasks)))
+
+
+# ------------------------------------------------------------------------------------------------ text
+
+
+def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
+    """Name the tasks and constraints of a conflicting set."""
+    kept = conflict.kept
+    assert kept is not None, "an infeasible answer comes with its part of the mode"
+    names = [active.name for active in kept.tasks]
+    kind = "a minimal set" if conflict.is_minimal else "a set, perhaps not minimal"
+    text = f"{quoted(names, 12)} cannot be scheduled together ({kind}, found and checked again by the exact engine)"
+    parts = list(_parts(kept))
+    text += f"; what it takes: {'; '.join(parts[:12])}" if parts else ""
+    text += f"; and {len(parts) - 12} more" if len(parts) > 12 else ""
+    help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
+    if not conflict.is_minimal:
+        help = "relax one of these tasks or constraints"
+    return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=f'mode "{mode.name}"', help=help)
+
+
+def _parts(kept: Kept) -> Iterable[str]:
+    for active in kept.tasks:
+        task = active.task
+        wcets = "/".join(dict.fromkeys(str(v.wcet) for v in active.versions))
+        units = dict.fromkeys(unit for v in active.versions for unit in v.units)
+        rhythm = f"every {task.period}" if task.period is not None else "on demand"
+        offset = f" from {task.offset}" if task.offset is not None else ""
+        yield f'"{task.name}" {wcets} {rhythm}{offset} on {quoted(units, 3)}'
+        rows = dict.fromkeys((p.task, p.anchor, p.min, p.max) for v in active.versions for p in v.precedences)
+        for other, anchor, low, high in rows:
+            yield f'"{task.name}" [{low}, {high}] after the {anchor} of "{other}"'
+    resources = dict.fromkeys(a.resource for active in kept.tasks for v in active.versions for a in v.accesses)
+    for name in resources:
+        yield f'accesses to "{name}"'
+    running = {active.name for active in kept.tasks}
+    for chain in kept.chains:
+        if running.issuperset(chain.tasks) and (chain.max_reaction is not None or chain.max_age is not None):
+            yield f'limits of chain "{chain.name}"'

@@ -1,0 +1,78 @@
+"""Which findings of validate prove that a mode has no schedule, and which only say that the model is wrong."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.validate import codes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Run, Task, TaskModel, Version
+
+ABOUT_A_MODE = {
+    codes.PREDECESSOR_ABSENT.id,
+    codes.CHAIN_LIMIT_TOO_LOW.id,
+    codes.UNITS_OVERLOADED.id,
+    codes.RESOURCE_OVERLOADED.id,
+    codes.WCET_BEYOND_HYPERPERIOD.id,
+}
+"""Errors that leave a mode without a schedule."""
+
+ABOUT_A_VERSION = {
+    codes.WCET_BEYOND_DEADLINE.id,
+    codes.BAD_GANG.id,
+    codes.EMPTY_WINDOW.id,
+    codes.PHASES_OVERLOAD.id,
+}
+"""Errors that make a version unusable; they prove something where a task has no other one in some mode."""
+
+
+def proves_infeasible(model: TaskModel, errors: Sequence[Diagnostic]) -> bool:
+    """Tell whether the model, being complete otherwise, has a mode that certainly has no schedule.
+
+    A model with an error of another kind means nothing yet, so nothing is proven of it.
+    """
+    found = {d.code for d in errors}
+    if not found <= ABOUT_A_MODE | ABOUT_A_VERSION:
+        return False
+    return bool(found & ABOUT_A_MODE) or any(_has_no_version(model, run.task, run.versions) for run in _runs(model))
+
+
+def _runs(model: TaskModel) -> Iterable[Run]:
+    return (run for mode in model.modes for run in mode.runs)
+
+
+def _has_no_version(model: TaskModel, name: str, available: Sequence[str]) -> bool:
+    task = model.task(name)
+    return all(_is_dead(task, version) for version in task.versions if version.name in available)
+
+
+def _is_dead(task: Task, version: Version) -> bool:
+    """Tell whether no job can run in this version, whatever else there is."""
+    deadline = task.period if task.deadline is None else task.deadline
+    too_long = task.period is not None and deadline is not None and (version.wcet or ZERO) > deadline
+    return (
+        too_long
+        or version.gang > len(set(version.units))
+        or any(row.min > row.max for row in version.precedences)
+        or _overloads_itself(version)
+    )
+
+
+def _overloads_itself(version: Version) -> bool:
+    return any(
+        sum(a.bound for a in version.accesses if a.resource == b.resource and a.start <= b.start < a.end) > 1
+        for b in version.accesses
+    )
+
+
+def names_in(model: TaskModel, findings: Iterable[Diagnostic]) -> tuple[str, ...]:
+    """Return the tasks that findings of verify name, in the order of the model."""
+    quoted = {name for d in findings for name in re.findall(r'"([^"]*)"', f"{d.path} {d.message}")}
+    jobs = {name.partition("[")[0] for name in quoted}
+    return tuple(task.name for task in model.tasks if task.name in quoted | jobs)

@@ -1,0 +1,224 @@
+"""The smallest change that helps: parameters of the model are relaxed until a schedule is found (MODEL 6).
+
+That a change suffices is shown by a schedule that passes verify. That a smaller one does not is called proven only
+where a witness still holds with it; otherwise no schedule was found with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.models import Schedule, Status
+from halpipe.pipeline.explain import changes, codes
+from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.validate import validate
+from halpipe.pipeline.validate.context import quoted
+from halpipe.pipeline.verify import verify
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import ModeSchedule, Task, TaskModel
+
+    Change = Callable[[int], TaskModel]
+    """The model changed by a number of steps."""
+
+STEPS = 20
+"""Steps in which a slack, a WCET or a window is relaxed: twentieths of the period or of the WCET."""
+
+MAX_UNITS = 3
+MAX_TASKS = 6
+"""Tasks of a conflict whose own parameters are tried one by one."""
+
+TRIALS = 60
+WORK = 100_000
+"""Searches for one explanation, and jobs placed in each of them, roughly."""
+
+
+@dataclass(slots=True)
+class Trials:
+    """Tries changed models; `go_on` is asked between searches, and ends them all when it says no."""
+
+    mode: str
+    jobs: int
+    go_on: Callable[[], bool]
+    left: int = TRIALS
+
+    def schedule(self, model: TaskModel) -> ModeSchedule | None:
+        """Return a verified schedule of the mode in a changed model; None where none is found, or effort is spent."""
+        if not self.go_on() or any(d.is_error for d in validate(model)):
+            return None
+        if self.is_refuted(model):
+            return None
+        self.left -= 1
+        if self.left < 0:
+            return None
+        budget = max(10, min(2000, WORK // max(1, self.jobs)))
+        options = SearchOptions(budget=budget, modes=(self.mode,))
+        tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
+        table = tables.modes[0] if tables.modes else None
+        return table if table is not None and _is_valid(model, tables) else None
+
+    def is_refuted(self, model: TaskModel) -> bool:
+        """Tell whether a witness proves that a changed model has no schedule."""
+        return bool(find_witnesses(model, [self.mode]))
+
+    def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
+        """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
+        found = self.schedule(change(most))
+        if found is None:
+            return None
+        below, enough = 0, most
+        while enough - below > 1:
+            middle = (below + enough) // 2
+            better = self.schedule(change(middle))
+            if better is None:
+                below = middle
+            else:
+                enough, found = middle, better
+        return enough, found
+
+
+def _is_valid(model: TaskModel, schedule: Schedule) -> bool:
+    if any(table.status is not Status.VALID for table in schedule.modes):
+        return False
+    names = {table.name for table in schedule.modes}
+    alone = replace(model, modes=tuple(mode for mode in model.modes if mode.name in names), transitions=())
+    return not any(d.is_error for d in verify(alone, replace(schedule, transitions=())))
+
+
+def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> list[Diagnostic]:
+    """Return what was found to help the mode, given the tasks of its conflict; a note if nothing was."""
+    running = {run.task for run in model.mode(trials.mode).runs}
+    concerned = [task for task in model.tasks if task.name in (set(tasks) & running or running)]
+    found = [
+        *_units(model, concerned, trials),
+        *_limits(model, running, trials),
+        *_offsets(model, concerned, trials),
+        *_slack(model, concerned, trials),
+        *_windows(model, concerned, running, trials),
+        *_wcets(model, concerned, trials),
+    ]
+    if not found:
+        text = f"none of the single changes tried led to a schedule ({TRIALS - max(0, trials.left)} searches)"
+        help = "combine changes, or give the search a larger --effort"
+        found = [codes.NO_REMEDY(text, path=f'mode "{trials.mode}"', help=help)]
+    return found
+
+
+def _remedy(trials: Trials, what: str, smaller: TaskModel | None) -> Diagnostic:
+    """Report a change; `smaller` is the next smaller one that was tried."""
+    status = "found sufficient"
+    if smaller is not None:
+        proven = trials.is_refuted(smaller)
+        status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
+    return codes.REMEDY(f"{what} ({status})", path=f'mode "{trials.mode}"', help="change the model so, if you can")
+
+
+# ------------------------------------------------------------------------------------------------ kinds of changes
+
+
+def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Add units of each kind that the tasks can run on."""
+    used = {name for task in tasks for version in task.versions for name in version.units}
+    kinds: dict[object, str] = {}
+    for unit in model.units:
+        if unit.name in used:
+            users = tuple((t.name, v.name) for t in model.tasks for v in t.versions if unit.name in v.units)
+            kinds.setdefault(unit.type or users, unit.name)
+    types = {unit.name: unit.type for unit in model.units}
+    for like in kinds.values():
+
+        def more(count: int, like: str = like) -> TaskModel:
+            return changes.more_units(model, like, count)
+
+        for count in range(1, MAX_UNITS + 1):
+            if trials.schedule(more(count)) is not None:
+                what = f'of type "{types[like]}"' if types[like] else f'like "{like}"'
+                plural = "s" if count > 1 else ""
+                yield _remedy(trials, f"{count} more unit{plural} {what}", more(count - 1) if count > 1 else None)
+                break
+
+
+def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Raise the slack of all the tasks together, then of single ones."""
+    periodic = [task.name for task in tasks if task.period is not None and task.slack < 1]
+    groups = [periodic] if len(periodic) > 1 else []
+    groups += [[name] for name in periodic] if len(periodic) <= MAX_TASKS else []
+    for names in groups:
+
+        def loosen(step: int, names: list[str] = names) -> TaskModel:
+            return changes.with_slack(model, names, Fraction(step, STEPS))
+
+        found = trials.smallest(loosen, STEPS)
+        if found:
+            text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], STEPS))}"
+            yield _remedy(trials, text, loosen(found[0] - 1))
+
+
+def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Shorten the tasks one by one, or all of them where they are many."""
+    groups = [[task] for task in tasks] if len(tasks) <= MAX_TASKS else [tasks]
+    for group in groups:
+        names = [task.name for task in group]
+
+        def shorten(step: int, names: list[str] = names) -> TaskModel:
+            return changes.with_wcet(model, names, Fraction(STEPS - step, STEPS))
+
+        found = trials.smallest(shorten, STEPS - 1)
+        if found:
+            yield _remedy(trials, _wcet_text(group, Fraction(STEPS - found[0], STEPS)), shorten(found[0] - 1))
+
+
+def _wcet_text(group: list[Task], factor: Fraction) -> str:
+    if len(group) > 1:
+        return f"WCETs of {len(group)} tasks times {format_rational(factor)}"
+    task = group[0]
+    times = [f"{(v.wcet or ZERO) * factor} instead of {v.wcet}" for v in task.versions]
+    return f'WCET of "{task.name}" at most ' + ", ".join(times)
+
+
+def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Trials) -> Iterator[Diagnostic]:
+    """Open the windows of the tasks one by one, by up to a period of the predecessor."""
+    rows = {(t.name, p.task): p for t in tasks for v in t.versions for p in v.precedences if p.task in running}
+    for (task, predecessor), row in list(rows.items())[:MAX_TASKS]:
+        period = model.task(predecessor).period or model.task(task).period
+        if period is None:
+            continue
+
+        def widen(step: int, task: str = task, predecessor: str = predecessor, period: object = period) -> TaskModel:
+            return changes.with_wider_windows(model, task, predecessor, period * Fraction(step, STEPS))  # type: ignore[operator]
+
+        found = trials.smallest(widen, STEPS)
+        if found:
+            text = f'window of "{task}" on "{predecessor}" up to {row.max + period * Fraction(found[0], STEPS)} '
+            yield _remedy(trials, text + f"instead of {row.max}", widen(found[0] - 1))
+
+
+def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    names = [task.name for task in tasks if task.offset is not None]
+    groups = [[name] for name in names] if len(names) <= MAX_TASKS else []
+    for group in (*groups, names):
+        if group and trials.schedule(changes.without_offset(model, group)) is not None:
+            yield _remedy(trials, f"no fixed offset for {quoted(group)}", None)
+            return
+
+
+def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Diagnostic]:
+    """Take the limits of chains away, and say what latencies a schedule then has."""
+    for chain in model.chains:
+        limited = chain.max_reaction is not None or chain.max_age is not None
+        if not limited or not running.issuperset(chain.tasks):
+            continue
+        table = trials.schedule(changes.without_limits(model, chain.name))
+        latency = next((c for c in table.chains if c.name == chain.name), None) if table else None
+        if latency is not None:
+            parts = [f"reaction time {latency.reaction}"] if chain.max_reaction is not None else []
+            parts += [f"data age {latency.age}"] if chain.max_age is not None else []
+            yield _remedy(trials, f'limits of chain "{chain.name}" of {" and ".join(parts)}', None)

@@ -1,0 +1,258 @@
+"""Witnesses about what jobs share: units and resources that are needed by too many at the same time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.explain import codes
+from halpipe.pipeline.explain.meeting import Budget, Part, find_meeting
+from halpipe.pipeline.validate.context import place, quoted
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts, Usable
+    from halpipe.pipeline.explain.meeting import Step
+
+MAX_CLASSES = 40
+"""Unit sets of a mode that are looked at, the smallest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Witness:
+    """Why a mode has no schedule: the finding, and the tasks it is about."""
+
+    diagnostic: Diagnostic
+    tasks: tuple[str, ...]
+
+
+# ------------------------------------------------------------------------------------------------ versions without gap
+
+
+def prune(facts: ModeFacts) -> tuple[ModeFacts, list[Diagnostic], list[Witness]]:
+    """Take away the versions that never find a gap on their unit; a task that loses all of them is a witness.
+
+    Then the facts are returned as they were before it did.
+    """
+    notes: list[Diagnostic] = []
+    for _ in range(len(facts.tasks)):
+        blocked = _blocked(facts)
+        if not blocked:
+            break
+        tasks = dict(facts.tasks)
+        for name, reasons in blocked.items():
+            left = tuple(v for v in tasks[name].versions if v.version.name not in reasons)
+            if not left:
+                return facts, notes, [_no_gap(facts, tasks[name], reasons)]
+            tasks[name] = replace(tasks[name], versions=left)
+            notes += [_never_fits(facts, tasks[name], version, reason) for version, reason in reasons.items()]
+        facts = replace(facts, tasks=tasks)
+    return facts, notes, []
+
+
+@dataclass(frozen=True, slots=True)
+class _Gap:
+    """The longest time that the jobs of a task leave free on a unit."""
+
+    unit: str
+    owner: TaskFacts
+    length: int
+
+
+def _blocked(facts: ModeFacts) -> dict[str, dict[str, _Gap]]:
+    """Return, for every task, its versions that need a unit without a gap for them."""
+    gaps: dict[str, list[_Gap]] = {}
+    for task in facts.tasks.values():
+        if task.period:
+            slip = task.late if task.jobs > 1 else 0  # the one job of a hyperperiod recurs with the same delay
+            for unit in sorted(task.sure_units()):
+                gaps.setdefault(unit, []).append(_Gap(unit, task, task.period + slip - task.least))
+    for unit, found in gaps.items():
+        gaps[unit] = sorted(found, key=lambda gap: (gap.length, gap.owner.name))[:2]
+    blocked: dict[str, dict[str, _Gap]] = {}
+    for task in facts.tasks.values():
+        for version in task.versions:
+            gap = _obstacle(task, version, gaps)
+            if gap is not None:
+                blocked.setdefault(task.name, {})[version.version.name] = gap
+    return blocked
+
+
+def _obstacle(task: TaskFacts, version: Usable, gaps: dict[str, list[_Gap]]) -> _Gap | None:
+    if len(version.units) != version.gang:
+        return None
+    for unit in sorted(version.units):
+        for gap in gaps.get(unit, ()):
+            if gap.owner.name != task.name and gap.length < version.wcet:
+                return gap
+    return None
+
+
+def _no_gap(facts: ModeFacts, task: TaskFacts, reasons: dict[str, _Gap]) -> Witness:
+    parts = []
+    for name, gap in reasons.items():
+        needed = facts.text(_by_name(task, name).wcet)
+        parts.append(f'{_version(task, name)} needs {needed} on "{gap.unit}", where {_gap(facts, gap)}')
+    help = f"necessary: {'; or '.join(_ways_out(facts, task, name, gap) for name, gap in reasons.items())}"
+    path = f'{facts.mode.path} task "{task.name}"'
+    found = codes.NO_GAP("; ".join(parts), at=place(task.task), path=path, help=help)
+    return Witness(found, tuple(dict.fromkeys((task.name, *(gap.owner.name for gap in reasons.values())))))
+
+
+def _ways_out(facts: ModeFacts, task: TaskFacts, name: str, gap: _Gap) -> str:
+    """Say what would have to change for the version to fit; slack only where the deadline has room for it."""
+    owner = gap.owner
+    over = _by_name(task, name).wcet - gap.length
+    deadline = facts.ticks(owner.task.deadline) if owner.task.deadline is not None else owner.period
+    slack = ""
+    if owner.jobs > 1 and owner.late + over <= min(owner.period, deadline - owner.most):
+        slack = f', a slack of "{owner.name}" of {format_rational(Fraction(owner.late + over, owner.period))}'
+    return f"{facts.text(over)} less of these WCETs{slack}, or another unit for one of the two tasks"
+
+
+def _gap(facts: ModeFacts, gap: _Gap) -> str:
+    owner = gap.owner
+    late = f" + {facts.text(owner.late)} of slack" if owner.late and owner.jobs > 1 else ""
+    sum_text = f"{facts.text(owner.period)}{late} - {facts.text(owner.least)}"
+    return f'the jobs of "{owner.name}" leave at most {facts.text(gap.length)} free ({sum_text})'
+
+
+def _never_fits(facts: ModeFacts, task: TaskFacts, version: str, gap: _Gap) -> Diagnostic:
+    path = f'{facts.mode.path} task "{task.name}" version "{version}"'
+    wcet = next(v.wcet for v in task.task.versions if v.name == version)
+    text = f'can never be chosen: it needs {wcet} on "{gap.unit}", where {_gap(facts, gap)}'
+    help = "nothing to do, unless the version is meant to be used"
+    return codes.VERSION_NEVER_FITS(text, at=place(task.task), path=path, help=help)
+
+
+def _version(task: TaskFacts, name: str) -> str:
+    return f'version "{name}"' if len(task.task.versions) > 1 else "it"
+
+
+def _by_name(task: TaskFacts, name: str) -> Usable:
+    return next(v for v in task.versions if v.version.name == name)
+
+
+# ------------------------------------------------------------------------------------------------ units
+
+
+def units_met(facts: ModeFacts, model: TaskModel) -> Iterator[Witness]:
+    """Look, in every set of units, for tasks that run there only, and that certainly meet on too few of them."""
+    budget = Budget()
+    found: list[frozenset[str]] = []
+    for units, tasks in _classes(facts):
+        if any(smaller <= units for smaller in found):
+            continue
+        parts = [Part(t.name, t.period, t.core, min(v.gang for v in t.versions)) for t in tasks]
+        steps = find_meeting(parts, len(units), budget)
+        if steps:
+            found.append(units)
+            yield _units_short(facts, model, sorted(units), steps)
+
+
+def _classes(facts: ModeFacts) -> list[tuple[frozenset[str], list[TaskFacts]]]:
+    """Return the unit sets of the mode, small ones first, each with the tasks confined to it and surely running."""
+    own: dict[frozenset[str], list[TaskFacts]] = {}
+    for task in facts.tasks.values():
+        if task.core > 0 and task.period:
+            own.setdefault(task.units, []).append(task)
+    everything = frozenset().union(*own)
+    sets = sorted({*own, everything}, key=lambda units: (len(units), sorted(units)))[:MAX_CLASSES]
+    return [(units, [t for inner, tasks in own.items() if inner <= units for t in tasks]) for units in sets if units]
+
+
+def _units_short(facts: ModeFacts, model: TaskModel, units: list[str], steps: tuple[Step, ...]) -> Witness:
+    needed = sum(step.part.height for step in steps)
+    names = [step.part.task for step in steps]
+    what = f"{len(units)} unit{'s' if len(units) > 1 else ''} {quoted(units)}"
+    text = f"{quoted(names, 12)} can run only on {what} and need {needed} of them at the same time, whatever their "
+    text += f"phases: {_argument(facts, steps)}"
+    types = dict.fromkeys(unit.type for unit in model.units if unit.name in units and unit.type)
+    kind = f" of type {' or '.join(quoted([t]) for t in types)}" if types else ""
+    short = format_rational(Fraction(needed) - len(units))
+    help = f"necessary: {short} more unit{kind} for them, or {_relief(facts, steps)}"
+    return _meeting_witness(
+        facts, codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help), steps
+    )
+
+
+def _meeting_witness(facts: ModeFacts, found: Diagnostic, steps: tuple[Step, ...]) -> Witness:
+    return Witness(found, tuple(dict.fromkeys(step.part.task for step in steps)))
+
+
+def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
+    """Spell the sums out, so that they can be checked with pencil and paper."""
+    first = steps[0].part
+    if len(steps) == 1:
+        return f'"{first.task}" takes it all'
+    lines: list[str] = []
+    period = first.period
+    before: int | Fraction = first.length
+    for step in steps[1:]:
+        part = step.part
+        text = f'{_length(facts, part)} of "{part.task}" + {_exactly(facts, before)} '
+        text += f'of "{first.task}"' if not lines else "of those together"
+        text += f" > {facts.text(step.gcd)} = gcd({facts.text(part.period)}, {facts.text(period)})"
+        if len(steps) > 2 and step is not steps[-1]:
+            text += f", so they are together for {_exactly(facts, step.together)}"
+        lines.append(text)
+        period, before = math.lcm(period, part.period), step.together
+    certain = [s.part.task for s in steps if s.part.task in facts.tasks and facts.tasks[s.part.task].late]
+    note = f" (of {quoted(certain)} only what slack does not move is counted)" if certain else ""
+    return "; ".join(lines) + note
+
+
+def _exactly(facts: ModeFacts, time: int | Fraction) -> str:
+    from halpipe.durations import Duration
+
+    return str(Duration(Fraction(time) / facts.scale))
+
+
+def _length(facts: ModeFacts, part: Part) -> str:
+    return facts.text(part.length)
+
+
+def _relief(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
+    """Say by how much the sum of the last step must shrink; slack counts as much as WCET."""
+    last = steps[-1]
+    before = steps[-2].together if len(steps) > 1 else 0
+    over = Fraction(last.part.length) + before - last.gcd
+    amount = _exactly(facts, over)
+    if len(steps) == 2:
+        return f"{amount} less of WCET or more of slack, of the two together"
+    return f'less WCET or more slack, such as {amount} of "{last.part.task}"'
+
+
+# ------------------------------------------------------------------------------------------------ resources
+
+
+def resources_met(facts: ModeFacts) -> Iterator[Witness]:
+    """Look for access phases on a resource that certainly meet, with bounds that sum to more than 1."""
+    parts: dict[str, list[Part]] = {}
+    for task in facts.tasks.values():
+        if task.period and len(task.versions) == 1:
+            for access in task.versions[0].version.accesses:
+                length = int((access.end.ns - access.start.ns) * facts.scale) - task.late
+                if length > 0:
+                    parts.setdefault(access.resource, []).append(Part(task.name, task.period, length, access.bound))
+    budget = Budget()
+    for resource in sorted(parts):
+        steps = find_meeting(parts[resource], 1, budget)
+        if steps:
+            yield _resource_short(facts, resource, steps)
+
+
+def _resource_short(facts: ModeFacts, resource: str, steps: tuple[Step, ...]) -> Witness:
+    total = sum((Fraction(step.part.height) for step in steps), Fraction(0))
+    names = list(dict.fromkeys(step.part.task for step in steps))
+    text = f'access phases of {quoted(names, 12)} on resource "{resource}" meet, whatever the phases of the tasks, and '
+    text += f"their bounds sum to {format_rational(total)}: {_argument(facts, steps)}"
+    help = f"necessary: lower bounds that sum to at most 1, or {_relief(facts, steps)}".replace("WCET", "access time")
+    found = codes.PHASES_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
+    return _meeting_witness(facts, found, steps)
