@@ -14,7 +14,10 @@ from halpipe.pipeline.anneal.noise import gumbel_table
 from halpipe.pipeline.anneal.search import _deal_anyhow, _jobs
 from halpipe.pipeline.anneal.state import BEST, COST, INSERTED, new_state
 from halpipe.pipeline.cost import cost_terms
+from halpipe.pipeline.expand import expand
 from halpipe.pipeline.placement import Placement
+from halpipe.pipeline.problem import build_problem
+from support import chain, model, task, version
 
 SEEDS = st.integers(0, 2**32)
 FAST = settings(max_examples=120, deadline=None, derandomize=True)
@@ -69,13 +72,13 @@ def check_profiles(problem, state):
 def check_phases(problem, state):
     """Starts follow from phases, and the jobs of a task have a common phase within slack, deadline and offset."""
     arrays = problem.arrays
-    for task in range(len(arrays.task_period)):
-        jobs = [j for j in range(arrays.task_job[task], arrays.task_job[task + 1]) if state.start[j] >= 0]
+    for owner in range(len(arrays.task_period)):
+        jobs = [j for j in range(arrays.task_job[owner], arrays.task_job[owner + 1]) if state.start[j] >= 0]
         for number, job in enumerate(jobs):
-            assert arrays.task_option[task] <= state.option[job] < arrays.task_option[task + 1]
-            shift = number * arrays.task_period[task] if arrays.task_cyclic[task] else 0
+            assert arrays.task_option[owner] <= state.option[job] < arrays.task_option[owner + 1]
+            shift = number * arrays.task_period[owner] if arrays.task_cyclic[owner] else 0
             assert state.start[job] == (state.phase[job] + shift) % arrays.hyperperiod
-        if not arrays.task_cyclic[task] or not jobs:
+        if not arrays.task_cyclic[owner] or not jobs:
             continue
         earliest = max(int(state.phase[job] - arrays.option_late[state.option[job]]) for job in jobs)
         latest = min(int(state.phase[job]) for job in jobs)
@@ -173,6 +176,22 @@ def test_a_placement_that_is_loaded_costs_what_it_cost(seed):
             assert load(problem.arrays, fresh) == state.register[COST] == fresh.register[BEST]
             check_profiles(problem, fresh)
             assert fresh.best_start.tolist() == state.start.tolist()
+
+
+def test_of_jobs_that_end_together_the_one_started_later_is_newer():
+    """The long job of a starts at 2 and the short one at 5; both end at 6, and b reads at 6 what is 1 ms old."""
+    system = model(
+        task("a", 6, version("long", 4, "u1"), version("short", 1, "u2"), slack=1, deadline=12),
+        task("b", 12, version("v", 1, "u3")),
+        units="u1 u2 u3",
+        chains=[chain("c", "a b", age=2)],
+    )
+    problem = build_problem(expand(system, system.modes[0]), system.units, [], system.chains)
+    state = new_state(problem.arrays, 1, problem.mean_wcet)
+    state.start[:] = 2, 5, 6
+    state.option[:] = 0, 1, 2
+    state.phase[:] = 2, -1, 6
+    assert load(problem.arrays, state) == 0
 
 
 @pytest.mark.slow
