@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.pipeline.bench import Report, Row
-    from halpipe.pipeline.bench.measure import Instance
+    from halpipe.pipeline.bench.instance import Instance
 
 JOURNAL = "journal.jsonl"
 

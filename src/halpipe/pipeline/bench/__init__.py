@@ -4,7 +4,7 @@ What is computed (success, moves, the bytes of the schedule) depends on the suit
 is measured (seconds) stands apart from it everywhere, so that two runs can be compared byte by byte.
 """
 
-from halpipe.pipeline.bench.measure import Instance, measure
+from halpipe.pipeline.bench.instance import Instance, measure
 from halpipe.pipeline.bench.results import Report, report
 from halpipe.pipeline.bench.suites import SUITES, Row
 

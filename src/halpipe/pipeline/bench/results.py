@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.files import sha256
-from halpipe.pipeline.bench.measure import FAULT, VALID, Instance
+from halpipe.pipeline.bench.instance import FAULT, VALID, Instance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
