@@ -42,6 +42,7 @@ def test_an_unknown_suite_or_row_is_wrong_usage(halpipe, arguments, named):
     assert named in done.stderr
 
 
+@pytest.mark.slow
 def test_a_killed_bench_goes_on_and_comes_to_the_same_results(halpipe, folder):
     command = ("bench", "tiny", "--seeds", 2, "--budget", 500, "--limit", 0, "-o")
     assert halpipe(*command, "whole").returncode == 0
