@@ -13,7 +13,8 @@ from halpipe.durations import milliseconds
 from halpipe.exporters.native import format_schedule
 from halpipe.importers.native import parse_schedule
 from halpipe.models import Status
-from halpipe.pipeline.anneal import search
+from halpipe.pipeline.anneal import dealing
+from halpipe.pipeline.anneal import slices as kernel_slices
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.stages import validate_model
 from halpipe.pipeline.verify import verify
@@ -152,7 +153,7 @@ def modest(seeds):
 def test_the_bytes_do_not_depend_on_the_slices(monkeypatch, slice_work):
     """Slices of 1 move, of some, and of many."""
     expected = [text_of(system) for system in modest(range(40))]
-    monkeypatch.setattr(search, "SLICE_WORK", slice_work)
+    monkeypatch.setattr(kernel_slices, "SLICE_WORK", slice_work)
     assert [text_of(system) for system in modest(range(40))] == expected
 
 
@@ -176,7 +177,7 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
         return len(calls) <= slices
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(search, "SLICE_WORK", 1)
+        patch.setattr(kernel_slices, "SLICE_WORK", 1)
         scheduled = schedule_model(system, SearchOptions(budget=BUDGET), stop)
     if scheduled.stopped:
         assert scheduled.moves == slices + 1
@@ -196,7 +197,7 @@ def test_a_budget_too_small_to_place_all_jobs_is_survived(seed, budget):
 
 
 def test_units_that_cannot_be_dealt_out_are_searched_one_by_one(monkeypatch):
-    deal = search.assign_units
+    deal = dealing.assign_units
     refused = []
 
     def refuse(arcs, units, hyperperiod):
@@ -205,7 +206,7 @@ def test_units_that_cannot_be_dealt_out_are_searched_one_by_one(monkeypatch):
         refused.append(units)
         return None
 
-    monkeypatch.setattr(search, "assign_units", refuse)
+    monkeypatch.setattr(dealing, "assign_units", refuse)
     unsolved, tried = count_unsolved(range(100))
     assert len(refused) > tried // 3
     assert len(unsolved) <= tried // 50, unsolved

@@ -128,14 +128,17 @@ def build_problem(
     *,
     tick: Duration | None = None,
     grouped: bool = True,
+    every_chain: bool = False,
 ) -> Problem:
     """Turn an expanded mode of a validated model into arrays.
 
     `tick` replaces the natural one; then WCETs and access phases are rounded outward and windows inward, so
     that what is valid on the grid is valid exactly. `grouped` puts interchangeable units on one lane; without
-    it every unit has its own. Of `chains` those count that have a limit and only active tasks.
+    it every unit has its own. Of `chains` those count that have a limit (with `every_chain`: all) and only
+    active tasks.
     """
-    return _Builder(expansion, units, resources, chains, tick, grouped).build()
+    counted = [c for c in chains if every_chain or c.max_reaction is not None or c.max_age is not None]
+    return _Builder(expansion, units, resources, counted, tick, grouped).build()
 
 
 def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
@@ -171,12 +174,7 @@ class _Builder:
         self.group_of = {name: index for index, names in enumerate(self.groups) for name in names}
         self.lane_of_resource = {name: len(self.groups) + index for index, name in enumerate(resources)}
         self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
-        self.chains = [
-            chain
-            for chain in chains
-            if (chain.max_reaction is not None or chain.max_age is not None)
-            and all(name in self.task_index for name in chain.tasks)
-        ]
+        self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
         self.options: list[Option] = []
 
     def ticks(self, duration: Duration) -> int:

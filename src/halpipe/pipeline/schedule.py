@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
@@ -23,12 +24,27 @@ from halpipe.pipeline.metrics import mode_report
 from halpipe.pipeline.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
 
 if TYPE_CHECKING:
+    from fractions import Fraction
+
     from halpipe.durations import Duration
-    from halpipe.models import Mode, ModeSchedule, TaskModel
+    from halpipe.models import Job, Mode, ModeSchedule, TaskModel
+    from halpipe.pipeline.anneal.quality import Polish
     from halpipe.pipeline.anneal.warmstart import Earlier
 
 DEFAULT_BUDGET = 20_000
 """Moves per task before the search gives up."""
+
+POLISH_BUDGET = 300
+"""Moves per task for one step of improving a valid schedule."""
+
+
+class Quality(StrEnum):
+    """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
+
+    FIRST = "first"
+    COST = "cost"
+    MARGIN = "margin"
+
 
 OnProgress = Callable[[str, int, int, int], bool]
 """Called with mode, moves made, moves allowed and best cost so far (-1: constructing); False stops the search."""
@@ -52,6 +68,8 @@ class SearchOptions:
     tick: Duration | None = None
     modes: tuple[str, ...] = ()
     attempt: int = 0
+    quality: Quality = Quality.FIRST
+    target: Fraction | None = None
     engine: str = "anneal"
 
 
@@ -114,15 +132,17 @@ def _schedule_mode(
     from halpipe.pipeline.anneal.search import search
 
     name = expansion.mode.name
-    problem = _problem(model, expansion, options.tick)
+    every_chain = options.quality is Quality.COST
+    problem = _problem(model, expansion, options.tick, every_chain=every_chain)
     budget = options.budget * max(1, len(expansion.tasks))
     outcome = search(
         problem,
-        lambda: _problem(model, expansion, options.tick, grouped=False),
+        lambda: _problem(model, expansion, options.tick, grouped=False, every_chain=every_chain),
         _mode_seed(options.seed, number, options.attempt),
         budget,
         lambda moves, best: on_progress(name, moves, budget, best),
         earlier,
+        _polish(model, expansion, options, number),
     )
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
@@ -151,17 +171,41 @@ def _solve_mode(
     raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 
 
+def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
+    """Return what to improve once the mode is valid: nothing unless asked for."""
+    from halpipe.pipeline.anneal.quality import Polish
+
+    if options.quality is Quality.FIRST:
+        return None
+
+    def is_enough(jobs: tuple[Job, ...]) -> bool:
+        report = mode_report(model, expansion, jobs, Status.VALID)
+        return options.target is not None and report.cost is not None and report.cost.total <= options.target
+
+    seed = _mode_seed(options.seed, number, options.attempt) + 1
+    return Polish(options.quality, POLISH_BUDGET, seed, is_enough)
+
+
 def _mode_seed(seed: int, number: int, attempt: int) -> int:
     """Give every mode and attempt its own stream of pseudo-random numbers."""
     return seed + number * 0x5DEECE66D + attempt * 0x2545F4914F
 
 
-def _problem(model: TaskModel, expansion: Expansion, tick: Duration | None, *, grouped: bool = True) -> Problem:
+def _problem(
+    model: TaskModel,
+    expansion: Expansion,
+    tick: Duration | None,
+    *,
+    grouped: bool = True,
+    every_chain: bool = False,
+) -> Problem:
     """Build the arrays, refusing what does not fit them."""
     _check_tick(expansion, tick)
     resources = [resource.name for resource in model.resources]
     try:
-        problem = build_problem(expansion, model.units, resources, model.chains, tick=tick, grouped=grouped)
+        problem = build_problem(
+            expansion, model.units, resources, model.chains, tick=tick, grouped=grouped, every_chain=every_chain
+        )
     except OverflowError:
         raise HalpipeError(_too_large(expansion, tick or natural_tick(expansion))) from None
     _check_options(problem)

@@ -139,7 +139,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     for attempt in range(ATTEMPTS):
         scheduled = search(model, replace(options, attempt=attempt), on_progress)
         _refuse_broken_claims(model, scheduled.schedule)
-        scheduled = _with_transitions(model, scheduled)
+        scheduled = _with_transitions(model, scheduled, all_or_none=attempt > 0)
         if best is None or len(scheduled.schedule.transitions) > len(best.schedule.transitions):
             best = scheduled
         moves += scheduled.moves
@@ -158,12 +158,14 @@ def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
         raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
 
 
-def _with_transitions(model: TaskModel, scheduled: Scheduled) -> Scheduled:
+def _with_transitions(model: TaskModel, scheduled: Scheduled, *, all_or_none: bool) -> Scheduled:
     """Add the transition tables between the modes that have a schedule."""
     from halpipe.pipeline.transitions import switch_tables
 
     schedule = scheduled.schedule
-    switched = switch_tables(model, schedule, lambda table: not _broken_switch(model, schedule, table))
+    switched = switch_tables(
+        model, schedule, lambda table: not _broken_switch(model, schedule, table), all_or_none=all_or_none
+    )
     return replace(
         scheduled,
         schedule=replace(schedule, transitions=switched.tables),

@@ -5,7 +5,7 @@ from placed_cases import roborace
 
 from halpipe.models import Status
 from halpipe.pipeline import problem
-from halpipe.pipeline.anneal import search
+from halpipe.pipeline.anneal import dealing
 from halpipe.pipeline.codes import NOT_FOUND
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.stages import explain_failure
@@ -34,10 +34,11 @@ def test_the_papers_stack_is_pipelined_over_three_hyperperiods():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_slack_below_a_fixed_offset_is_used(seed):
-    """Job b must wait for job a, and only its slack lets it."""
+    """Job b must wait for job a, although its own unit is free, and only its slack lets it."""
     system = model(
         task("a", 10, version("v", 4), offset=0),
-        task("b", 10, version("v", 4, "u1", after("a", 0, 1, "end")), offset=1, slack="1/2"),
+        task("b", 10, version("v", 4, "u2", after("a", 0, 1, "end")), offset=1, slack="1/2"),
+        units="u1 u2",
     )
     starts = {job.task: job.start for job in check_valid(system, seed=seed)}
     assert starts["b"] in (ms(4), ms(5))
@@ -105,7 +106,7 @@ def test_a_chain_through_a_task_without_jobs_is_not_kept():
 def test_gangs_too_large_for_all_their_sets_go_on_unit_by_unit(monkeypatch):
     monkeypatch.setattr(problem, "MAX_OPTIONS_PER_VERSION", 3)
     monkeypatch.setattr(
-        search, "assign_units", lambda arcs, units, _: None if units > 1 else {a.job: (0,) for a in arcs}
+        dealing, "assign_units", lambda arcs, units, _: None if units > 1 else {a.job: (0,) for a in arcs}
     )
     names = " ".join(f"u{n}" for n in range(6))
     system = model(*(task(f"t{n}", 10, version("v", 3, names, gang=4)) for n in range(3)), units=names)

@@ -19,19 +19,19 @@ def shape(wcet, units="u1 u2", gang=1, phases=(), name="t"):
 
 
 def line_of(*jobs):
-    line = Line()
+    line = Line(5)
     for start, form, units in jobs:
         line.enter(LineJob(start, form.task, 0, form, tuple(units.split())))
     return line
 
 
 def test_the_first_fit_waits_for_a_unit_and_a_resource():
-    read = Phase("mem", 0, 2, Fraction(3, 5))
+    read = Phase("mem", 0, 2, 3)
     line = line_of((0, shape(10, phases=[read], name="a"), "u1"), (0, shape(4, name="b"), "u2"))
     assert line.first_fit(shape(3, name="c"), 0, 50) == (4, ("u2",))
     assert line.first_fit(shape(3, units="u1 u2", gang=2, name="c"), 0, 50) == (10, ("u1", "u2"))
     assert line.first_fit(shape(3, units="u3", phases=[read], name="c"), 1, 50) == (2, ("u3",))
-    assert line.first_fit(shape(3, units="u3", phases=[replace(read, bound=Fraction(2, 5))], name="c"), 1, 50) == (
+    assert line.first_fit(shape(3, units="u3", phases=[replace(read, bound=2)], name="c"), 1, 50) == (
         1,
         ("u3",),
     )

@@ -38,6 +38,8 @@ CYCLE_MOVES = 300
 HOT_CYCLES = 6
 """Of 16 + entries cycles, this many start hot: a few entries hold each other in place by their windows and must all
 move at once; of many, a hot cycle throws away more than it frees."""
+FEW_ENTRIES = 32
+"""With more entries, the first cycles are never hot: most sets are solved in them."""
 HOTTER = 3
 """Hot cycles start at T0 times 2**3."""
 NOISE_SHIFT = 20
@@ -61,7 +63,8 @@ def next_temperature(p, s):
                 length <<= 1
         register[CYCLE_LENGTH] = CYCLE_MOVES * len(p.entry_offset) * length
         register[CYCLE_LEFT] = register[CYCLE_LENGTH]
-        is_hot = draw(s.random, 16 + len(p.entry_offset)) < HOT_CYCLES
+        entries = len(p.entry_offset)
+        is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (entries < FEW_ENTRIES or register[CYCLE] > 3)
         register[HEAT] = s.heat << HOTTER if is_hot else s.heat >> draw(s.random, 3)
     register[CYCLE_LEFT] -= 1
     heat = register[HEAT]

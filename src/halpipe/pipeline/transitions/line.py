@@ -7,20 +7,16 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from fractions import Fraction
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """An access phase relative to its job's start, in ticks."""
+    """An access phase relative to its job's start, in ticks; its bound in quanta of the resource's capacity."""
 
     resource: str
     start: int
     end: int
-    bound: Fraction
+    bound: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +52,12 @@ class LineJob:
 
 
 class Line:
-    """Units and resources over time; jobs are entered one by one."""
+    """Units and resources over time; jobs are entered one by one. A resource has `capacity` quanta."""
 
-    def __init__(self) -> None:
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
         self._busy: dict[str, list[tuple[int, int]]] = {}
-        self._phases: dict[str, list[tuple[int, int, Fraction]]] = {}
+        self._phases: dict[str, list[tuple[int, int, int]]] = {}
 
     def enter(self, job: LineJob) -> None:
         """Occupy what a job needs."""
@@ -118,7 +115,7 @@ class Line:
         present = [p for p in self._phases.get(phase.resource, ()) if p[0] < end and p[1] > begin]
         for instant in sorted({begin, *(p[0] for p in present if p[0] > begin)}):
             here = [p for p in present if p[0] <= instant < p[1]]
-            if sum(p[2] for p in here) + phase.bound > 1:
+            if sum(p[2] for p in here) + phase.bound > self._capacity:
                 return min(p[1] for p in here)
         return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -37,11 +38,12 @@ class Window:
 
 @dataclass(frozen=True)
 class GridMode:
-    """A scheduled mode with all its times in ticks of a common grid."""
+    """A scheduled mode with all its times in ticks, and all its bounds in quanta, of a common grid."""
 
     expansion: Expansion
     schedule: ModeSchedule
     tick: Duration
+    quanta: int
 
     @property
     def hyperperiod(self) -> int:
@@ -69,7 +71,10 @@ class GridMode:
         return tuple(sorted(placed))
 
     def _shape(self, active: ActiveTask, version: Version) -> Shape:
-        phases = tuple(Phase(a.resource, a.start // self.tick, a.end // self.tick, a.bound) for a in version.accesses)
+        phases = tuple(
+            Phase(a.resource, a.start // self.tick, a.end // self.tick, int(a.bound * self.quanta))
+            for a in version.accesses
+        )
         wcet = (version.wcet or Duration(0)) // self.tick
         return Shape(active.name, version.name, wcet, version.units, version.gang, phases)
 
@@ -87,5 +92,7 @@ def on_common_grid(model: TaskModel, before: ModeSchedule, after: ModeSchedule) 
     tick = greatest_common_divisor(
         [*(natural_tick(e) for e in expansions), *(e.hyperperiod for e in expansions), *starts]
     )
+    versions = [version for e in expansions for active in e.tasks for version in active.versions]
+    quanta = math.lcm(*(access.bound.denominator for version in versions for access in version.accesses))
     first, second = expansions
-    return GridMode(first, before, tick), GridMode(second, after, tick)
+    return GridMode(first, before, tick, quanta), GridMode(second, after, tick, quanta)

@@ -79,7 +79,7 @@ class Table:
 
     def _line(self) -> Line | Blocked:
         """Enter what is fixed near the switch; two modes that clash there leave no table of this length."""
-        line = Line()
+        line = Line(self.after.quanta)
         for job in self.past:
             if job.end > 0:
                 line.enter(job)

@@ -12,6 +12,8 @@ from halpipe.pipeline.transitions.modes import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.durations import Duration
     from halpipe.models import Schedule, TaskModel, Transition
     from halpipe.pipeline.transitions.line import LineJob
@@ -45,8 +47,11 @@ class Switched:
     diagnostics: tuple[Diagnostic, ...]
 
 
-def switch_tables(model: TaskModel, schedule: Schedule, check: Check) -> Switched:
-    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each."""
+def switch_tables(model: TaskModel, schedule: Schedule, check: Check, *, all_or_none: bool = False) -> Switched:
+    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each.
+
+    With `all_or_none`, stop at the first pair without a table.
+    """
     scheduled = {mode.name: mode for mode in schedule.modes if mode.status is Status.VALID}
     tables, diagnostics = [], []
     for pair in model.allowed_transitions():
@@ -58,13 +63,20 @@ def switch_tables(model: TaskModel, schedule: Schedule, check: Check) -> Switche
             tables.append(found)
         else:
             diagnostics.append(_failure(model, pair, found))
+            if all_or_none:
+                break
     return Switched(tuple(tables), tuple(diagnostics))
 
 
 def _shortest(pair: Transition, before: GridMode, after: GridMode, check: Check) -> TransitionTable | Blocked:
     """Try lengths from short to long until a table passes the check."""
     blocked = Blocked("", "no length is allowed")
+    paces = list(_paces(before, after))
     for length in _lengths(pair, before, after):
+        starving = next((pace.task for pace in paces if not pace.can_be_kept(length)), None)
+        if starving is not None:
+            blocked = Blocked(starving, "would not start often enough") if not blocked.progress else blocked
+            continue
         jobs = Table(before, after, length).fill()
         if isinstance(jobs, Blocked):
             blocked = jobs if jobs.progress >= blocked.progress else blocked
@@ -74,6 +86,35 @@ def _shortest(pair: Transition, before: GridMode, after: GridMode, check: Check)
             return table
         blocked = Blocked("", "a chain limit or another rule that only the whole line shows", progress=2)
     return blocked
+
+
+@dataclass(frozen=True, slots=True)
+class _Pace:
+    """How often a task of both modes must start: `gap` is the time without a start if the table has length zero."""
+
+    task: str
+    gap: int
+    most: int
+    shortest: int
+
+    def can_be_kept(self, length: int) -> bool:
+        """Return whether some number of starts divides the gap into parts that are neither too long nor too short.
+
+        A condition that is quick to check and rules out most lengths of strictly periodic tasks.
+        """
+        gap = self.gap + length
+        return -(-gap // self.most) <= gap // self.shortest
+
+
+def _paces(before: GridMode, after: GridMode) -> Iterator[_Pace]:
+    for active in after.expansion.tasks:
+        name, period = active.name, active.task.period
+        if name not in before.expansion.by_name or period is None:
+            continue
+        last = max(job.start for job in before.jobs if job.task == name) - before.hyperperiod
+        first = min(job.start for job in after.jobs if job.task == name)
+        wcets = [shape.wcet for mode in (before, after) for shape in mode.shapes[name]]
+        yield _Pace(name, first - last, (period * (1 + active.task.slack)) // after.tick, min(wcets))
 
 
 def _lengths(pair: Transition, before: GridMode, after: GridMode) -> list[int]:
