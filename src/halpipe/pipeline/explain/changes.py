@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.models import Unit
@@ -17,14 +18,14 @@ if TYPE_CHECKING:
 
 def more_units(model: TaskModel, like: str, count: int) -> TaskModel:
     """Add `count` units that every version may use which may use the unit `like`."""
-    original = next(unit for unit in model.units if unit.name == like)
     names = tuple(_fresh(model, f"{like}+{number}") for number in range(1, count + 1))
+    original = next(unit for unit in model.units if unit.name == like)
+    widened = _each_version(model, None, partial(_widened, like=like, names=names))
+    return replace(widened, units=(*model.units, *(Unit(name=name, type=original.type) for name in names)))
 
-    def widen(version: Version) -> Version:
-        return replace(version, units=(*version.units, *names)) if like in version.units else version
 
-    added = tuple(Unit(name=name, type=original.type) for name in names)
-    return replace(_each_version(model, None, widen), units=(*model.units, *added))
+def _widened(version: Version, *, like: str, names: tuple[str, ...]) -> Version:
+    return replace(version, units=(*version.units, *names)) if like in version.units else version
 
 
 def _fresh(model: TaskModel, name: str) -> str:

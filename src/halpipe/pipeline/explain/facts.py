@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO, Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Container, Iterator
 
     from halpipe.models import Task, Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
@@ -28,59 +28,50 @@ class Usable:
     late: int
     units: frozenset[str]
 
-    @property
-    def gang(self) -> int:
-        """How many units the job takes."""
-        return self.version.gang
-
-    @property
-    def core(self) -> int:
-        """The time for which the job runs whatever its delay is: C - delta_max, from delta_max after the release."""
-        return self.wcet - self.late
-
 
 @dataclass(frozen=True, slots=True)
 class TaskFacts:
-    """A task that certainly has jobs in the mode; `period` is 0 for one on demand."""
+    """A task that certainly has jobs in the mode; `period` is 0 for one on demand.
+
+    `units` are all that a job may use, `late` is the largest delay, `least` and `most` are WCETs. `core` is the length
+    of what every job runs, from `late` after its release on; 0 or less where nothing is certain.
+    """
 
     task: Task
     period: int
     jobs: int
     versions: tuple[Usable, ...]
+    units: frozenset[str]
+    late: int
+    least: int
+    most: int
+    core: int
+
+    @classmethod
+    def of(cls, task: Task, period: int, jobs: int, versions: tuple[Usable, ...]) -> TaskFacts:
+        """Collect what the usable versions of a task, at least one, have in common."""
+        units = versions[0].units
+        for version in versions[1:]:
+            if version.units is not units:
+                units |= version.units
+        late, wcets = max(version.late for version in versions), [version.wcet for version in versions]
+        return cls(task, period, jobs, versions, units, late, min(wcets), max(wcets), min(wcets) - late)
 
     @property
     def name(self) -> str:
         """The task's name."""
         return self.task.name
 
-    @property
-    def units(self) -> frozenset[str]:
-        """All units that any job may use."""
-        return frozenset().union(*(version.units for version in self.versions))
-
-    @property
-    def late(self) -> int:
-        """The largest delay of any version."""
-        return max(version.late for version in self.versions)
-
-    @property
-    def least(self) -> int:
-        """The smallest WCET."""
-        return min(version.wcet for version in self.versions)
-
-    @property
-    def most(self) -> int:
-        """The largest WCET."""
-        return max(version.wcet for version in self.versions)
-
-    @property
-    def core(self) -> int:
-        """The length of what every job runs from `late` after its release on; 0 or less where nothing is certain."""
-        return min(version.wcet for version in self.versions) - self.late
+    def without(self, versions: Container[str]) -> TaskFacts | None:
+        """Return the facts without some versions; None where none is left."""
+        left = tuple(v for v in self.versions if v.version.name not in versions)
+        return TaskFacts.of(self.task, self.period, self.jobs, left) if left else None
 
     def sure_units(self) -> frozenset[str]:
         """Return the units that every job occupies."""
-        return frozenset.intersection(*(v.units if len(v.units) == v.gang else frozenset() for v in self.versions))
+        if any(len(v.units) != v.version.gang for v in self.versions):
+            return frozenset()
+        return frozenset.intersection(*(v.units for v in self.versions))
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,18 +94,24 @@ class ModeFacts:
 def mode_facts(mode: ActiveMode) -> ModeFacts:
     """Collect the facts of a mode of a validated model."""
     scale = math.lcm(1, *(getattr(value, "denominator", 1) for value in _values(mode)))
-    counts = mode.job_counts(min)
-    tasks = {
-        name: TaskFacts(
-            active.task,
-            _scaled(active.task.period or ZERO, scale),
-            counts[name],
-            tuple(_usable(active, mode, scale)),
-        )
-        for name, active in mode.tasks.items()
-        if counts[name] > 0
-    }
-    return ModeFacts(mode, scale, {name: facts for name, facts in tasks.items() if facts.versions})
+    counts = _job_counts(mode)
+    units: dict[tuple[str, ...], frozenset[str]] = {}
+    tasks = {}
+    for name, active in mode.tasks.items():
+        versions = tuple(_usable(active, mode, scale, units))
+        if counts[name] > 0 and versions:
+            period = _scaled(active.task.period or ZERO, scale)
+            tasks[name] = TaskFacts.of(active.task, period, counts[name], versions)
+    return ModeFacts(mode, scale, tasks)
+
+
+def _job_counts(mode: ActiveMode) -> dict[str, int]:
+    """Return how many jobs each task has at least."""
+    hyperperiod = mode.hyperperiod
+    periods = {name: active.task.period for name, active in mode.tasks.items() if active.is_periodic}
+    if len(periods) < len(mode.tasks) or hyperperiod is None:
+        return mode.job_counts(min)
+    return {name: hyperperiod // period for name, period in periods.items() if period is not None}
 
 
 def _values(mode: ActiveMode) -> Iterator[int | Fraction]:
@@ -138,7 +135,10 @@ def _scaled(time: Duration, scale: int) -> int:
     return int(time.ns * scale)
 
 
-def _usable(active: ActiveTask, mode: ActiveMode, scale: int) -> Iterator[Usable]:
+def _usable(
+    active: ActiveTask, mode: ActiveMode, scale: int, units: dict[tuple[str, ...], frozenset[str]]
+) -> Iterator[Usable]:
+    """Yield the versions that have their predecessors and end in time; `units` shares equal sets of units."""
     task = active.task
     for version in active.versions:
         if version.wcet is None or any(row.task not in mode.tasks for row in version.precedences):
@@ -149,4 +149,6 @@ def _usable(active: ActiveTask, mode: ActiveMode, scale: int) -> Iterator[Usable
             slack = _scaled(task.period * task.slack, scale) if task.slack else 0
             late = min(slack, deadline - wcet)
         if late >= 0:
-            yield Usable(version, wcet, late, frozenset(version.units))
+            if version.units not in units:
+                units[version.units] = frozenset(version.units)
+            yield Usable(version, wcet, late, units[version.units])

@@ -2,23 +2,23 @@
 
 Two parts that repeat with D1 and D2 are seen from each other at every multiple of g = gcd(D1, D2) from some first
 distance. If their lengths sum to more than g, they meet; they are together for at least (c1 + c2 - g) / 2 at some time,
-which repeats with lcm(D1, D2), and further parts meet that in the same way.
+which repeats with lcm(D1, D2), and further parts meet that in the same way. All lengths are integers, halves are cut.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+    from fractions import Fraction
 
-MAX_STEPS = 6_000
+MAX_STEPS = 4_000
 """Parts compared in one search; beyond it a meeting may be missed, never invented."""
 
-MAX_SEEDS = 6
+MAX_SEEDS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Step:
 
     part: Part
     gcd: int
-    together: Fraction | int
+    together: int
 
 
 class Budget:
@@ -67,7 +67,7 @@ def find_meeting(parts: Iterable[Part], capacity: int, budget: Budget) -> tuple[
     longest = sorted(useful, key=lambda part: (-part.length, part.task))
     for order in (
         longest,
-        sorted(longest, key=lambda part: (-Fraction(part.length, part.period), part.task)),
+        sorted(longest, key=lambda part: (-part.length * 1000 // part.period, part.task)),
     ):
         for first in order[:MAX_SEEDS]:
             found = _grow(first, order, capacity, budget)
@@ -89,13 +89,13 @@ def meet(parts: Sequence[Part], budget: Budget) -> tuple[Step, ...]:
     return tuple(steps)
 
 
-def _next(part: Part, period: int, together: Fraction | int) -> Step | None:
+def _next(part: Part, period: int, together: int) -> Step | None:
     """Let `part` meet an interval of length `together` that repeats with `period`."""
     common = math.gcd(part.period, period)
     over = part.length + together - common
     if over <= 0:
         return None
-    return Step(part, common, min(part.length, together, Fraction(over) / 2))
+    return Step(part, common, min(part.length, together, over // 2))
 
 
 def _pairs(parts: list[Part], capacity: int) -> Iterator[tuple[Part, Part]]:
@@ -115,7 +115,7 @@ def _pairs(parts: list[Part], capacity: int) -> Iterator[tuple[Part, Part]]:
 
 def _grow(first: Part, order: Sequence[Part], capacity: int, budget: Budget) -> tuple[Step, ...]:
     """Add every part that certainly meets those before it, until they take more than the capacity."""
-    chosen, period, together, taken = [first], first.period, Fraction(first.length), Fraction(first.height)
+    chosen, period, together, taken = [first], first.period, first.length, first.height
     for part in order:
         if part is first:
             continue
@@ -125,7 +125,7 @@ def _grow(first: Part, order: Sequence[Part], capacity: int, budget: Budget) -> 
         if step is None:
             continue
         chosen.append(part)
-        period, together, taken = math.lcm(period, part.period), Fraction(step.together), taken + part.height
+        period, together, taken = math.lcm(period, part.period), step.together, taken + part.height
         if taken > capacity:
             return _without_surplus(chosen, capacity)
     return ()

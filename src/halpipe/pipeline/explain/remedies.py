@@ -29,15 +29,18 @@ if TYPE_CHECKING:
     Change = Callable[[int], TaskModel]
     """The model changed by a number of steps."""
 
-STEPS = 20
-"""Steps in which a slack, a WCET or a window is relaxed: twentieths of the period or of the WCET."""
+FINE, COARSE = 100, 20
+"""Steps in which a slack, a WCET or a window is relaxed: parts of the period or of the WCET."""
+
+FEW_JOBS = 500
+"""Jobs up to which the steps are fine."""
 
 MAX_UNITS = 3
 MAX_TASKS = 6
 """Tasks of a conflict whose own parameters are tried one by one."""
 
 TRIALS = 60
-WORK = 100_000
+WORK = 400_000
 """Searches for one explanation, and jobs placed in each of them, roughly."""
 
 
@@ -50,6 +53,11 @@ class Trials:
     go_on: Callable[[], bool]
     left: int = TRIALS
 
+    @property
+    def steps(self) -> int:
+        """In how many steps a parameter is relaxed."""
+        return FINE if self.jobs <= FEW_JOBS else COARSE
+
     def schedule(self, model: TaskModel) -> ModeSchedule | None:
         """Return a verified schedule of the mode in a changed model; None where none is found, or effort is spent."""
         if not self.go_on() or any(d.is_error for d in validate(model)):
@@ -59,7 +67,7 @@ class Trials:
         self.left -= 1
         if self.left < 0:
             return None
-        budget = max(10, min(2000, WORK // max(1, self.jobs)))
+        budget = max(20, min(2000, WORK // max(1, self.jobs)))
         options = SearchOptions(budget=budget, modes=(self.mode,))
         tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
         table = tables.modes[0] if tables.modes else None
@@ -107,7 +115,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     ]
     if not found:
         text = f"none of the single changes tried led to a schedule ({TRIALS - max(0, trials.left)} searches)"
-        help = "combine changes, or give the search a larger --effort"
+        help = "combine several changes; start with what the findings above call necessary"
         found = [codes.NO_REMEDY(text, path=f'mode "{trials.mode}"', help=help)]
     return found
 
@@ -124,26 +132,55 @@ def _remedy(trials: Trials, what: str, smaller: TaskModel | None) -> Diagnostic:
 # ------------------------------------------------------------------------------------------------ kinds of changes
 
 
-def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
-    """Add units of each kind that the tasks can run on."""
+def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> list[Diagnostic]:
+    """Add units of each kind that the tasks can run on; where no kind alone is enough, of several kinds."""
+    found = []
+    for like, what in _kinds(model, tasks).items():
+        for count in range(1, MAX_UNITS + 1):
+            if trials.schedule(changes.more_units(model, like, count)) is not None:
+                smaller = changes.more_units(model, like, count - 1) if count > 1 else None
+                found.append(_remedy(trials, _count_text({like: count}, {like: what}), smaller))
+                break
+    return found or _several_units(model, trials)
+
+
+def _several_units(model: TaskModel, trials: Trials) -> list[Diagnostic]:
+    """Add units of every kind of the mode, then take away what is not needed."""
+    running = {run.task for run in model.mode(trials.mode).runs}
+    kinds = _kinds(model, [task for task in model.tasks if task.name in running])
+    for each in range(1, MAX_UNITS + 1):
+        added = dict.fromkeys(kinds, each)
+        if trials.schedule(_with(model, added)) is None:
+            continue
+        for like in kinds:
+            while added[like] and trials.schedule(_with(model, {**added, like: added[like] - 1})):
+                added[like] -= 1
+        return [_remedy(trials, _count_text(added, kinds), None)]
+    return []
+
+
+def _with(model: TaskModel, added: dict[str, int]) -> TaskModel:
+    for like, count in added.items():
+        model = changes.more_units(model, like, count)
+    return model
+
+
+def _kinds(model: TaskModel, tasks: list[Task]) -> dict[str, str]:
+    """Return, for every kind of unit that the tasks can run on, one of its units and what to call the kind."""
     used = {name for task in tasks for version in task.versions for name in version.units}
-    kinds: dict[object, str] = {}
+    kinds: dict[object, tuple[str, str]] = {}
     for unit in model.units:
         if unit.name in used:
             users = tuple((t.name, v.name) for t in model.tasks for v in t.versions if unit.name in v.units)
-            kinds.setdefault(unit.type or users, unit.name)
-    types = {unit.name: unit.type for unit in model.units}
-    for like in kinds.values():
+            what = f'of type "{unit.type}"' if unit.type else f'like "{unit.name}"'
+            kinds.setdefault(unit.type or users, (unit.name, what))
+    return dict(kinds.values())
 
-        def more(count: int, like: str = like) -> TaskModel:
-            return changes.more_units(model, like, count)
 
-        for count in range(1, MAX_UNITS + 1):
-            if trials.schedule(more(count)) is not None:
-                what = f'of type "{types[like]}"' if types[like] else f'like "{like}"'
-                plural = "s" if count > 1 else ""
-                yield _remedy(trials, f"{count} more unit{plural} {what}", more(count - 1) if count > 1 else None)
-                break
+def _count_text(added: dict[str, int], kinds: dict[str, str]) -> str:
+    return " and ".join(
+        f"{count} more unit{'s' if count > 1 else ''} {kinds[like]}" for like, count in added.items() if count
+    )
 
 
 def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -154,11 +191,11 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
     for names in groups:
 
         def loosen(step: int, names: list[str] = names) -> TaskModel:
-            return changes.with_slack(model, names, Fraction(step, STEPS))
+            return changes.with_slack(model, names, Fraction(step, trials.steps))
 
-        found = trials.smallest(loosen, STEPS)
+        found = trials.smallest(loosen, trials.steps)
         if found:
-            text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], STEPS))}"
+            text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], trials.steps))}"
             yield _remedy(trials, text, loosen(found[0] - 1))
 
 
@@ -169,11 +206,13 @@ def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
         names = [task.name for task in group]
 
         def shorten(step: int, names: list[str] = names) -> TaskModel:
-            return changes.with_wcet(model, names, Fraction(STEPS - step, STEPS))
+            return changes.with_wcet(model, names, Fraction(trials.steps - step, trials.steps))
 
-        found = trials.smallest(shorten, STEPS - 1)
+        found = trials.smallest(shorten, trials.steps - 1)
         if found:
-            yield _remedy(trials, _wcet_text(group, Fraction(STEPS - found[0], STEPS)), shorten(found[0] - 1))
+            yield _remedy(
+                trials, _wcet_text(group, Fraction(trials.steps - found[0], trials.steps)), shorten(found[0] - 1)
+            )
 
 
 def _wcet_text(group: list[Task], factor: Fraction) -> str:
@@ -193,11 +232,11 @@ def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Tri
             continue
 
         def widen(step: int, task: str = task, predecessor: str = predecessor, period: object = period) -> TaskModel:
-            return changes.with_wider_windows(model, task, predecessor, period * Fraction(step, STEPS))  # type: ignore[operator]
+            return changes.with_wider_windows(model, task, predecessor, period * Fraction(step, trials.steps))  # type: ignore[operator]
 
-        found = trials.smallest(widen, STEPS)
+        found = trials.smallest(widen, trials.steps)
         if found:
-            text = f'window of "{task}" on "{predecessor}" up to {row.max + period * Fraction(found[0], STEPS)} '
+            text = f'window of "{task}" on "{predecessor}" up to {row.max + period * Fraction(found[0], trials.steps)} '
             yield _remedy(trials, text + f"instead of {row.max}", widen(found[0] - 1))
 
 

@@ -47,10 +47,10 @@ def prune(facts: ModeFacts) -> tuple[ModeFacts, list[Diagnostic], list[Witness]]
             break
         tasks = dict(facts.tasks)
         for name, reasons in blocked.items():
-            left = tuple(v for v in tasks[name].versions if v.version.name not in reasons)
-            if not left:
+            left = tasks[name].without(reasons)
+            if left is None:
                 return facts, notes, [_no_gap(facts, tasks[name], reasons)]
-            tasks[name] = replace(tasks[name], versions=left)
+            tasks[name] = left
             notes += [_never_fits(facts, tasks[name], version, reason) for version, reason in reasons.items()]
         facts = replace(facts, tasks=tasks)
     return facts, notes, []
@@ -85,7 +85,7 @@ def _blocked(facts: ModeFacts) -> dict[str, dict[str, _Gap]]:
 
 
 def _obstacle(task: TaskFacts, version: Usable, gaps: dict[str, list[_Gap]]) -> _Gap | None:
-    if len(version.units) != version.gang:
+    if len(version.units) != version.version.gang:
         return None
     for unit in sorted(version.units):
         for gap in gaps.get(unit, ()):
@@ -149,7 +149,7 @@ def units_met(facts: ModeFacts, model: TaskModel) -> Iterator[Witness]:
     for units, tasks in _classes(facts):
         if any(smaller <= units for smaller in found):
             continue
-        parts = [Part(t.name, t.period, t.core, min(v.gang for v in t.versions)) for t in tasks]
+        parts = [Part(t.name, t.period, t.core, min(v.version.gang for v in t.versions)) for t in tasks]
         steps = find_meeting(parts, len(units), budget)
         if steps:
             found.append(units)
@@ -193,14 +193,14 @@ def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
         return f'"{first.task}" takes it all'
     lines: list[str] = []
     period = first.period
-    before: int | Fraction = first.length
+    before = first.length
     for step in steps[1:]:
         part = step.part
-        text = f'{_length(facts, part)} of "{part.task}" + {_exactly(facts, before)} '
+        text = f'{facts.text(part.length)} of "{part.task}" + {facts.text(before)} '
         text += f'of "{first.task}"' if not lines else "of those together"
         text += f" > {facts.text(step.gcd)} = gcd({facts.text(part.period)}, {facts.text(period)})"
         if len(steps) > 2 and step is not steps[-1]:
-            text += f", so they are together for {_exactly(facts, step.together)}"
+            text += f", so they are together for at least {facts.text(step.together)}"
         lines.append(text)
         period, before = math.lcm(period, part.period), step.together
     certain = [s.part.task for s in steps if s.part.task in facts.tasks and facts.tasks[s.part.task].late]
@@ -208,22 +208,11 @@ def _argument(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
     return "; ".join(lines) + note
 
 
-def _exactly(facts: ModeFacts, time: int | Fraction) -> str:
-    from halpipe.durations import Duration
-
-    return str(Duration(Fraction(time) / facts.scale))
-
-
-def _length(facts: ModeFacts, part: Part) -> str:
-    return facts.text(part.length)
-
-
 def _relief(facts: ModeFacts, steps: tuple[Step, ...]) -> str:
     """Say by how much the sum of the last step must shrink; slack counts as much as WCET."""
     last = steps[-1]
     before = steps[-2].together if len(steps) > 1 else 0
-    over = Fraction(last.part.length) + before - last.gcd
-    amount = _exactly(facts, over)
+    amount = facts.text(last.part.length + before - last.gcd)
     if len(steps) == 2:
         return f"{amount} less of WCET or more of slack, of the two together"
     return f'less WCET or more slack, such as {amount} of "{last.part.task}"'

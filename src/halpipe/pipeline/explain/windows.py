@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.models import Anchor
@@ -17,7 +18,7 @@ from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place, quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from halpipe.diagnostics import Location
     from halpipe.models import Precedence
@@ -39,7 +40,7 @@ class Bound:
     low: int
     high: int
     modulus: int
-    says: str
+    says: Callable[[], str]
 
 
 def contradictions(facts: ModeFacts) -> Iterator[Witness]:
@@ -72,7 +73,8 @@ def _windows(facts: ModeFacts) -> Iterator[Bound]:
                 low = min(span[0] for span in spans) - task.late
                 high = max(span[1] for span in spans) + other.late
                 modulus = math.gcd(task.period, other.period)
-                yield Bound(task.name, row.task, low, high, modulus, _window_text(task, other, rows[0] or row))
+                if high - low < max(modulus, other.period - modulus):  # wider ones say nothing
+                    yield Bound(task.name, row.task, low, high, modulus, partial(_window_text, task, other, row))
 
 
 def _nth(rows: Iterable[Precedence], task: str, number: int) -> Precedence | None:
@@ -96,8 +98,11 @@ def _offsets(facts: ModeFacts) -> Iterator[Bound]:
     for task in facts.tasks.values():
         if task.period and task.task.offset is not None:
             offset = int(task.task.offset.ns * facts.scale)
-            says = f'"{task.name}" has the offset {task.task.offset}'
-            yield Bound(task.name, ORIGIN, offset, offset, task.period, says)
+            yield Bound(task.name, ORIGIN, offset, offset, task.period, partial(_offset_text, task))
+
+
+def _offset_text(task: TaskFacts) -> str:
+    return f'"{task.name}" has the offset {task.task.offset}'
 
 
 # ------------------------------------------------------------------------------------------------ one window
@@ -113,7 +118,7 @@ def _is_too_narrow(facts: ModeFacts, bound: Bound) -> bool:
 def _narrow(facts: ModeFacts, bound: Bound) -> Witness:
     task, other = facts.tasks[bound.later], facts.tasks[bound.earlier]
     least = other.period - bound.modulus
-    text = f"{bound.says}, but its jobs lie in {other.period // bound.modulus} different places between those of "
+    text = f"{bound.says()}, but its jobs lie in {other.period // bound.modulus} different places between those of "
     text += f'"{other.name}", {facts.text(bound.modulus)} = gcd({facts.text(task.period)}, {facts.text(other.period)}) '
     text += f"apart; that takes a window {facts.text(least)} wide, and it is {facts.text(bound.high - bound.low)} wide"
     text += " with the slack of both" if task.late or other.late else ""
@@ -209,9 +214,13 @@ def _apart(facts: ModeFacts, forest: _Forest) -> Iterator[Bound]:
                 shift = first.late - second.late
                 low, high = first.core + shift, modulus - second.core + shift
                 if low <= high:  # else they meet anyway, which is another witness
-                    says = f'"{second.name}" and "{first.name}" both run on "{unit}", for at least '
-                    says += f"{facts.text(second.core)} and {facts.text(first.core)} of every {facts.text(modulus)}"
-                    yield Bound(second.name, first.name, low, high, modulus, says)
+                    text = partial(_apart_text, facts, first, second, unit, modulus)
+                    yield Bound(second.name, first.name, low, high, modulus, text)
+
+
+def _apart_text(facts: ModeFacts, first: TaskFacts, second: TaskFacts, unit: str, modulus: int) -> str:
+    text = f'"{second.name}" and "{first.name}" both run on "{unit}", for at least '
+    return text + f"{facts.text(second.core)} and {facts.text(first.core)} of every {facts.text(modulus)}"
 
 
 def _contradiction(facts: ModeFacts, path: list[Bound], closing: Bound) -> Iterator[Witness]:
@@ -227,9 +236,9 @@ def _contradiction(facts: ModeFacts, path: list[Bound], closing: Bound) -> Itera
     if most // modulus * modulus >= least:
         return
     names = [n for n in dict.fromkeys(n for b in (*path, closing) for n in (b.earlier, b.later)) if n != ORIGIN]
-    steps = "; ".join(dict.fromkeys(bound.says for bound in path))
+    steps = "; ".join(dict.fromkeys(bound.says() for bound in path))
     text = f"{steps}: this puts {_pair(closing)} {_interval(facts, low, high)} apart, up to multiples of "
-    text += f"{facts.text(modulus)}; but {closing.says}, which asks for {_interval(facts, closing.low, closing.high)}"
+    text += f"{facts.text(modulus)}; but {closing.says()}, which asks for {_interval(facts, closing.low, closing.high)}"
     text += " (slack included)" if any(facts.tasks[name].late for name in names) else ""
     below = most // modulus * modulus
     room = min(least - below, below + modulus - most)
