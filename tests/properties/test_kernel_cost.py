@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scheduler_systems import random_problem
 
+from halpipe.pipeline.anneal.dealing import deal_anyhow
 from halpipe.pipeline.anneal.kernel import load, move, next_temperature, total_cost
+from halpipe.pipeline.anneal.naming import named_jobs
 from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.search import _deal_anyhow, _jobs
 from halpipe.pipeline.anneal.state import BEST, COST, INSERTED, new_state
 from halpipe.pipeline.cost import cost_terms
 from halpipe.pipeline.expand import expand
@@ -87,8 +88,8 @@ def check_phases(problem, state):
         assert offset < 0 or earliest <= offset <= latest
 
 
-def named_jobs(problem, start, option):
-    return list(_jobs(problem, start, option, _deal_anyhow(problem, start, option)))
+def dealt_jobs(problem, start, option):
+    return list(named_jobs(problem, start, option, deal_anyhow(problem, start, option)))
 
 
 def access_cost(problem, placement):
@@ -114,7 +115,7 @@ def access_cost(problem, placement):
 
 def reference_cost(system, problem, start, option):
     """Return the reference cost in the kernel's weights; lanes are single units."""
-    placement = Placement.of(problem.expansion, named_jobs(problem, start, option))
+    placement = Placement.of(problem.expansion, dealt_jobs(problem, start, option))
     terms = cost_terms(system, placement)
     assert placement.tick == problem.tick or problem.tick // placement.tick >= 1
     assert terms.unit == 0

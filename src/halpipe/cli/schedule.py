@@ -51,6 +51,9 @@ def schedule(
     quality: Annotated[
         Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
     ] = Improve.FIRST,
+    freeze: Annotated[
+        str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
+    ] = "",
     target: Annotated[str, typer.Option(help="With --quality cost: stop once the cost F is at most this.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
@@ -61,7 +64,7 @@ def schedule(
     Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
     """
     from halpipe.cli.searching import find_schedule
-    from halpipe.importers.native import read_model
+    from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.schedule import Quality, SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -70,6 +73,8 @@ def schedule(
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
+    if freeze:
+        options = replace(options, shipped=read_schedule(freeze))
     return find_schedule(system, options, output_file, time_limit)
 
 

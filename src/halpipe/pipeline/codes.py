@@ -74,3 +74,9 @@ EXACT_TICK = error(
     "Exact engine takes no tick",
     "It computes on the grid that loses nothing. Leave --tick away, or use the annealer.",
 )
+CANNOT_STAY = warning(
+    "HAL0412",
+    "Shipped task cannot stay",
+    "With --freeze, the jobs of the earlier schedule keep start, version and units. A task whose period, versions or "
+    "units no longer allow that is placed anew.",
+)

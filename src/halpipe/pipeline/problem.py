@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -100,6 +100,10 @@ class Problem:
     options: tuple[Option, ...]
     arrays: Arrays
     mean_wcet: int
+
+    def with_construction(self, order: Ints) -> Problem:
+        """Return the problem with its entries constructed in another order."""
+        return replace(self, arrays=self.arrays._replace(construction=order))
 
 
 def natural_tick(expansion: Expansion) -> Duration:

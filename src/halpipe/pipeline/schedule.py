@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
+from halpipe.durations import greatest_common_divisor
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.codes import (
+    CANNOT_STAY,
     EXACT_INFEASIBLE,
     EXACT_TICK,
     NO_OPTION,
@@ -60,7 +62,7 @@ class SearchOptions:
 
     `budget` counts moves per task; `tick` replaces the natural tick. `attempt` gives other placements for the
     same seed, between which switches may exist that the first ones do not allow. `engine` is ``anneal``, or ``exact``
-    for small systems, which knows neither budget nor tick.
+    for small systems, which knows neither budget nor tick. The jobs of a `shipped` schedule stay where they are.
     """
 
     seed: int = 1
@@ -71,6 +73,7 @@ class SearchOptions:
     quality: Quality = Quality.FIRST
     target: Fraction | None = None
     engine: str = "anneal"
+    shipped: Schedule | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,21 +136,45 @@ def _schedule_mode(
 
     name = expansion.mode.name
     every_chain = options.quality is Quality.COST
-    problem = _problem(model, expansion, options.tick, every_chain=every_chain)
+    shipped = _shipped(expansion, options)
+    tick = options.tick or _grid(expansion, shipped)
+    problem = _problem(model, expansion, tick, every_chain=every_chain)
     budget = options.budget * max(1, len(expansion.tasks))
     outcome = search(
         problem,
-        lambda: _problem(model, expansion, options.tick, grouped=False, every_chain=every_chain),
+        lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain),
         _mode_seed(options.seed, number, options.attempt),
         budget,
         lambda moves, best: on_progress(name, moves, budget, best),
         earlier,
         _polish(model, expansion, options, number),
+        shipped,
     )
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)
-    return table, _notes(problem), outcome.moves, outcome.stopped
+    notes = _notes(problem) + _changed(expansion, outcome.changed)
+    return table, notes, outcome.moves, outcome.stopped
+
+
+def _shipped(expansion: Expansion, options: SearchOptions) -> dict[tuple[str, int], Job]:
+    """Return the jobs of this mode that have shipped, by task and index; of tasks that still run here."""
+    modes = options.shipped.modes if options.shipped is not None else ()
+    jobs = (job for mode in modes if mode.name == expansion.mode.name for job in mode.jobs)
+    return {(job.task, job.index): job for job in jobs if job.task in expansion.by_name}
+
+
+def _grid(expansion: Expansion, shipped: dict[tuple[str, int], Job]) -> Duration | None:
+    """Return a tick on which the shipped jobs lie too; None if the natural one does."""
+    if not shipped:
+        return None
+    return greatest_common_divisor([natural_tick(expansion), *(job.start for job in shipped.values())])
+
+
+def _changed(expansion: Expansion, tasks: tuple[str, ...]) -> list[Diagnostic]:
+    path = f'mode "{expansion.mode.name}"'
+    text = "cannot stay as shipped: number of jobs, version or units have changed; it was placed anew"
+    return [CANNOT_STAY(text, at=expansion.by_name[task].task.at, path=f'{path} task "{task}"') for task in tasks]
 
 
 def _solve_mode(
@@ -285,7 +312,5 @@ def _notes(problem: Problem) -> list[Diagnostic]:
 
 
 def _common_tick(model: TaskModel, modes: list[Mode]) -> Duration | None:
-    from halpipe.durations import greatest_common_divisor
-
     ticks = [natural_tick(expand(model, mode)) for mode in modes]
     return greatest_common_divisor(ticks) if ticks else None

@@ -6,7 +6,7 @@ from halpipe.pipeline.anneal.jit import compiled
 from halpipe.pipeline.anneal.placement import lane_conflict
 from halpipe.pipeline.anneal.profile import overloaded
 from halpipe.pipeline.anneal.side_costs import side_cost
-from halpipe.pipeline.anneal.state import HOT, INSERTED, draw
+from halpipe.pipeline.anneal.state import FROZEN, FROZEN_HINT, HOT, INSERTED, draw
 
 HOT_SHARE = 900
 """Draws, of 1024, that pick an entry in conflict."""
@@ -15,7 +15,7 @@ HOT_SHARE = 900
 @compiled
 def heat_up(p, s, entry):
     """Remember that an entry may be in conflict."""
-    if s.hot_at[entry] < 0:
+    if s.hot_at[entry] < 0 and s.hint[entry] != FROZEN_HINT:
         s.hot[s.register[HOT]] = entry
         s.hot_at[entry] = s.register[HOT]
         s.register[HOT] += 1
@@ -99,4 +99,5 @@ def pick(p, s):
             if p.task_coupled[task] == 1 and side_cost(p, s, task, begin, end) > 0:
                 return entry, -1
             cool_down(s, entry)
-    return draw(s.random, entries), -1
+    frozen = s.register[FROZEN]
+    return p.construction[frozen + draw(s.random, entries - frozen)], -1

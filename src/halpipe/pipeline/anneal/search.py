@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from halpipe.pipeline.anneal.dealing import Units, deal, deal_anyhow
+from halpipe.pipeline.anneal.freezing import freeze
 from halpipe.pipeline.anneal.kernel import load
 from halpipe.pipeline.anneal.naming import named_jobs
 from halpipe.pipeline.anneal.profile import NEVER
@@ -18,7 +19,7 @@ from halpipe.pipeline.anneal.warmstart import Earlier, hints, known_first, renam
 from halpipe.pipeline.problem import Option
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from halpipe.models import Job
     from halpipe.pipeline.problem import Problem
@@ -28,12 +29,13 @@ NOTHING = Earlier()
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a search came to: all jobs of the mode, valid if `cost` is zero."""
+    """What a search came to: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay."""
 
     jobs: tuple[Job, ...]
     cost: int
     moves: int
     stopped: bool
+    changed: tuple[str, ...] = ()
 
 
 def search(
@@ -44,16 +46,22 @@ def search(
     on_slice: OnSlice,
     earlier: Earlier = NOTHING,
     polish: Polish | None = None,
+    shipped: Mapping[tuple[str, int], Job] | None = None,
 ) -> Outcome:
     """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
     units fits, but the jobs cannot be dealt out to its units as they lie. `polish` goes on improving a valid one.
+    `shipped` jobs stay where they are.
     """
+    if shipped:
+        problem = separate()
     state = new_state(problem.arrays, seed, problem.mean_wcet)
     state.hint[:] = hints(problem, earlier)
-    order = known_first(problem.arrays.construction, state.hint)
-    problem = replace(problem, arrays=problem.arrays._replace(construction=order))
+    problem = problem.with_construction(known_first(problem.arrays.construction, state.hint))
+    changed: tuple[str, ...] = ()
+    if shipped:
+        problem, changed = freeze(problem, state, shipped)
     stopped = run(problem, state, budget, on_slice)
     moves = int(state.register[MOVES])
     if state.register[BEST] == NEVER:
@@ -66,14 +74,14 @@ def search(
         units = deal(problem, state.best_start, state.best_option)
 
     def named(problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
-        renamed = rename_units(problem, units, earlier)
+        renamed = units if shipped else rename_units(problem, units, earlier)
         return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
 
     if units is not None and state.register[BEST] == 0 and polish is not None and not stopped:
         problem, state, units, made = improve(problem, state, units, polish, on_slice, named)
         moves += made
     units = units or deal_anyhow(problem, state.best_start, state.best_option)
-    return Outcome(named(problem, state, units), int(state.register[BEST]), moves, stopped)
+    return Outcome(named(problem, state, units), int(state.register[BEST]), moves, stopped, changed)
 
 
 def _completed(problem: Problem, state: State, seed: int) -> State:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.pipeline.anneal.kernel import anneal, total_cost
 from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import BEST, INSERTED, MOVES, State
+from halpipe.pipeline.anneal.state import BEST, FROZEN, INSERTED, MOVES, State
 
 if TYPE_CHECKING:
     from halpipe.pipeline.problem import Problem
@@ -25,7 +25,7 @@ def run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool:
     entries = len(problem.arrays.entry_offset)
     size = max(1, SLICE_WORK * entries // (20 * max(1, len(problem.arrays.job_task))))
     register = state.register
-    if entries == 0:
+    if entries == register[FROZEN]:
         register[BEST] = total_cost(problem.arrays, state)
         return False
     while register[MOVES] < budget:

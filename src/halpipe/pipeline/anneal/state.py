@@ -27,7 +27,11 @@ CYCLE_LEFT = 6
 HEAT = 7
 TEMPERATURE = 8
 HOT = 9
-REGISTERS = 10
+FROZEN = 10
+REGISTERS = 11
+
+FROZEN_HINT = -2
+"""Mark of an entry that never moves."""
 
 
 class State(NamedTuple):
@@ -44,7 +48,7 @@ class State(NamedTuple):
     owner_at: Ints  # per job and rectangle: its place in `owner`
     hot: Ints  # entries that may be in conflict
     hot_at: Ints  # per entry: its place in `hot`, or -1
-    hint: Ints  # per entry: phase to try first at construction, or -1
+    hint: Ints  # per entry: phase to try first at construction, -1 for none, or FROZEN_HINT
     best_start: Ints
     best_option: Ints
     old: Ints  # per job: start, option, phase before the move

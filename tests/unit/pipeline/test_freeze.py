@@ -1,0 +1,79 @@
+"""Shipped jobs stay where they are; what is new is placed around them."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+from halpipe.models import Status
+from halpipe.pipeline.codes import CANNOT_STAY
+from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.stages import schedule_model, verify_schedule
+from support import access, after, job, mode, model, schedule, task, version
+
+UNITS = "u1 u2"
+
+
+def base(*more, slack=0):
+    sense = task("sense", 10, version("v", 3, UNITS, access("mem", 0, 1)), slack=slack)
+    act = task("act", 20, version("v", 4, UNITS, after("sense", 0, 8, "end")))
+    return model(sense, act, *more, units=UNITS, resources="mem")
+
+
+def found(system, shipped=None, seed=1, budget=500):
+    options = SearchOptions(seed=seed, budget=budget, shipped=shipped)
+    return schedule_model(system, options, lambda *progress: True)
+
+
+def placed(scheduled):
+    return {(j.task, j.index): (j.start, j.units, j.version) for j in scheduled.schedule.modes[0].jobs}
+
+
+def test_shipped_jobs_keep_start_and_units_and_new_ones_fit_in():
+    shipped = found(base(slack=Fraction(1, 5)), seed=3)
+    grown = base(task("extra", 10, version("v", 2, UNITS, access("mem", 0, 1))), slack=Fraction(1, 5))
+    for seed in range(4, 9):
+        again = found(grown, shipped.schedule, seed=seed)
+        assert again.is_complete
+        assert [d for d in verify_schedule(grown, again.schedule) if d.is_error] == []
+        assert placed(shipped).items() <= placed(again).items()
+
+
+def test_everything_shipped_needs_no_moves():
+    shipped = found(base())
+    again = found(base(), shipped.schedule, seed=9)
+    assert again.is_complete
+    assert again.moves == 0
+    assert placed(again) == placed(shipped)
+
+
+def test_a_task_whose_version_is_gone_is_placed_anew_and_reported():
+    shipped = found(base())
+    changed = base()
+    renamed = replace(changed.tasks[1], versions=(replace(changed.tasks[1].versions[0], name="w"),))
+    changed = replace(changed, tasks=(changed.tasks[0], renamed), modes=(mode("all", (changed.tasks[0], renamed)),))
+    again = found(changed, shipped.schedule)
+    assert again.is_complete
+    assert [d.path for d in again.diagnostics if d.code == CANNOT_STAY.id] == ['mode "all" task "act"']
+    assert placed(again)["sense", 0] == placed(shipped)["sense", 0]
+
+
+def test_shipped_jobs_that_now_collide_are_a_search_that_fails_and_not_a_schedule():
+    system = model(task("a", 10, version("v", 4, "u1")), task("b", 10, version("v", 4, "u1")), units="u1")
+    shipped = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"))
+    longer = model(task("a", 10, version("v", 6, "u1")), task("b", 10, version("v", 4, "u1")), units="u1")
+    again = found(longer, shipped)
+    assert [m.status for m in again.schedule.modes] == [Status.NOT_FOUND]
+    assert again.moves == 0
+
+
+def test_starts_between_the_natural_ticks_are_kept():
+    system = base()
+    off_grid = schedule(
+        system,
+        20,
+        job(system, "sense", 0, "0.5ms", "u1"),
+        job(system, "sense", 1, "10.5ms", "u1"),
+        job(system, "act", 0, "4.25ms", "u2"),
+    )
+    again = found(system, off_grid)
+    assert again.is_complete
+    assert {j.start for j in again.schedule.modes[0].jobs} == {j.start for j in off_grid.modes[0].jobs}
