@@ -7,7 +7,22 @@ from typing import Annotated
 import typer
 
 from halpipe import __version__
-from halpipe.cli import bench, doctor, explain, export, generate, import_, run, schedule, show, validate, verify
+from halpipe.cli import (
+    bench,
+    diff,
+    doctor,
+    explain,
+    export,
+    generate,
+    import_,
+    run,
+    schedule,
+    sensitivity,
+    show,
+    size,
+    validate,
+    verify,
+)
 
 app = typer.Typer(
     help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
@@ -40,7 +55,10 @@ app.command("validate")(validate.validate)
 app.command("schedule")(schedule.schedule)
 app.command("verify")(verify.verify)
 app.command("explain")(explain.explain)
+app.command("size")(size.size)
+app.command("sensitivity")(sensitivity.sensitivity)
 app.command("show")(show.show)
+app.command("diff")(diff.diff)
 app.command("export")(export.export)
 app.command("run")(run.run)
 app.command("generate")(generate.generate)

@@ -1,0 +1,75 @@
+"""What the verbs that answer questions share: the form of the answer, and the search they make."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from halpipe.cli import output
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from fractions import Fraction
+
+    from rich.console import Console
+
+
+class AnswerFormat(StrEnum):
+    """The forms of an answer; diagnostics take the same."""
+
+    TEXT = "text"
+    JSON = "json"
+
+
+Answers = Annotated[AnswerFormat, typer.Option("--format", help="Form of the answer and of the diagnostics.")]
+Budget = Annotated[int, typer.Option(min=1, help="Moves per task before one search gives up.")]
+Step = Annotated[str, typer.Option(help="Grid of shares and factors.")]
+
+BUDGET = 2_000
+"""A tenth of what one schedule is worth: the searches that fail are many, and take the longest."""
+
+
+def choose(format: AnswerFormat, *, quiet: bool, verbose: bool) -> None:
+    """Take over the options."""
+    output.choose(output.Format(format.value), quiet=quiet, verbose=verbose)
+
+
+def print_json(value: Any) -> None:
+    """Print an answer as JSON."""
+    output.result(json.dumps(value, indent=2, ensure_ascii=True))
+
+
+def console() -> Console:
+    """Return a console for tables on standard output; lines are not cut, whatever the width."""
+    from rich.console import Console
+
+    no_colour = bool(os.environ.get("NO_COLOR"))
+    wide = None if sys.stdout.isatty() else 10_000
+    return Console(highlight=False, soft_wrap=True, no_color=no_colour, markup=False, width=wide)
+
+
+def parse_step(text: str) -> Fraction:
+    """Read the grid of an answer: a share above 0 and up to 1."""
+    from halpipe.quantities import parse_rational
+
+    try:
+        step = parse_rational(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--step") from None
+    if not 0 < step <= 1:
+        raise typer.BadParameter("must be above 0 and at most 1", param_hint="--step")
+    return step
+
+
+def check_name(name: str, known: Collection[str], kind: str, option: str) -> None:
+    """Refuse a name that the model does not have."""
+    from halpipe.suggest import did_you_mean
+
+    if name not in known:
+        hint = did_you_mean(name, known, f"the model has: {', '.join(sorted(known)) or 'none'}")
+        raise typer.BadParameter(f'the model has no {kind} "{name}"; {hint}', param_hint=option)

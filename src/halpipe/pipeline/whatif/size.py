@@ -1,0 +1,187 @@
+"""How small the platform can be, or how slow: fewest units, lowest bandwidth, largest common WCET factor."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.validate.context import Context, place, quoted
+from halpipe.pipeline.whatif import codes
+from halpipe.pipeline.whatif.changed import Changed, peak_bound, time_limit, with_bandwidth, with_factor, with_units
+from halpipe.pipeline.whatif.trial import WINDOWS, bracket, check_otherwise, proofs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
+    from halpipe.pipeline.whatif.trial import Bracket, Search
+
+STEP = Fraction(1, 100)
+"""Grid of shares and factors, unless the user asks for another."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """A value in question: the smallest that is enough, or with `largest` the largest that is not too much.
+
+    Values are multiples of `step`, from `hardest` to `easiest` times it. `at` gives the model at a value, and `relaxed`
+    one that has a schedule whenever any reading of the value has. `now` is the value of the model as it is.
+    """
+
+    what: str
+    hardest: int
+    easiest: int
+    step: Fraction
+    now: Fraction
+    at: Callable[[Fraction], Changed]
+    relaxed: Callable[[Fraction], Changed]
+    ignored: frozenset[str] = frozenset()
+    warnings: tuple[Diagnostic, ...] = ()
+
+    @property
+    def largest(self) -> bool:
+        """Whether larger values are harder."""
+        return self.hardest > self.easiest
+
+    def value(self, steps: int) -> Fraction:
+        """Return the value `steps` easier than the hardest."""
+        return self.step * (self.hardest - steps if self.largest else self.hardest + steps)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """The value `found`, beside the `bound` that is proven: no value beyond it has a schedule.
+
+    `witness` proves the bound, `failed` lists the values that were tried without success, `found` is None where there
+    were no others, and `bound` is None where it is proven that no value is enough.
+    """
+
+    question: Question
+    found: Fraction | None
+    bound: Fraction | None
+    witness: tuple[Diagnostic, ...]
+    failed: tuple[Fraction, ...]
+
+
+def ask(question: Question, search: Search) -> Answer:
+    """Find the best value with a schedule that verifies, and the bound that is proven."""
+    last = abs(question.easiest - question.hardest)
+    result: Bracket = bracket(
+        last,
+        lambda steps: proofs(question.relaxed(question.value(steps)), question.ignored),
+        lambda steps: search.finds(question.at(question.value(steps))),
+    )
+    return Answer(
+        question=question,
+        found=None if result.found is None else question.value(result.found),
+        bound=None if result.possible is None else question.value(result.possible),
+        witness=result.witness,
+        failed=tuple(map(question.value, result.failed)),
+    )
+
+
+def complaint(answer: Answer) -> Diagnostic | None:
+    """Return what there is to say when no value was found; None when one was."""
+    question = answer.question
+    if answer.bound is None:
+        help = "see what the witness says is necessary; `halpipe explain` says more"
+        return codes.IMPOSSIBLE("no value is enough", path=question.what, help=help)
+    if answer.found is None:
+        help = "raise --budget, try another --seed, or ask `halpipe explain`"
+        return codes.NONE_FOUND(f"{len(answer.failed)} values tried without success", path=question.what, help=help)
+    return None
+
+
+# ------------------------------------------------------------------------------------------------ questions
+
+
+def of_modes(model: TaskModel, mode: str) -> TaskModel:
+    """Return the model with one of its modes only, or with all where `mode` is empty; check what no size can mend."""
+    if mode:
+        model = replace(model, modes=(model.mode(mode),), transitions=())
+    check_otherwise(model)
+    return model
+
+
+def fewest_units(model: TaskModel, type: str) -> Question:
+    """Ask for the fewest units of a type; there must be one."""
+    own = [unit for unit in model.units if unit.type == type]
+    names = {unit.name for unit in own}
+    users = {frozenset(names & set(v.units)) for task in model.tasks for v in task.versions} - {frozenset()}
+    warnings: tuple[Diagnostic, ...] = ()
+    if users - {frozenset(names)}:
+        text = f"not every version that may use one of {quoted(sorted(names))} may use all of them"
+        warnings = (codes.UNLIKE_UNITS(text, at=place(own[0]), path=f'units of type "{type}"'),)
+    return Question(
+        what=f'units of type "{type}"',
+        hardest=0,
+        easiest=max(len(own), *(math.ceil(_most_at_once(mode, _gang)) for mode in Context(model).active)),
+        step=Fraction(1),
+        now=Fraction(len(own)),
+        at=lambda count: with_units(model, type, int(count)),
+        relaxed=lambda count: with_units(model, type, int(count), alike=True),
+        warnings=warnings,
+    )
+
+
+def lowest_bandwidth(model: TaskModel, resource: str, step: Fraction = STEP) -> Question:
+    """Ask for the lowest share of the bandwidth of a resource; above 1 it is more than there is now."""
+
+    def peak(active: ActiveTask) -> Fraction:
+        return max(Fraction(peak_bound(version, resource)) for version in active.versions)
+
+    def at(share: Fraction) -> Changed:
+        return with_bandwidth(model, resource, share)
+
+    needed = max((_most_at_once(mode, peak) for mode in Context(model).active), default=Fraction(1))
+    return Question(
+        what=f'bandwidth of resource "{resource}"',
+        hardest=1,
+        easiest=max(math.ceil(1 / step), math.ceil(needed / step)),
+        step=step,
+        now=Fraction(1),
+        at=at,
+        relaxed=at,
+    )
+
+
+def largest_factor(model: TaskModel, step: Fraction = STEP) -> Question:
+    """Ask for the largest factor of all WCETs, with their access phases."""
+
+    def at(factor: Fraction) -> Changed:
+        return with_factor(model, factor)
+
+    hyperperiod = max((mode.hyperperiod or ZERO for mode in Context(model).active), default=ZERO)
+    limits = ((time_limit(task) or hyperperiod) / v.wcet for task in model.tasks for v in task.versions if v.wcet)
+    return Question(
+        what="common factor of all WCETs",
+        hardest=math.floor(max(limits, default=Fraction(1)) / step) + 1,
+        easiest=1,
+        step=step,
+        now=Fraction(1),
+        at=at,
+        relaxed=at,
+        ignored=WINDOWS,
+    )
+
+
+def _gang(active: ActiveTask) -> Fraction:
+    return Fraction(max(version.gang for version in active.versions))
+
+
+def _most_at_once(mode: ActiveMode, need: Callable[[ActiveTask], Fraction]) -> Fraction:
+    """Return what the jobs of a mode can need at one instant at most: a job runs between release and deadline."""
+    counts = mode.job_counts(max)
+    total = Fraction(0)
+    for name, active in mode.tasks.items():
+        period, limit = active.task.period, time_limit(active.task)
+        jobs = counts[name]
+        if period and limit is not None:
+            jobs = min(jobs, math.ceil(limit / period))
+        total += jobs * need(active)
+    return total

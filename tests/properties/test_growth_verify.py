@@ -1,0 +1,49 @@
+"""At the growth that sensitivity gives the schedule verifies; with anything more it does not."""
+
+import verify_systems as systems
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import render_text
+from halpipe.pipeline.verify import verify
+from halpipe.pipeline.whatif.growth import common_tick
+from halpipe.pipeline.whatif.sensitivity import grown, sensitivities
+
+MANY = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def faults(system, plan):
+    return [render_text(d) for d in verify(system, plan) if d.is_error]
+
+
+def check(system, plan):
+    """Half a tick is less than any two times of the system differ, so nothing can heal within it."""
+    half = common_tick(system, plan) / 2
+    seen = 0
+    for row in sensitivities(system, plan, frozenset()):
+        jobs = [job for table in (*plan.modes, *plan.transitions) for job in table.jobs]
+        used = any((job.task, job.version) == (row.task, row.version) for job in jobs)
+        assert (row.growth is not None) == used
+        if row.growth is None:
+            continue
+        seen += 1
+        assert faults(*grown(system, plan, row.task, row.version, row.growth)) == []
+        assert faults(*grown(system, plan, row.task, row.version, row.growth + half)), row
+        assert row.reason
+    return seen
+
+
+@MANY
+@given(st.randoms(use_true_random=False))
+def test_growth_in_one_mode_is_exact(rng):
+    system, plan = systems.valid_system(rng)
+    assert faults(system, plan) == []
+    assert check(system, plan) > 0
+
+
+@settings(MANY, max_examples=25)
+@given(st.randoms(use_true_random=False))
+def test_growth_across_switches_is_exact(rng):
+    system, plan = systems.switching_system(rng)
+    assume(not faults(system, plan))
+    assert check(system, plan) > 0
