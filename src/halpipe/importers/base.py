@@ -12,8 +12,24 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.importers.overlay import OverlayUse
+    from halpipe.durations import Duration
     from halpipe.models import TaskModel
+
+
+class Supplement(Protocol):
+    """What an importer asks of an overlay while it reads; the overlay remembers what it was asked for."""
+
+    def drops(self, name: str) -> bool:
+        """Return whether the element `name` is to be left out."""
+        ...
+
+    def source_period(self, name: str) -> Duration | None:
+        """Return the period of the data source `name`, None if not stated."""
+        ...
+
+    def task_period(self, name: str) -> Duration | None:
+        """Return the period of the task `name`, None if not stated."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,7 +37,7 @@ class ImportOptions:
     """What the user may choose: `overlay` adds what the source lacks, `granularity` is for ARXML only."""
 
     name: str = ""
-    overlay: OverlayUse | None = None
+    overlay: Supplement | None = None
     granularity: str = "runnable"
     strict: bool = False
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.system import Event, Place, Stated, System, Trigger
     from halpipe.importers.arxml.tree import Tree
-    from halpipe.importers.overlay import OverlayUse
+    from halpipe.importers.base import Supplement
 
 NOT_SCHEDULED = {
     "OPERATION-INVOKED-EVENT": "server call: runs within its client",
@@ -60,7 +60,7 @@ def decide_periods(
     activations: Sequence[Activation],
     dataflow: DataFlow,
     tree: Tree,
-    overlay: OverlayUse | None,
+    overlay: Supplement | None,
 ) -> list[Activation]:
     """Return the activations with their periods, or with the reason why they have none."""
     periods = Periods(system, tree)
@@ -256,7 +256,7 @@ _PERIOD_HELP = "write it in seconds, such as 0.01, or give a period in the overl
 # ---------------------------------------------------------------------------- periods from outside the event
 
 
-def _from_overlay(activations: list[Activation], overlay: OverlayUse) -> list[Activation]:
+def _from_overlay(activations: list[Activation], overlay: Supplement) -> list[Activation]:
     """Give runnables that no event starts periodically the period that the overlay states for them.
 
     Of several events that start one, it goes to the arrival of data, else to one that an OsTask runs.

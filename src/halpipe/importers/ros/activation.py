@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from halpipe.diagnostics import Findings
-    from halpipe.importers.overlay import OverlayUse
+    from halpipe.importers.base import Supplement
     from halpipe.importers.ros.graph import Rate
 
 _PRIORITY = (ROSBAG, STATISTICS, DEADLINE)
@@ -95,7 +95,7 @@ class Activations:
 def activate(
     wiring: Wiring,
     rates: Iterable[Rate],
-    overlay: OverlayUse | None,
+    overlay: Supplement | None,
     task_names: Mapping[str, str],
     findings: Findings,
 ) -> Activations:
@@ -119,7 +119,7 @@ def activate(
     return Activations(active, frozenset(seeds.topics), frozenset(used))
 
 
-def _seed_from_overlay(wiring: Wiring, overlay: OverlayUse, task_names: Mapping[str, str], seeds: _Seeds) -> None:
+def _seed_from_overlay(wiring: Wiring, overlay: Supplement, task_names: Mapping[str, str], seeds: _Seeds) -> None:
     """Take the periods that the overlay states of topics, and of callbacks without a timer."""
     for topic in wiring.all_topics:
         if (period := overlay.source_period(topic)) is not None:

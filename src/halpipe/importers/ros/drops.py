@@ -11,8 +11,7 @@ from halpipe.importers.ros.graph import Callback, Kind, RosGraph
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from halpipe.importers.base import Coverage
-    from halpipe.importers.overlay import OverlayUse
+    from halpipe.importers.base import Coverage, Supplement
 
 _TOOLS = re.compile(
     r"/(rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|(.*/)?(launch_ros_[0-9]+|transform_listener_impl_\w+)|/rosout"
@@ -24,7 +23,7 @@ _PLUMBING = re.compile(r"/(rosout(_agg)?|parameter_events|tf(_static)?|clock|bon
 class _Rules:
     """Decides by name; every name is asked once, so that the overlay knows which of its entries matched."""
 
-    overlay: OverlayUse | None
+    overlay: Supplement | None
     task_names: Mapping[str, str]
     _reasons: dict[tuple[str, str], str] = field(default_factory=dict)
 
@@ -46,7 +45,7 @@ class _Rules:
         return ""
 
 
-def prune(graph: RosGraph, overlay: OverlayUse | None, task_names: Mapping[str, str], coverage: Coverage) -> RosGraph:
+def prune(graph: RosGraph, overlay: Supplement | None, task_names: Mapping[str, str], coverage: Coverage) -> RosGraph:
     """Return `graph` without the nodes, callbacks and topics that are dropped."""
     rules = _Rules(overlay, task_names)
     kept_nodes = []
