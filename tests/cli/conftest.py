@@ -20,7 +20,7 @@ def small_model():
 
 
 def hopeless_model():
-    """Three tasks of which no two fit on one unit, and two units: nothing says so at a glance, but no search succeeds."""
+    """Three tasks of which no two fit on one unit, and two units: valid as a model, and no search succeeds."""
     wcets = {"first": "7ms", "second": "7ms", "third": "6ms"}
     return model(*(task(name, "10ms", version("v", wcet, CORES)) for name, wcet in wcets.items()), units=CORES)
 

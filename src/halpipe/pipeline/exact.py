@@ -88,6 +88,7 @@ def solve_expansion(
     parameters.num_workers = workers
     parameters.random_seed = seed
     parameters.max_deterministic_time = seconds
+    parameters.symmetry_level = 0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
     status = solver.solve(program.cp)
     if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return ExactResult(Answer.FEASIBLE, tuple(program.jobs(solver)))

@@ -113,7 +113,8 @@ def _ways_out(facts: ModeFacts, task: TaskFacts, name: str, gap: _Gap) -> str:
     slack = ""
     if owner.jobs > 1 and owner.late + over <= min(owner.period, deadline - owner.most):
         slack = f', a slack of "{owner.name}" of {format_rational(Fraction(owner.late + over, owner.period))}'
-    return f"{facts.text(over)} less of these WCETs{slack}, or another unit for one of the two tasks"
+    which = f'"{name}" of "{task.name}"' if len(task.task.versions) > 1 else f'"{task.name}"'
+    return f'{facts.text(over)} less WCET of {which} or of "{owner.name}"{slack}, or another unit for one of them'
 
 
 def _gap(facts: ModeFacts, gap: _Gap) -> str:

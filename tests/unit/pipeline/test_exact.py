@@ -1,0 +1,193 @@
+"""The exact engine rule by rule: what just fits is scheduled, a tick less is not. Verify checks every schedule inside."""
+
+from fractions import Fraction
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.pipeline import codes, exact
+from halpipe.pipeline.exact import Answer, is_small, solve_exact
+from halpipe.pipeline.expand import expand
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from support import access, after, chain, model, task, version
+
+pytest.importorskip("ortools")
+
+
+def answer(system, **options):
+    return solve_exact(system, system.modes[0], **options).status
+
+
+def holds(system):
+    return answer(system) is Answer.FEASIBLE
+
+
+@pytest.mark.parametrize(("longest", "expected"), [("4ms", True), ("4.001ms", False)])
+def test_exclusive_up_to_the_last_tick(longest, expected):
+    system = model(task("a", "10ms", version("v", "6ms")), task("b", "10ms", version("v", longest)))
+    assert holds(system) is expected
+
+
+def test_jobs_wrap_round_the_hyperperiod():
+    """63 ms of work in series in 25 ms: only as a pipeline over three hyperperiods (MODEL 3)."""
+    units = "u1 u2 u3 u4"
+    tasks = [task("t0", "25ms", version("v", "24ms", units))]
+    for number, (wcet, before) in enumerate((("13ms", "24ms"), ("24ms", "13ms"), ("2ms", "24ms")), 1):
+        follows = after(f"t{number - 1}", before, before)
+        tasks.append(task(f"t{number}", "25ms", version("v", wcet, units, follows)))
+    assert holds(model(*tasks, units=units))
+
+
+@pytest.mark.parametrize(("slack", "expected"), [(Fraction(1, 4), True), (Fraction(6, 25), False), (0, False)])
+def test_slack_with_a_free_phase(slack, expected):
+    """Of the short task one job in three must give way to the long one, by up to 1 ms of 4."""
+    short, long = task("s", "4ms", version("v", "1ms"), slack=slack), task("l", "12ms", version("v", "4ms"))
+    assert holds(model(short, long)) is expected
+
+
+def test_slack_that_is_no_whole_number_of_ticks_is_not_rounded():
+    """4/3 ms of slack are enough for 4/3 ms of overlap, on a grid of 1 ms they would not be."""
+    short = task("s", "4ms", version("v", "1ms"), slack=Fraction(1, 3))
+    assert holds(model(short, task("l", "12ms", version("v", "13/3ms"))))
+
+
+@pytest.mark.parametrize(("offset", "expected"), [("5ms", True), ("4ms", False)])
+def test_offsets_fix_the_phase(offset, expected):
+    first = task("a", "10ms", version("v", "5ms"), offset="0ms")
+    assert holds(model(first, task("b", "10ms", version("v", "5ms"), offset=offset))) is expected
+
+
+@pytest.mark.parametrize(("deadline", "expected"), [("2ms", True), ("1.999ms", False)])
+def test_deadlines_bound_the_delay(deadline, expected):
+    short = task("s", "4ms", version("v", "1ms"), slack=Fraction(1, 2), deadline=deadline)
+    assert holds(model(short, task("l", "12ms", version("v", "4ms")))) is expected
+
+
+def test_each_job_may_take_another_version():
+    """Beside each of the long tasks only one of the two jobs has room."""
+    choice = task("c", "10ms", version("fast", "6ms", "u1"), version("slow", "9ms", "u2"))
+    long = (task("l", "20ms", version("v", "14ms", "u1")), task("m", "20ms", version("v", "11ms", "u2")))
+    system = model(choice, *long, units="u1 u2")
+    result = solve_exact(system, system.modes[0])
+    assert {job.version for job in result.jobs if job.task == "c"} == {"fast", "slow"}
+
+
+@pytest.mark.parametrize(("gang", "expected"), [(2, True), (3, False)])
+def test_gangs_take_distinct_units_together(gang, expected):
+    units = "u1 u2 u3"
+    wide = task("w", "10ms", version("v", "6ms", units, gang=gang))
+    assert holds(model(wide, task("n", "10ms", version("v", "5ms", units)), units=units)) is expected
+
+
+@pytest.mark.parametrize(("bound", "expected"), [("1/3", True), ("0.334", False)])
+def test_fractional_bounds_sum_exactly(bound, expected):
+    tasks = [task(f"t{k}", "4ms", version("v", "4ms", f"u{k}", access("mem", 0, 4, "1/3"))) for k in (1, 2)]
+    last = task("t3", "4ms", version("v", "4ms", "u3", access("mem", 0, 4, Fraction(bound))))
+    assert holds(model(*tasks, last, units="u1 u2 u3", resources="mem")) is expected
+
+
+@pytest.mark.parametrize(("anchor", "low", "high", "expected"), [("start", 5, 9, True), ("end", 6, 9, False)])
+def test_windows_from_start_and_end(anchor, low, high, expected):
+    """Both tasks fill the unit in turn: the second starts 5 ms after the start of the first, modulo 10 ms."""
+    first = task("a", "10ms", version("v", "5ms"))
+    assert holds(model(first, task("b", "10ms", version("v", "5ms", "u1", after("a", low, high, anchor))))) is expected
+
+
+def test_a_window_may_reach_back_several_hyperperiods():
+    first = task("a", "10ms", version("v", "2ms", "u1"), offset="0ms")
+    second = task("b", "10ms", version("v", "2ms", "u1", after("a", "33ms", "33ms")))
+    result = solve_exact(model(first, second), model(first, second).modes[0])
+    assert {job.task: str(job.start) for job in result.jobs} == {"a": "0ms", "b": "3ms"}
+
+
+def test_demands_follow_the_versions_chosen():
+    """The version that demands a helper is the only one that fits, so both jobs of the helper are there."""
+    helper = task("help", None, version("v", "1ms", "u2"))
+    quick = version("quick", "2ms", "u1", after("help", 0, 20))
+    owner = task("o", "5ms", version("slow", "4ms", "u1"), quick)
+    system = model(owner, task("rest", "5ms", version("v", "3ms", "u1")), helper, units="u1 u2")
+    result = solve_exact(system, system.modes[0])
+    assert sorted(job.task for job in result.jobs) == ["help", "o", "rest"]
+    alone = model(owner, helper, task("rest", "5ms", version("v", "1ms", "u1")), units="u1 u2")
+    jobs = solve_exact(alone, alone.modes[0]).jobs
+    assert ("help" in {j.task for j in jobs}) == ("quick" in {j.version for j in jobs})
+
+
+@pytest.mark.parametrize(("age", "expected"), [("5ms", True), ("4.999ms", False)])
+def test_chain_age(age, expected):
+    tasks = (task("a", "10ms", version("v", "3ms")), task("b", "10ms", version("v", "2ms")))
+    assert holds(model(*tasks, chains=[chain("c", "a b", age=age)])) is expected
+
+
+@pytest.mark.parametrize(("reaction", "expected"), [("15ms", True), ("14.999ms", False)])
+def test_chain_reaction(reaction, expected):
+    """A stimulus that just misses a job waits 10 ms for the next, and is through 3 + 2 ms later."""
+    tasks = (task("a", "10ms", version("v", "3ms")), task("b", "10ms", version("v", "2ms")))
+    assert holds(model(*tasks, chains=[chain("c", "a b", reaction=reaction)])) is expected
+
+
+def hard():
+    """No two of the three fit on one unit."""
+    return model(*(task(n, 10, version("v", c, "u1 u2")) for n, c in (("a", 7), ("b", 7), ("c", 6))), units="u1 u2")
+
+
+def test_same_input_same_jobs():
+    tasks = [task(f"t{k}", p, version("v", "1ms", "u1 u2"), slack=Fraction(1, 2)) for k, p in enumerate((4, 6, 6, 12))]
+    system = model(*tasks, units="u1 u2")
+    first = solve_exact(system, system.modes[0], seed=5)
+    assert first.jobs
+    assert solve_exact(system, system.modes[0], seed=5) == first
+
+
+def test_without_effort_the_answer_is_unknown_not_infeasible():
+    tasks = [task(f"t{k}", 30, version("v", "7ms", "u1 u2 u3")) for k in range(13)]
+    assert answer(model(*tasks, units="u1 u2 u3"), seconds=1e-9) is Answer.UNKNOWN
+
+
+def test_engine_of_the_search(monkeypatch):
+    options = SearchOptions(engine="exact")
+    tables = schedule_model(model(task("a", "4ms", version("v", "1ms"))), options, lambda *_: True).schedule
+    assert tables.solver == "exact"
+    with pytest.raises(HalpipeError) as failure:
+        schedule_model(hard(), options, lambda *_: True)
+    assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_INFEASIBLE.id]
+    assert int(failure.value.exit) == 3, "the solver's word alone is not called a proof"
+
+
+def test_a_tick_is_refused():
+    from halpipe.durations import milliseconds
+
+    with pytest.raises(HalpipeError) as failure:
+        schedule_model(hard(), SearchOptions(engine="exact", tick=milliseconds(1)), lambda *_: True)
+    assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TICK.id]
+
+
+def test_the_install_line_where_ortools_is_missing(monkeypatch):
+    monkeypatch.setattr(exact, "is_installed", lambda: False)
+    with pytest.raises(HalpipeError) as failure:
+        answer(hard())
+    (found,) = failure.value.diagnostics
+    assert found.code == codes.EXACT_MISSING.id
+    assert "pip install 'halpipe[exact]'" in found.help
+
+
+def test_large_modes_are_refused(monkeypatch):
+    large = model(task("a", "1us", version("v", "0.5us")), task("b", "3ms", version("v", "0.1us")))
+    assert not is_small(expand(large, large.modes[0]))
+    with pytest.raises(HalpipeError) as failure:
+        answer(large)
+    assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TOO_LARGE.id]
+    monkeypatch.setattr(exact, "MAX_PARTS", 5)
+    with pytest.raises(HalpipeError) as failure:
+        answer(hard())
+    assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TOO_LARGE.id]
+
+
+def test_a_schedule_that_verify_refuses_does_not_get_out(monkeypatch):
+    from halpipe.pipeline.exactmodel import Program
+
+    monkeypatch.setattr(Program, "state_units", lambda self, units: None)
+    with pytest.raises(HalpipeError) as failure:
+        answer(model(task("a", "4ms", version("v", "1ms"))))
+    assert failure.value.diagnostics[0].code == codes.EXACT_WRONG.id
+    assert int(failure.value.exit) == 70

@@ -1,0 +1,239 @@
+"""explain as a whole: what it says of invalid, hopeless, hard and easy models, and what it proposes."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from halpipe.durations import Duration, milliseconds
+from halpipe.models import Chain, Mode, Unit
+from halpipe.pipeline import codes as search_codes
+from halpipe.pipeline.exact import Answer
+from halpipe.pipeline.explain import Verdict, changes, codes, conflict, explain
+from halpipe.pipeline.explain.conflict import find_conflict
+from halpipe.pipeline.explain.remedies import Trials, find_remedies
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from support import access, after, chain, model, task, version
+
+CORES = "c1 c2"
+
+
+def packing(*extra, last="6ms"):
+    """Three tasks of which no two fit on one unit, and two units."""
+    wcets = (("a", "7ms"), ("b", "7ms"), ("c", last))
+    return model(*(task(n, "10ms", version("v", c, CORES)) for n, c in wcets), *extra, units="c1 c2 c3")
+
+
+def verdicts(explanation):
+    return [verdict for _, verdict in explanation.verdicts]
+
+
+def found_codes(explanation):
+    return {d.code for d in explanation.diagnostics}
+
+
+def remedies(system, tasks=(), go_on=lambda: True):
+    """The texts of what helps the only mode."""
+    trials = Trials(system.modes[0].name, 5, go_on)
+    return [d.message for d in find_remedies(system, tasks, trials)]
+
+
+# ------------------------------------------------------------------------------------------------ verdicts
+
+
+def test_a_mode_with_a_schedule():
+    explanation = explain(packing(last="3ms"))
+    assert verdicts(explanation) == [Verdict.SCHEDULABLE]
+    assert found_codes(explanation) == {codes.SCHEDULABLE.id}
+    assert int(explanation.exit) == 0
+
+
+def test_not_found_is_never_called_infeasible():
+    explanation = explain(packing(), use_exact=False, budget=50, remedies=False)
+    assert verdicts(explanation) == [Verdict.NOT_FOUND]
+    assert found_codes(explanation) == {search_codes.NOT_FOUND.id, search_codes.STILL_BROKEN.id}
+    first = explanation.diagnostics[0].message
+    assert "best cost" in first
+    assert "no proof" in first
+    assert int(explanation.exit) == 3
+
+
+def test_the_best_placement_given_is_the_one_that_is_explained():
+    best = schedule_model(packing(), SearchOptions(budget=10), lambda *_: True).schedule
+    explanation = explain(packing(), schedule=best, use_exact=False, remedies=False)
+    broken = [d for d in explanation.diagnostics if d.code == search_codes.STILL_BROKEN.id]
+    assert broken
+    valid = schedule_model(packing(last="3ms"), SearchOptions(), lambda *_: True).schedule
+    assert verdicts(explain(packing(last="3ms"), schedule=valid)) == [Verdict.SCHEDULABLE]
+
+
+def test_an_invalid_model_is_explained_by_what_validate_finds():
+    system = model(task("a", "10ms", version("v", None)))
+    explanation = explain(system)
+    assert verdicts(explanation) == [Verdict.INVALID]
+    assert int(explanation.exit) == 1
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        model(task("a", "10ms", version("v", "11ms"))),
+        model(task("a", "10ms", version("v", "6ms")), task("b", "10ms", version("v", "5ms"))),
+        model(task("a", "10ms", version("v", "1ms", "u1", gang=2))),
+        model(task("a", "4ms", version("v", "1ms")), chains=[chain("c", "a", age="0.5ms")]),
+        model(task("a", 9, version("v", 1)), task("b", 9, version("v", 1, "u1", after("a", 3, 2)))),
+        model(task("a", 9, version("v", 2, "u1", access("m", 0, 1, "2/3"), access("m", 0, 1, "1/2"))), resources="m"),
+    ],
+    ids=["deadline", "load", "gang", "chain", "window", "phases"],
+)
+def test_errors_of_validate_that_are_proofs(system):
+    explanation = explain(system)
+    assert verdicts(explanation) == [Verdict.INFEASIBLE]
+    assert int(explanation.exit) == 4
+
+
+def test_a_version_too_long_beside_one_that_is_not_proves_nothing():
+    system = model(task("a", "10ms", version("long", "11ms"), version("short", "2ms")))
+    assert verdicts(explain(system)) == [Verdict.INVALID]
+
+
+def test_nothing_is_proven_of_a_model_that_is_wrong_otherwise():
+    system = model(task("a", "10ms", version("v", "11ms")), task("b", "10ms", version("v", None)))
+    assert verdicts(explain(system)) == [Verdict.INVALID]
+
+
+def test_modes_are_explained_one_by_one():
+    system = packing()
+    runs = system.modes[0].runs
+    system = replace(system, modes=(Mode(name="all", runs=runs), Mode(name="two", runs=runs[:2])))
+    both = explain(system, use_exact=False, remedies=False, budget=50)
+    assert both.verdicts == (("all", Verdict.NOT_FOUND), ("two", Verdict.SCHEDULABLE))
+    assert explain(system, "two").verdicts == (("two", Verdict.SCHEDULABLE),)
+
+
+# ------------------------------------------------------------------------------------------------ conflicts
+
+
+def names(found):
+    return [active.name for active in found.kept.tasks]
+
+
+def test_the_conflict_is_minimal_and_leaves_the_rest_out():
+    pytest.importorskip("ortools")
+    others = [task(f"t{k}", "5ms", version("v", "1ms", "c3", after("a", 0, 20))) for k in range(2)]
+    found = find_conflict(packing(*others), packing(*others).modes[0], lambda: True)
+    assert found.answer is Answer.INFEASIBLE
+    assert names(found) == ["a", "b", "c"]
+    assert found.is_minimal
+    text = conflict.describe(packing(*others).modes[0], found)
+    assert text.code == codes.NO_SCHEDULE_FOR.id
+    assert "minimal" in text.message
+
+
+def test_constraints_that_play_no_part_are_left_out():
+    pytest.importorskip("ortools")
+    system = packing()
+    decorated = replace(system.tasks[2], versions=(version("v", "6ms", CORES, after("a", 0, 50), access("m", 0, 1)),))
+    system = replace(
+        system,
+        tasks=(*system.tasks[:2], decorated),
+        chains=(Chain(name="c", tasks=("a", "c"), max_age=milliseconds(90)),),
+        resources=model(resources="m").resources,
+    )
+    kept = find_conflict(system, system.modes[0], lambda: True).kept
+    assert [len(active.versions[0].precedences) for active in kept.tasks] == [0, 0, 0]
+    assert not any(active.versions[0].accesses for active in kept.tasks)
+    assert not kept.chains
+
+
+def test_tasks_on_demand_stay_with_those_who_demand_them():
+    """Each of four tasks demands, by way of another, a helper of 4ms; in 10ms there is room for two."""
+    pytest.importorskip("ortools")
+    inner = task("inner", None, version("v", "4ms", "c3"))
+    outer = task("outer", None, version("v", "1ms", "c2", after("inner", 0, 9)))
+    tasks = [task(f"t{k}", "10ms", version("v", "1ms", "c1", after("outer", 0, 9))) for k in range(4)]
+    system = model(inner, outer, *tasks, units="c1 c2 c3")
+    found = find_conflict(system, system.modes[0], lambda: True)
+    assert (found.answer, found.is_minimal) == (Answer.INFEASIBLE, True)
+    assert names(found) == ["inner", "outer", "t1", "t2", "t3"]
+    assert {active.name: active.jobs for active in found.kept.tasks}["inner"] == 3
+
+
+def test_a_conflict_that_is_stopped_is_not_called_minimal():
+    pytest.importorskip("ortools")
+    found = find_conflict(packing(), packing().modes[0], lambda: False)
+    assert (found.answer, found.is_minimal) == (Answer.INFEASIBLE, False)
+    assert "perhaps not minimal" in conflict.describe(packing().modes[0], found).message
+
+
+def test_without_the_exact_engine_there_is_no_conflict(monkeypatch):
+    monkeypatch.setattr(conflict, "is_installed", lambda: False)
+    assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN
+    explanation = explain(packing(), budget=50, remedies=False)
+    assert verdicts(explanation) == [Verdict.NOT_FOUND]
+
+
+# ------------------------------------------------------------------------------------------------ remedies
+
+
+def test_units_and_wcets():
+    texts = remedies(packing(), ["a", "b", "c"])
+    assert any(t.startswith('1 more unit like "c1"') for t in texts)
+    assert any(t.startswith('WCET of "c" at most 3ms instead of 6ms') for t in texts)
+
+
+def test_the_smallest_steps_and_which_are_proven():
+    """2ms + 1.5ms are half a millisecond more than gcd(6ms, 15ms) = 3ms; slack counts like WCET: 0.5/6 = 0.083."""
+    system = model(task("a", "6ms", version("v", "1.5ms")), task("b", "15ms", version("v", "2ms")))
+    texts = remedies(system, ["a", "b"])
+    proven = "(found sufficient; the next smaller step is proven not to suffice)"
+    assert f'slack of "a" >= 0.09 {proven}' in texts
+    assert f'WCET of "a" at most 990us instead of 1.5ms {proven}' in texts
+    assert f'WCET of "b" at most 1.5ms instead of 2ms {proven}' in texts
+
+
+def test_windows_offsets_and_limits():
+    late = task("b", "10ms", version("v", "1ms", "u2", after("a", 0, 2)), offset="5ms")
+    system = model(task("a", "10ms", version("v", "3ms", "u1"), offset="0ms"), late, units="u1 u2")
+    texts = remedies(system, ["a", "b"])
+    assert any(t.startswith('no fixed offset for "a"') for t in texts)
+    assert any(t.startswith('window of "b" on "a" up to 5ms instead of 2ms') for t in texts)
+    ends = (task("a", 10, version("v", 3), offset="0ms"), task("b", 10, version("v", 2), offset="5ms"))
+    slow = model(*ends, chains=[chain("c", "a b", age="6ms")])
+    assert any(t.startswith('limits of chain "c" of data age 7ms') for t in remedies(slow, ["a", "b"]))
+
+
+def test_several_kinds_of_units_together():
+    """Two conflicts at once: neither kind of unit alone helps."""
+    cpu = [task(f"a{k}", "10ms", version("v", "7ms", "cpu")) for k in range(2)]
+    gpu = [task(f"b{k}", "10ms", version("v", "8ms", "gpu")) for k in range(2)]
+    system = replace(model(*cpu, *gpu), units=(Unit(name="cpu", type="core"), Unit(name="gpu", type="gpu")))
+    texts = remedies(system)
+    assert texts[0].startswith('1 more unit of type "core" and 1 more unit of type "gpu"')
+
+
+def test_where_nothing_helps_it_says_so():
+    system = packing()
+    (found,) = find_remedies(system, (), Trials("all", 5, lambda: False))
+    assert found.code == codes.NO_REMEDY.id
+
+
+def test_every_remedy_is_a_model_with_a_verified_schedule():
+    explanation = explain(packing(), use_exact=False, budget=50)
+    assert codes.REMEDY.id in found_codes(explanation)
+    shorter = changes.with_wcet(packing(), ["c"], Fraction(1, 2))
+    assert verdicts(explain(shorter)) == [Verdict.SCHEDULABLE]
+    assert verdicts(explain(changes.more_units(packing(), "c1", 1))) == [Verdict.SCHEDULABLE]
+
+
+def test_changes_touch_what_they_name_only():
+    system = packing(task("d", "10ms", version("v", "1ms", "c3", access("m", 0, 1))))
+    widened = changes.more_units(system, "c1", 2)
+    assert [unit.name for unit in widened.units] == ["c1", "c2", "c3", "c1+1", "c1+2"]
+    assert widened.task("a").versions[0].units == ("c1", "c2", "c1+1", "c1+2")
+    assert widened.task("d") == system.task("d")
+    again = changes.more_units(widened, "c1", 1)
+    assert again.units[-1].name == "c1+1+"
+    halved = changes.with_wcet(system, ["d"], Fraction(1, 2))
+    assert halved.task("d").versions[0].accesses[0].end == Duration.parse("0.5ms")
+    assert halved.task("a") == system.task("a")

@@ -1,0 +1,65 @@
+"""The WATERS 2019 system: where strict periods on the TX2 cannot work, why, and what it takes that they do."""
+
+import pytest
+
+from halpipe.models import Status
+from halpipe.pipeline.expand import expand
+from halpipe.pipeline.explain import Verdict, codes, explain
+from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.validate import validate
+from halpipe.pipeline.verify import verify
+from waters2019 import OFFLOADING, PLAIN, waters2019
+
+
+def test_the_published_parameters():
+    """Ten periodic tasks with 6951 jobs in 13.2 s; the four that offload are three tasks each here."""
+    system = waters2019()
+    expansion = expand(system, system.modes[0])
+    assert str(expansion.hyperperiod) == "13.2s"
+    counted = [expansion.by_name[name].jobs for name in (*PLAIN, *OFFLOADING)]
+    assert len(counted) == 10
+    assert sum(counted) == 6951
+    assert not [d for d in validate(system) if d.is_error]
+
+
+def test_strictly_periodic_on_the_tx2_the_gpu_cannot_hold_what_the_solution_puts_there():
+    (hopeless,) = find_witnesses(waters2019(mapped=True))
+    by_code = {witness.diagnostic.code: witness for witness in hopeless.witnesses}
+    met = by_code[codes.TASKS_MEET.id]
+    assert set(met.tasks) == {"detection", "sfm"}
+    assert '7.9ms of "sfm" + 116ms of "detection" > 1ms = gcd(33ms, 200ms)' in met.diagnostic.message
+    assert '1 more unit of type "gpu"' in met.diagnostic.help
+
+
+def test_no_slack_lets_detection_and_sfm_share_the_gpu():
+    """With all the slack that its deadline allows, sfm leaves 50.2 ms free, and detection takes 116 ms."""
+    (hopeless,) = find_witnesses(waters2019(mapped=True, slack=1))
+    (witness,) = [w for w in hopeless.witnesses if w.diagnostic.code == codes.NO_GAP.id]
+    assert "at most 50.2ms free" in witness.diagnostic.message
+
+
+def test_with_another_gpu_nothing_is_proven():
+    assert not find_witnesses(waters2019(mapped=True, gpus="gpu2"))
+    assert not find_witnesses(waters2019())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "extra",
+    [{"mapped": True, "gpus": "gpu2", "cores": "core6"}, {"gpus": "gpu2", "cores": "core6"}, {"cores": "core6 core7"}],
+    ids=["mapped", "core and gpu", "two cores"],
+)
+def test_strictly_periodic_with_more_units(extra):
+    system = waters2019(**extra)
+    schedule = schedule_model(system, SearchOptions(budget=200), lambda *_: True).schedule
+    assert schedule.modes[0].status is Status.VALID
+    assert not [d for d in verify(system, schedule) if d.is_error]
+
+
+@pytest.mark.slow
+def test_explain_finds_the_units_that_are_missing():
+    explanation = explain(waters2019(mapped=True))
+    assert explanation.verdicts == (("all", Verdict.INFEASIBLE),)
+    found = [d.message for d in explanation.diagnostics if d.code == codes.REMEDY.id]
+    assert any("more unit of type" in text and '"gpu"' in text for text in found), found

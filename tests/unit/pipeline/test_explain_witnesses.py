@@ -1,0 +1,165 @@
+"""Every kind of witness on a file of its own, with the change that takes it away; and the arithmetic behind them."""
+
+import re
+from itertools import product
+from math import lcm
+from pathlib import Path
+
+import pytest
+
+from halpipe.files import write_output
+from halpipe.importers.native import read_model
+from halpipe.models import Status
+from halpipe.pipeline.explain import Verdict, codes, explain
+from halpipe.pipeline.explain.meeting import Budget, Part, find_meeting, meet
+from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.validate import validate
+from halpipe.pipeline.verify import verify
+from support import after, model, task, version
+
+FOLDER = Path(__file__).parents[2] / "fixtures" / "explain"
+
+NEIGHBOURS = {
+    "HAL0430-tasks-meet.xml": ('wcet="1.5ms"', 'wcet="1ms"'),
+    "HAL0430-three-tasks-meet.xml": ('wcet="5ms"', 'wcet="2ms"'),
+    "HAL0430-slack-too-small.xml": ('slack="0.125"', 'slack="0.25"'),
+    "HAL0431-no-gap.xml": ('slack="0.125"', 'slack="0.25"'),
+    "HAL0432-phases-meet.xml": ('start="1ms" end="3ms"', 'start="1ms" end="2ms"'),
+    "HAL0433-window-too-narrow.xml": ('max="4ms"', 'max="5ms"'),
+    "HAL0434-windows-contradict.xml": ('min="1ms" max="4ms"', 'min="1ms" max="5ms"'),
+    "HAL0434-window-and-unit.xml": ('min="0ms" max="2ms"', 'min="0ms" max="3ms"'),
+    "HAL0434-offsets.xml": ('offset="3ms"', 'offset="4ms"'),
+    "HAL0435-conflict.xml": ('wcet="6ms"', 'wcet="3ms"'),
+    "HAL0438-version-never-fits.xml": ('wcet="3ms"', 'wcet="2ms"'),
+}
+"""For every fixture what to replace so that it has a schedule: where possible the very limit of the proof."""
+
+FIXTURES = sorted(FOLDER.glob("*.xml"))
+
+
+def found_in(path):
+    """The findings of explain, without remedies, as (line, code)."""
+    explanation = explain(read_model(str(path)), remedies=False)
+    return explanation, {(d.at.line, d.code) for d in explanation.diagnostics}
+
+
+@pytest.mark.parametrize("path", FIXTURES, ids=lambda path: path.stem)
+def test_fixture_has_the_findings_it_names(path):
+    if "HAL0435" in path.name:
+        pytest.importorskip("ortools")
+    lines = path.read_text().splitlines()
+    expected = {(n, code) for n, line in enumerate(lines, 1) for code in re.findall(r"<!-- (HAL\d{4}) -->", line)}
+    explanation, found = found_in(path)
+    assert found >= expected
+    assert explanation.verdicts == (("all", Verdict.INFEASIBLE),)
+    assert int(explanation.exit) == 4
+    for diagnostic in explanation.diagnostics:
+        assert diagnostic.path
+        assert diagnostic.help
+
+
+@pytest.mark.parametrize("path", FIXTURES, ids=lambda path: path.stem)
+def test_the_neighbour_has_a_schedule(path, tmp_path):
+    old, new = NEIGHBOURS[path.name]
+    text = path.read_text()
+    assert old in text
+    write_output(tmp_path / "model.xml", text.replace(old, new))
+    system = read_model(str(tmp_path / "model.xml"))
+    assert not find_witnesses(system)
+    schedule = schedule_model(system, SearchOptions(), lambda *_: True).schedule
+    assert schedule.modes[0].status is Status.VALID
+    assert not [d for d in verify(system, schedule) if d.is_error]
+
+
+def test_every_fixture_has_its_neighbour_and_every_witness_a_fixture():
+    assert {path.name for path in FIXTURES} == set(NEIGHBOURS)
+    proofs = {codes.TASKS_MEET, codes.NO_GAP, codes.PHASES_MEET, codes.WINDOW_TOO_NARROW, codes.WINDOWS_CONTRADICT}
+    assert {code.id for code in proofs} <= {path.name[:7] for path in FIXTURES}
+
+
+@pytest.mark.parametrize("path", FIXTURES, ids=lambda path: path.stem)
+def test_validate_alone_does_not_see_it(path):
+    assert not [d for d in validate(read_model(str(path))) if d.is_error]
+
+
+# ------------------------------------------------------------------------------------------------ arithmetic
+
+
+def brute_meets(parts):
+    """Whether the parts meet for every choice of whole phases, tried one by one."""
+    total = lcm(*(part.period for part in parts))
+
+    def busy(part, phase):
+        starts = range(phase, phase + total, part.period)
+        return {(start + t) % total for start in starts for t in range(part.length)}
+
+    choices = product(*([busy(part, phase) for phase in range(part.period)] for part in parts))
+    return all(set.intersection(*choice) for choice in choices)
+
+
+def part(name, period, length, height=1):
+    return Part(name, period, length, height)
+
+
+@pytest.mark.parametrize("periods", [(4, 6), (6, 6), (3, 5), (4, 8)])
+def test_two_parts_meet_exactly_if_they_are_longer_than_the_gcd(periods):
+    for first in range(1, periods[0] + 1):
+        for second in range(1, periods[1] + 1):
+            pair = [part("a", periods[0], first), part("b", periods[1], second)]
+            assert bool(meet(pair, Budget())) == brute_meets(pair)
+
+
+@pytest.mark.parametrize("periods", [(4, 6, 3), (6, 6, 4), (2, 4, 8), (6, 4, 10)])
+def test_three_parts_that_are_said_to_meet_do(periods):
+    claimed = 0
+    for lengths in (
+        (a, b, c) for a in range(1, periods[0]) for b in range(1, periods[1]) for c in range(1, periods[2])
+    ):
+        three = [part(n, p, c) for n, p, c in zip("abc", periods, lengths, strict=True)]
+        if meet(three, Budget()):
+            claimed += 1
+            assert brute_meets(three), three
+    assert claimed
+
+
+def test_only_what_is_needed_is_named():
+    parts = [part("a", 10, 6), part("b", 10, 6), part("c", 10, 6, height=0)]
+    assert [step.part.task for step in find_meeting(parts, 1, Budget())] == ["a", "b"]
+
+
+def test_what_meets_within_the_capacity_is_no_witness():
+    assert not find_meeting([part("a", 10, 6), part("b", 10, 6)], 2, Budget())
+
+
+def test_without_budget_nothing_is_claimed():
+    assert not find_meeting([part("a", 10, 6), part("b", 10, 6)], 1, Budget(0))
+
+
+# ------------------------------------------------------------------------------------------------ no false alarm
+
+
+def test_jobs_of_a_task_may_go_to_different_units():
+    """No two of the three share a unit in 10 ms, yet two units hold them: the jobs move round (hyperperiod 20 ms)."""
+    units = "u1 u2"
+    tasks = [task(n, "10ms", version("v", c, units)) for n, c in (("a", "7ms"), ("b", "7ms"), ("c", "6ms"))]
+    system = model(*tasks, task("slow", "20ms", version("v", "1ms", "u3")), units="u1 u2 u3")
+    assert not find_witnesses(system)
+
+
+def test_a_version_without_the_constraint_is_a_way_out():
+    free, bound = version("free", "1ms", "u1"), version("bound", "1ms", "u1", after("slow", 0, 4))
+    system = model(task("slow", 10, version("v", "1ms", "u2")), task("fast", 5, bound, free), units="u1 u2")
+    assert not find_witnesses(system)
+
+
+def test_modes_are_judged_one_by_one():
+    from halpipe.models import Mode, Run
+
+    a, b = task("a", 6, version("v", "2ms")), task("b", 15, version("v", "2ms"))
+    runs = {"both": ("a", "b"), "one": ("a",)}
+    modes = [Mode(name=n, runs=tuple(Run(task=t, versions=("v",)) for t in tasks)) for n, tasks in runs.items()]
+    system = model(a, b, modes=modes)
+    assert [hopeless.mode for hopeless in find_witnesses(system)] == ["both"]
+    assert not find_witnesses(system, ["one"])
+    assert set(find_witnesses(system)[0].tasks) == {"a", "b"}
