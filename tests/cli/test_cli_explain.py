@@ -56,7 +56,7 @@ def test_the_page_of_a_code(halpipe, code):
 
 
 def test_unknown_codes_and_modes_are_usage_errors(halpipe):
-    assert halpipe("explain", "HAL9999").returncode == 2
+    assert halpipe("explain", f"HAL{9999}").returncode == 2
     refused = halpipe("explain", "model.xml", "--mode", "al")
     assert refused.returncode == 2
     assert "did you mean" in refused.stderr

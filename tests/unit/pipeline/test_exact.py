@@ -1,4 +1,4 @@
-"""The exact engine rule by rule: what just fits is scheduled, a tick less is not. Verify checks every schedule inside."""
+"""The exact engine rule by rule: what just fits is scheduled, a tick less is not. Verify sees every schedule."""
 
 from fractions import Fraction
 

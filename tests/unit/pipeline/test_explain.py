@@ -212,6 +212,25 @@ def test_several_kinds_of_units_together():
     assert texts[0].startswith('1 more unit of type "core" and 1 more unit of type "gpu"')
 
 
+def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):
+    pytest.importorskip("ortools")
+    from halpipe.pipeline import exact
+
+    monkeypatch.setattr(exact, "MAX_PARTS", 3)
+    assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN
+
+
+def test_a_change_that_the_search_refuses_is_no_remedy():
+    """A period of 2^50 ns over a WCET of a billionth fills 64 bits."""
+    tiny = Fraction(1, 10**9)
+    system = model(
+        task("a", Duration(2**50), version("v", Duration(7))), task("b", Duration(2**50), version("v", "1ms"))
+    )
+    trials = Trials("all", 2, lambda: True)
+    assert trials.schedule(system) is not None
+    assert trials.schedule(changes.with_wcet(system, ["a"], tiny)) is None
+
+
 def test_where_nothing_helps_it_says_so():
     system = packing()
     (found,) = find_remedies(system, (), Trials("all", 5, lambda: False))

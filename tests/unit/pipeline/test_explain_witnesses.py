@@ -145,6 +145,7 @@ def test_jobs_of_a_task_may_go_to_different_units():
     tasks = [task(n, "10ms", version("v", c, units)) for n, c in (("a", "7ms"), ("b", "7ms"), ("c", "6ms"))]
     system = model(*tasks, task("slow", "20ms", version("v", "1ms", "u3")), units="u1 u2 u3")
     assert not find_witnesses(system)
+    assert explain(system, remedies=False).verdicts == (("all", Verdict.SCHEDULABLE),)
 
 
 def test_a_version_without_the_constraint_is_a_way_out():

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline.exact import Answer, is_installed, is_small, solve_expansion
 from halpipe.pipeline.expand import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.explain import codes
@@ -54,7 +55,10 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
 
     def answer(kept: Kept, seed: int = 1) -> Answer:
         part = Expansion(mode, expansion.hyperperiod, kept.tasks)
-        return solve_expansion(model, part, chains=kept.chains, seconds=EFFORT, seed=seed).status
+        try:
+            return solve_expansion(model, part, chains=kept.chains, seconds=EFFORT, seed=seed).status
+        except HalpipeError:  # too many variables
+            return Answer.UNKNOWN
 
     first = answer(whole)
     if first is not Answer.INFEASIBLE:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
@@ -69,7 +70,10 @@ class Trials:
             return None
         budget = max(20, min(2000, WORK // max(1, self.jobs)))
         options = SearchOptions(budget=budget, modes=(self.mode,))
-        tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
+        try:
+            tables = schedule_model(model, options, lambda *_: self.go_on()).schedule
+        except HalpipeError:  # such as numbers that have become too large for the search
+            return None
         table = tables.modes[0] if tables.modes else None
         return table if table is not None and _is_valid(model, tables) else None
 
