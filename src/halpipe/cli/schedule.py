@@ -54,6 +54,7 @@ def schedule(
     freeze: Annotated[
         str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
     ] = "",
+    resume: Annotated[bool, typer.Option(help="Go on with a search that was stopped; the result is the same.")] = False,
     target: Annotated[str, typer.Option(help="With --quality cost: stop once the cost F is at most this.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
@@ -75,7 +76,7 @@ def schedule(
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
-    return find_schedule(system, options, output_file, time_limit)
+    return find_schedule(system, options, output_file, time_limit, resume=resume)
 
 
 def _parse_tick(text: str) -> Duration | None:

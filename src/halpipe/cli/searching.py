@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from halpipe import __version__
 from halpipe.cli import output
 from halpipe.diagnostics import Exit
 from halpipe.files import STDIO, write_output
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from halpipe.models import TaskModel
+    from halpipe.pipeline.checkpoint import Checkpoint
     from halpipe.pipeline.schedule import Scheduled, SearchOptions
 
 SLOW_START = 1.5
@@ -94,20 +98,42 @@ def _handling(watch: Watch) -> Iterator[None]:
         signal.signal(signal.SIGTERM, before[1])
 
 
-def find_schedule(model: TaskModel, options: SearchOptions, target: str, time_limit: float = 0) -> int:
+def find_schedule(
+    model: TaskModel, options: SearchOptions, target: str, time_limit: float = 0, *, resume: bool = False
+) -> int:
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
     from halpipe.pipeline.stages import schedule_model
 
     began = time.monotonic()
+    checkpoint = _checkpoint(model, options, target)
+    if checkpoint is not None:
+        if resume:
+            checkpoint.load()
+        options = replace(options, keeper=checkpoint)
     with Watch(time_limit) as watch, _handling(watch):
         scheduled = schedule_model(model, options, watch.on_progress)
     output.report(scheduled.diagnostics)
     if scheduled.is_complete:
         write_output(target, format_schedule(scheduled.schedule))
+        if checkpoint is not None:
+            checkpoint.remove()
         _summarise(scheduled, target, time.monotonic() - began)
         return Exit.FINDINGS if any(d.is_error for d in scheduled.diagnostics) else Exit.OK
+    if checkpoint is not None:
+        checkpoint.write()
     return _save_best(model, scheduled, target, interrupted=watch.interrupted)
+
+
+def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkpoint | None:
+    """Return where the search is kept on its way: beside its target, as NAME.resume."""
+    from halpipe.pipeline.checkpoint import Checkpoint, fingerprint
+
+    if target == STDIO or (os.path.exists(target) and not os.path.isfile(target)):
+        return None
+    path = Path(target)
+    identity = fingerprint(model, options, __version__)
+    return Checkpoint(str(path.with_name(f"{path.stem}.resume")), identity, time.monotonic)
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
@@ -135,4 +161,5 @@ def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupt
         best = str(path.with_name(f"{path.stem}.best{path.suffix or '.xml'}"))
         write_output(best, format_schedule(scheduled.schedule))
         output.inform(f"{best}: best placement so far, not valid; {target} was not touched")
+        output.inform("--resume goes on from here; with a larger --budget if that was spent")
     return Exit.INTERRUPTED if interrupted else Exit.NOT_FOUND

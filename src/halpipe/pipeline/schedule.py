@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Job, Mode, ModeSchedule, TaskModel
     from halpipe.pipeline.anneal.quality import Polish
+    from halpipe.pipeline.anneal.slices import Keeper
     from halpipe.pipeline.anneal.warmstart import Earlier
 
 DEFAULT_BUDGET = 20_000
@@ -60,9 +61,12 @@ EXACT = "exact"
 class SearchOptions:
     """What the user may choose: the outcome depends on the model and on these alone.
 
-    `budget` counts moves per task; `tick` replaces the natural tick. `attempt` gives other placements for the
-    same seed, between which switches may exist that the first ones do not allow. `engine` is ``anneal``, or ``exact``
-    for small systems, which knows neither budget nor tick. The jobs of a `shipped` schedule stay where they are.
+    - `budget` counts moves per task; `tick` replaces the natural tick; `modes` are those to schedule (none: all).
+    - `attempt` gives other placements for the same seed, between which switches may exist that the first do not allow.
+    - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
+    - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
+    - The jobs of a `shipped` schedule stay where they are.
+    - `keeper` saves the search on its way, or goes on with one that was saved.
     """
 
     seed: int = 1
@@ -74,6 +78,7 @@ class SearchOptions:
     target: Fraction | None = None
     engine: str = "anneal"
     shipped: Schedule | None = None
+    keeper: Keeper | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +138,7 @@ def _schedule_mode(
     if options.engine == EXACT:
         return _solve_mode(model, expansion, options, number)
     from halpipe.pipeline.anneal.search import search
+    from halpipe.pipeline.anneal.slices import Kept
 
     name = expansion.mode.name
     every_chain = options.quality is Quality.COST
@@ -149,6 +155,7 @@ def _schedule_mode(
         earlier,
         _polish(model, expansion, options, number),
         shipped,
+        None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
     )
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND

@@ -13,7 +13,7 @@ from halpipe.pipeline.anneal.kernel import load
 from halpipe.pipeline.anneal.naming import named_jobs
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.quality import Polish, improve
-from halpipe.pipeline.anneal.slices import OnSlice, run
+from halpipe.pipeline.anneal.slices import Kept, OnSlice, run
 from halpipe.pipeline.anneal.state import BEST, MOVES, State, new_state
 from halpipe.pipeline.anneal.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.problem import Option
@@ -47,12 +47,13 @@ def search(
     earlier: Earlier = NOTHING,
     polish: Polish | None = None,
     shipped: Mapping[tuple[str, int], Job] | None = None,
+    kept: Kept | None = None,
 ) -> Outcome:
     """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
     units fits, but the jobs cannot be dealt out to its units as they lie. `polish` goes on improving a valid one.
-    `shipped` jobs stay where they are.
+    `shipped` jobs stay where they are. What is `kept` is gone on from.
     """
     if shipped:
         problem = separate()
@@ -62,14 +63,15 @@ def search(
     changed: tuple[str, ...] = ()
     if shipped:
         problem, changed = freeze(problem, state, shipped)
-    stopped = run(problem, state, budget, on_slice)
+    stopped = run(problem, state, budget, on_slice, kept and kept.stage("groups"))
     moves = int(state.register[MOVES])
     if state.register[BEST] == NEVER:
         state = _completed(problem, state, seed)
     units = deal(problem, state.best_start, state.best_option)
     if units is None and state.register[BEST] == 0:
         problem, state = _continue(problem, state, separate(), seed)
-        stopped = stopped or run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best))
+        rest = kept and kept.stage("units")
+        stopped = stopped or run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best), rest)
         moves += int(state.register[MOVES])
         units = deal(problem, state.best_start, state.best_option)
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 from halpipe.pipeline.anneal.kernel import anneal, total_cost
 from halpipe.pipeline.anneal.noise import gumbel_table
@@ -19,8 +20,41 @@ OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
 
 
-def run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool:
+class Keeper(Protocol):
+    """Saves states, and restores those of a run that is continued."""
+
+    def restore(self, key: str, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        ...
+
+    def keep(self, key: str, state: State, *, now: bool) -> None:
+        """Save a state: at once, or when it is time."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A keeper and the name under which one search is kept."""
+
+    keeper: Keeper
+    key: str
+
+    def stage(self, name: str) -> Kept:
+        """Return the same for one stage of the search."""
+        return Kept(self.keeper, f"{self.key}/{name}")
+
+
+def run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
     """Run the kernel until the cost is zero, out of moves, or told to stop (then True)."""
+    if kept is not None:
+        kept.keeper.restore(kept.key, state)
+    stopped = _run(problem, state, budget, on_slice, kept)
+    if kept is not None:
+        kept.keeper.keep(kept.key, state, now=True)
+    return stopped
+
+
+def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None) -> bool:
     noise = gumbel_table()
     entries = len(problem.arrays.entry_offset)
     size = max(1, SLICE_WORK * entries // (20 * max(1, len(problem.arrays.job_task))))
@@ -35,4 +69,6 @@ def run(problem: Problem, state: State, budget: int, on_slice: OnSlice) -> bool:
             return False
         if not on_slice(int(register[MOVES]), int(register[BEST]) if constructed else -1):
             return True
+        if kept is not None:
+            kept.keeper.keep(kept.key, state, now=False)
     return False

@@ -1,0 +1,110 @@
+"""Searches that can be continued: the kernel's state in a file, so that a resumed run gives the same bytes.
+
+The file holds one state per search (attempt, mode, stage) and the fingerprint of what was asked. Modes that were
+finished are restored as finished. The budget is not part of the fingerprint: raising it is a reason to resume.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import zipfile
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from halpipe.diagnostics import HalpipeError, Location, error
+from halpipe.files import read_bytes, write_outputs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.anneal.state import State
+    from halpipe.pipeline.schedule import SearchOptions
+
+NO_CHECKPOINT = error(
+    "HAL0413",
+    "Search cannot be resumed",
+    "The checkpoint is missing or damaged, or belongs to another model, seed, mode selection or version of halpipe. "
+    "Search again without --resume.",
+)
+
+SAVED = (
+    "start", "option", "phase", "edge", "level", "edges", "owner", "owners", "owner_at", "hot", "hot_at", "hint",
+    "best_start", "best_option", "register", "random",
+)  # fmt: skip
+"""The arrays of a state; the others are scratch."""
+
+SECONDS = 5
+"""A search that runs on is saved this often."""
+
+
+def fingerprint(model: TaskModel, options: SearchOptions, version: str) -> str:
+    """Return what a checkpoint belongs to: everything that decides the outcome, but for the budget."""
+    shipped = options.shipped.model_sha256 if options.shipped is not None else ""
+    parts = (version, model.digest, options.seed, options.tick, options.modes, options.quality, options.target, shipped)
+    return hashlib.sha256(repr([str(part) for part in parts]).encode()).hexdigest()
+
+
+class Checkpoint:
+    """Keeps the states of one run in `path`; `now` is a clock in seconds."""
+
+    def __init__(self, path: str, identity: str, now: Callable[[], float]) -> None:
+        self._path = path
+        self._identity = identity
+        self._now = now
+        self._last = now()
+        self._written = False
+        self._arrays: dict[str, NDArray[np.int64] | NDArray[np.uint64]] = {}
+
+    def load(self) -> None:
+        """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
+        try:
+            with np.load(io.BytesIO(read_bytes(self._path)), allow_pickle=False) as stored:
+                found = {name: stored[name] for name in stored.files}
+        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile):
+            raise self._refusal("is damaged") from None
+        if str(found.pop("identity", "")) != self._identity:
+            raise self._refusal("belongs to another model or other options")
+        self._arrays, self._written = found, True
+
+    def restore(self, key: str, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        for name in SAVED:
+            array = getattr(state, name)
+            saved = self._arrays.get(f"{key}/{name}")
+            if saved is None:
+                return
+            if saved.shape != array.shape or saved.dtype != array.dtype:
+                raise self._refusal("does not fit the model")
+            array[...] = saved
+
+    def keep(self, key: str, state: State, *, now: bool) -> None:
+        """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
+        is_time = self._now() - self._last >= SECONDS
+        if not is_time and not (now and self._written):
+            return
+        for name in SAVED:
+            self._arrays[f"{key}/{name}"] = getattr(state, name).copy()
+        if is_time:
+            self.write()
+
+    def write(self) -> None:
+        """Write all states that are known."""
+        stream = io.BytesIO()
+        named: dict[str, Any] = {**self._arrays, "identity": np.array(self._identity)}
+        np.savez(stream, **named)
+        write_outputs({self._path: stream.getvalue()})
+        self._last, self._written = self._now(), True
+
+    def remove(self) -> None:
+        """Remove the file: the search is over."""
+        if os.path.exists(self._path):
+            os.unlink(self._path)
+
+    def _refusal(self, what: str) -> HalpipeError:
+        return HalpipeError(NO_CHECKPOINT(what, at=Location(self._path), help="search again without --resume"))
