@@ -416,3 +416,9 @@ def _sync_directory(directory: str) -> None:
 
 def _reason(failure: Exception) -> str:
     return (failure.strerror if isinstance(failure, OSError) else None) or str(failure)
+
+
+def remove_output(path: str) -> None:
+    """Remove a file that is no longer of use, if it is there and the system lets us."""
+    with contextlib.suppress(OSError):
+        os.unlink(path)

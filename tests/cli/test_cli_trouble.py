@@ -84,7 +84,9 @@ def test_ctrl_c_saves_the_best_so_far(folder, signum):
     _, said = search.communicate(timeout=60)
     assert search.returncode == 130
     assert "Traceback" not in said
+    assert "HAL0402" in said
     assert (folder / "s.best.xml").exists()
+    assert (folder / "s.resume").exists()
     assert not (folder / "s.xml").exists()
 
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import zipfile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from halpipe.diagnostics import HalpipeError, Location, error
-from halpipe.files import read_bytes, write_outputs
+from halpipe.files import read_bytes, remove_output, write_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -103,8 +102,7 @@ class Checkpoint:
 
     def remove(self) -> None:
         """Remove the file: the search is over."""
-        if os.path.exists(self._path):
-            os.unlink(self._path)
+        remove_output(self._path)
 
     def _refusal(self, what: str) -> HalpipeError:
         return HalpipeError(NO_CHECKPOINT(what, at=Location(self._path), help="search again without --resume"))
