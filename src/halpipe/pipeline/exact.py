@@ -43,10 +43,14 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExactResult:
-    """The answer for one mode, with the jobs of a valid schedule where there is one."""
+    """The answer for one mode, with the jobs of a valid schedule where there is one.
+
+    `stopped` tells that the answer is unknown because of Ctrl-C, to which CP-SAT listens itself.
+    """
 
     status: Answer
     jobs: tuple[Job, ...] = ()
+    stopped: bool = False
 
 
 def solve_exact(
@@ -92,7 +96,9 @@ def solve_expansion(
     status = solver.solve(program.cp)
     if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return ExactResult(Answer.FEASIBLE, tuple(program.jobs(solver)))
-    return ExactResult(Answer.INFEASIBLE if status == cp_model.INFEASIBLE else Answer.UNKNOWN)
+    if status == cp_model.INFEASIBLE:
+        return ExactResult(Answer.INFEASIBLE)
+    return ExactResult(Answer.UNKNOWN, stopped=solver.response_proto.deterministic_time < seconds / 2)
 
 
 def is_small(expansion: Expansion) -> bool:

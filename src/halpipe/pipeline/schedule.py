@@ -15,6 +15,7 @@ from halpipe.pipeline.codes import (
     CANNOT_STAY,
     EXACT_INFEASIBLE,
     EXACT_TICK,
+    INTERRUPTED,
     NO_OPTION,
     NOT_FOUND,
     OPTIONS_CUT,
@@ -136,6 +137,7 @@ def _schedule_mode(
     earlier: Earlier,
 ) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
     if options.engine == EXACT:
+        on_progress(expansion.mode.name, 0, 1, -1)
         return _solve_mode(model, expansion, options, number)
     from halpipe.pipeline.anneal.search import search
     from halpipe.pipeline.anneal.slices import Kept
@@ -201,6 +203,9 @@ def _solve_mode(
     if result.status is Answer.INFEASIBLE:
         text, help = "the exact engine finds that it has no schedule", "ask `halpipe explain` for the conflict"
         raise HalpipeError(EXACT_INFEASIBLE(text, at=mode.at, path=path, help=help), exit=Exit.NOT_FOUND)
+    if result.stopped:
+        text = "the exact engine was interrupted; it has no placement to save"
+        raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help="run it again"), exit=Exit.INTERRUPTED)
     text = "the exact engine found no schedule within its effort, and no proof that there is none"
     raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 

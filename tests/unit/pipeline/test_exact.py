@@ -6,7 +6,7 @@ import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline import codes, exact
-from halpipe.pipeline.exact import Answer, is_small, solve_exact
+from halpipe.pipeline.exact import Answer, ExactResult, is_small, solve_exact
 from halpipe.pipeline.expand import expand
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
@@ -152,6 +152,15 @@ def test_engine_of_the_search(monkeypatch):
         schedule_model(hard(), options, lambda *_: True)
     assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_INFEASIBLE.id]
     assert int(failure.value.exit) == 3, "the solver's word alone is not called a proof"
+
+
+@pytest.mark.parametrize(("stopped", "code", "exit"), [(True, codes.INTERRUPTED, 130), (False, codes.NOT_FOUND, 3)])
+def test_an_unknown_answer_is_not_called_infeasible(monkeypatch, stopped, code, exit):
+    monkeypatch.setattr(exact, "solve_exact", lambda *_, **__: ExactResult(Answer.UNKNOWN, stopped=stopped))
+    with pytest.raises(HalpipeError) as failure:
+        schedule_model(hard(), SearchOptions(engine="exact"), lambda *_: True)
+    assert [d.code for d in failure.value.diagnostics] == [code.id]
+    assert int(failure.value.exit) == exit
 
 
 def test_a_tick_is_refused():

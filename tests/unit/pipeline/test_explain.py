@@ -74,6 +74,12 @@ def test_an_invalid_model_is_explained_by_what_validate_finds():
     assert int(explanation.exit) == 1
 
 
+def test_a_model_without_modes_is_invalid():
+    explanation = explain(replace(packing(), modes=()))
+    assert explanation.diagnostics
+    assert int(explanation.exit) == 1
+
+
 @pytest.mark.parametrize(
     "system",
     [

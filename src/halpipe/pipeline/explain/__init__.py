@@ -67,7 +67,7 @@ class Explanation:
         for verdict in (Verdict.INVALID, Verdict.INFEASIBLE, Verdict.NOT_FOUND):
             if verdict in found:
                 return EXITS[verdict]
-        return Exit.OK
+        return Exit.OK if found else Exit.FINDINGS  # a model without modes is invalid
 
 
 def explain(

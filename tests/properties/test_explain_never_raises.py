@@ -1,0 +1,43 @@
+"""explain answers on any model, and says the same twice."""
+
+import verify_systems as systems
+from explain_systems import random_system
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_validate_soundness import MODELS
+
+from halpipe.diagnostics import render_text
+from halpipe.pipeline.explain import Verdict, explain
+
+RANDOMS = st.randoms(use_true_random=False)
+
+
+def answer(system, plan=None):
+    explanation = explain(system, schedule=plan, budget=20, remedies=False)
+    for diagnostic in explanation.diagnostics:
+        assert render_text(diagnostic)
+        assert diagnostic.path
+        assert diagnostic.help
+    return explanation
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(MODELS)
+def test_wild_models(system):
+    assert answer(system) == answer(system)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(RANDOMS)
+def test_wild_schedules(rng):
+    system, plan = systems.wild_system(rng)
+    assert answer(system, plan) == answer(system, plan)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(RANDOMS)
+def test_hard_systems(rng):
+    system = random_system(rng)
+    first = answer(system)
+    assert first == answer(system)
+    assert {verdict for _, verdict in first.verdicts} <= set(Verdict)
