@@ -33,7 +33,10 @@ if TYPE_CHECKING:
 __all__ = ["Explanation", "Verdict", "explain", "find_witnesses"]
 
 BUDGET = 5_000
-"""Moves per task of the search that is explained where no schedule is given."""
+"""Moves per task of the search that is explained where no schedule is given, in modes of up to 400 jobs."""
+
+WORK = 2_000_000
+"""Jobs placed in that search for each task, roughly, in larger modes: what would help needs its time too."""
 
 
 class Verdict(StrEnum):
@@ -77,14 +80,15 @@ def explain(
     *,
     use_exact: bool = True,
     remedies: bool = True,
-    budget: int = BUDGET,
+    budget: int | None = None,
     seed: int = 1,
     go_on: Callable[[], bool] = lambda: True,
 ) -> Explanation:
     """Explain why `mode` (or every mode) of a model has no schedule, or what stood in the way of finding one.
 
-    `schedule` is the best placement of an earlier search; without it one is made, with `budget` moves per task. The
-    exact engine takes part where it is installed and the mode small. `go_on` is asked now and then and may end it all.
+    `schedule` is the best placement of an earlier search; without it one is made, with `budget` moves per task (by
+    default as many as the size of the mode allows). The exact engine takes part where it is installed and the mode
+    small. `go_on` is asked now and then and may end it all.
     """
     findings = validate(model)
     errors = [d for d in findings if d.is_error]
@@ -111,7 +115,7 @@ class _Question:
     schedule: Schedule | None
     use_exact: bool
     remedies: bool
-    budget: int
+    budget: int | None
     seed: int
     go_on: Callable[[], bool]
 
@@ -150,7 +154,9 @@ class _Question:
         tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
         if self.schedule is not None and tables:
             return replace(self.schedule, modes=tuple(tables), transitions=())
-        options = SearchOptions(seed=self.seed, budget=self.budget, modes=(self.mode.name,))
+        jobs = max(1, expand(self.model, self.mode).job_count)
+        budget = self.budget or max(20, min(BUDGET, WORK // jobs))
+        options = SearchOptions(seed=self.seed, budget=budget, modes=(self.mode.name,))
         return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
 
     def _broken(self, best: Schedule) -> list[Diagnostic]:
@@ -169,7 +175,9 @@ class _Question:
         rules = Counter(d.code for d in broken)
         listed = ", ".join(f"{code} {count} time{'s' if count > 1 else ''}" for code, count in sorted(rules.items()))
         text = f"no valid schedule found{reached}; that is no proof that there is none. Still broken: {listed}"
-        help = "see below what would help; or raise --budget, or try another --seed"
+        help = (
+            "see below what would help; or search longer: `halpipe schedule` with a larger --budget or another --seed"
+        )
         found = [NOT_FOUND(text, at=at, path=path, help=help)]
         shown: Counter[str] = Counter()
         for violation in broken:
