@@ -3,10 +3,22 @@
 from __future__ import annotations
 
 from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.placement import slide
 from halpipe.pipeline.anneal.state import draw
 
 GAP_STEPS = 24
 """Steps of a profile that the search for a gap looks at."""
+
+
+@compiled
+def nudged(p, s, task, start, most):
+    """Return `start` or, half of the time, the next one up to `most` later at which a job of the task fits."""
+    if most > 0 and draw(s.random, 2) == 0:
+        options = p.task_option[task + 1] - p.task_option[task]
+        shift = slide(p, s, p.task_option[task] + draw(s.random, options), start, most)
+        if shift > 0:
+            return (start + shift) % p.hyperperiod
+    return start
 
 
 @compiled
@@ -21,14 +33,15 @@ def aim_at_window(p, s, task):
     job = p.task_job[other] + draw(s.random, jobs)
     if s.start[job] < 0:
         return -1
-    lag = p.partner[index, 1] + draw(s.random, p.partner[index, 2] + 1)
+    room = draw(s.random, p.partner[index, 2] + 1)
+    lag = p.partner[index, 1] + room
     if p.partner[index, 3] == 1:
         if p.partner[index, 4] == 1:
             lag += p.option_wcet[s.option[job]]
-        return (s.start[job] + lag) % p.hyperperiod
+        return nudged(p, s, task, (s.start[job] + lag) % p.hyperperiod, p.partner[index, 2] - room)
     if p.partner[index, 4] == 1:
         lag += p.option_wcet[p.task_option[task]]
-    return (s.start[job] - lag) % p.hyperperiod
+    return nudged(p, s, task, (s.start[job] - lag) % p.hyperperiod, room)
 
 
 @compiled
