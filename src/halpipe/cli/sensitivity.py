@@ -35,7 +35,7 @@ def sensitivity(
     """Show for each version how much its WCET can grow before the schedule breaks, and what would break.
 
     All jobs keep their starts, and access phases stay where they are. With --search, also before no schedule is found
-    at all, in steps of a share of the WCET.
+    for some mode, in steps of a share of the WCET; the switches between modes are then left aside.
     """
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.stages import validate_model, verify_schedule

@@ -26,7 +26,10 @@ def size(
         str, typer.Option(metavar="RESOURCE", help="Ask for the lowest share of the bandwidth of this resource.")
     ] = "",
     wcet_factor: Annotated[bool, typer.Option("--wcet-factor", help="Ask by how much all WCETs can grow.")] = False,
-    mode: Annotated[str, typer.Option(help="This mode only; otherwise all, with the switches between them.")] = "",
+    mode: Annotated[str, typer.Option(help="This mode only; otherwise the size is enough for each.")] = "",
+    switches: Annotated[
+        bool, typer.Option("--switches", help="Require the tables for the switches that the model lists, too.")
+    ] = False,
     step: Step = "1/100",
     seed: Seed = 1,
     budget: Budget = BUDGET,
@@ -53,7 +56,7 @@ def size(
     question = _question(system, units, bandwidth, mode, grid)
     output.report(question.warnings)
     with Watch(0) as watch:
-        answer = ask(question, Search(_options(seed, budget, tick), watch.on_progress))
+        answer = ask(question, Search(_options(seed, budget, tick), watch.on_progress, switches))
     wrong = complaint(answer)
     if wrong is not None:
         output.report([wrong, *answer.witness])

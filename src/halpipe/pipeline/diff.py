@@ -213,7 +213,8 @@ def _members(element: str, what: str, before: tuple[Any, ...], after: tuple[Any,
             yield from _elements(name, ones[key], twos[key])
     common = [key for key in ones if key in twos]
     if common != [key for key in twos if key in ones]:
-        yield Change(element, f"order of {what}", " ".join(common), " ".join(k for k in twos if k in ones))
+        orders = (" ".join(f'"{key}"' for key in keys) for keys in (common, (k for k in twos if k in ones)))
+        yield Change(element, f"order of {what}", *orders)
 
 
 def _by_key(members: Sequence[Any]) -> dict[str, Any]:
@@ -225,7 +226,7 @@ def _key(member: Any) -> str:
     if not is_dataclass(member) or isinstance(member, Access | Precedence):
         return ""
     if hasattr(member, "target"):
-        return f"{getattr(member, 'source', '')} to {member.target}"
+        return f'{getattr(member, "source", "")}" to "{member.target}'
     for name in ("name", "task", "unit", "resource"):
         if hasattr(member, name):
             return str(getattr(member, name))

@@ -6,7 +6,7 @@ what one was found for: the answer is what was found, together with what was tri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, HalpipeError
@@ -43,20 +43,26 @@ WINDOWS = frozenset((explain_codes.WINDOW_TOO_NARROW.id, explain_codes.WINDOWS_C
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """How schedules are looked for."""
+    """How schedules are looked for; with `switches`, tables between the modes must be found as well."""
 
     options: SearchOptions
     on_progress: OnProgress
+    switches: bool = False
 
     def finds(self, changed: Changed) -> bool:
-        """Return whether a schedule of all modes, with the switches that the model lists, is found and verified.
+        """Return whether a schedule is found and verified for every mode.
 
         Raise `KeyboardInterrupt` if `on_progress` ends the search: half an answer is none.
         """
         if changed.lost:
             return False
+        names = tuple(mode.name for mode in changed.model.modes)
+        groups = (names,) if self.switches else tuple((name,) for name in names)
+        return all(self._finds(changed.model, group) for group in groups)
+
+    def _finds(self, model: TaskModel, modes: tuple[str, ...]) -> bool:
         try:
-            scheduled = schedule_model(changed.model, self.options, self.on_progress)
+            scheduled = schedule_model(model, replace(self.options, modes=modes), self.on_progress)
         except HalpipeError as failure:
             errors = {d.code for d in failure.diagnostics if d.is_error}
             if failure.exit is Exit.INFEASIBLE or (errors and errors <= LOADS):

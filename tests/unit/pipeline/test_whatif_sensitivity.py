@@ -1,0 +1,134 @@
+"""What stops a WCET from growing, rule by rule; the exactness itself is a property (test_growth_verify)."""
+
+from fractions import Fraction
+
+from halpipe.durations import Duration
+from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
+from halpipe.pipeline.whatif.trial import Search
+from support import after, chain, job, model, ms, schedule, task, version
+
+
+def rows(system, plan, *tasks):
+    return {(row.task, row.version): row for row in sensitivities(system, plan, frozenset(tasks))}
+
+
+def growth(system, plan, name="a", own="v"):
+    row = rows(system, plan)[name, own]
+    return row.growth, row.reason
+
+
+def test_the_next_job_on_the_unit_round_the_hyperperiod():
+    system = model(task("a", 10, version("v", 3), deadline=30), task("b", 10, version("v", 2)))
+    plan = schedule(system, 10, job(system, "a", 0, 8, "u1"), job(system, "b", 0, 4, "u1"))
+    assert growth(system, plan) == (ms(3), 'unit "u1": "b" job 0 starts at 4ms')
+    assert growth(system, plan, "b")[0] == ms(2)
+
+
+def test_the_unit_of_a_gang_that_is_taken_first():
+    both = version("v", 3, "u1 u2", gang=2)
+    system = model(task("a", 10, both), task("b", 10, version("v", 2, "u2")), units="u1 u2")
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1 u2"), job(system, "b", 0, 5, "u2"))
+    assert growth(system, plan) == (ms(2), 'unit "u2": "b" job 0 starts at 5ms')
+
+
+def test_the_deadline_after_a_delay_at_the_phase_that_leaves_most():
+    late = task("a", 10, version("v", 2), slack="0.5", deadline=8)
+    whole = task("b", 20, version("v", 1, "u2"))
+    system = model(late, whole, units="u1 u2")
+    plan = schedule(
+        system, 20, job(system, "a", 0, 0, "u1"), job(system, "a", 1, 13, "u1"), job(system, "b", 0, 0, "u2")
+    )
+    assert growth(system, plan) == (ms(3), "deadline 8ms of job 1")
+
+
+def test_a_window_from_the_end():
+    system = model(
+        task("a", 10, version("v", 2)), task("b", 10, version("v", 1, "u2", after("a", 1, 4, "end"))), units="u1 u2"
+    )
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u2"))
+    assert growth(system, plan) == (ms(2), 'window of "b" job 0: [1ms, 4ms] from the end')
+
+
+def test_a_window_from_the_start_says_nothing():
+    system = model(
+        task("a", 10, version("v", 2)), task("b", 10, version("v", 1, "u2", after("a", 1, 6))), units="u1 u2"
+    )
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u2"))
+    assert growth(system, plan)[0] == ms(8)
+
+
+def test_a_window_as_wide_as_the_hyperperiod_says_nothing():
+    """When the end has passed the start of b, the end a hyperperiod before is just old enough."""
+    follower = task("b", 10, version("v", 1, "u2", after("a", 0, 10, "end")))
+    system = model(task("a", 10, version("v", 2)), follower, units="u1 u2")
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u2"))
+    assert growth(system, plan)[0] == ms(8)
+
+
+def test_a_window_that_a_job_of_another_version_keeps():
+    """b may follow either job of a, and the one that does not grow ends in its window."""
+    either = task("a", 10, version("v", 2), version("w", 2, "u2"))
+    follower = task("b", 20, version("v", 1, "u3", after("a", 1, 15, "end")))
+    system = model(either, follower, units="u1 u2 u3")
+    jobs = job(system, "a", 0, 0, "u1"), job(system, "a", 1, 10, "u2", "w"), job(system, "b", 0, 14, "u3")
+    assert growth(system, schedule(system, 20, *jobs)) == (ms(8), "deadline 10ms of job 0")
+    assert growth(system, schedule(system, 20, *jobs), own="w") == (ms(8), "deadline 10ms of job 1")
+
+
+def test_a_chain_limit():
+    system = model(
+        task("a", 10, version("v", 2)), task("b", 10, version("v", 1, "u2")), units="u1 u2",
+        chains=[chain("c", "a b", age=6)],
+    )  # fmt: skip
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u2"))
+    assert growth(system, plan) == (ms(3), 'chain "c": data age 6ms')
+
+
+def test_a_version_without_jobs_and_tasks_by_name():
+    system = model(task("a", 10, version("v", 2), version("w", 3)), task("b", 10, version("v", 1)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 5, "u1"))
+    found = rows(system, plan, "a")
+    assert list(found) == [("a", "v"), ("a", "w")]
+    assert found["a", "w"].growth is None
+
+
+# ------------------------------------------------------------------------------------------------ search
+
+
+def look(system, plan, name, own="v", step=Fraction(1, 10), budget=200):
+    row = rows(system, plan)[name, own]
+    return row, searched(system, row, Search(SearchOptions(budget=budget), lambda *_: True), step)
+
+
+def test_search_moves_what_stands_in_the_way():
+    """At its start a has 1 ms; with b moved it has all that b leaves: 9 ms of 10."""
+    system = model(task("a", 10, version("v", 2)), task("b", 10, version("v", 1)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 3, "u1"))
+    row, found = look(system, plan, "a")
+    assert row.growth == ms(1)
+    assert (found.found, found.bound) == (ms(9), ms(9))
+
+
+def test_search_starts_from_what_the_schedule_shows():
+    """Where nothing more is found than the schedule at hand allows, that is the answer, to the grid."""
+    system = model(task("a", 4, version("v", 1)), task("b", 12, version("v", 2)))
+    plan = schedule(system, 12, *(job(system, "a", n, 4 * n, "u1") for n in range(3)), job(system, "b", 0, 1, "u1"))
+    row, found = look(system, plan, "b")
+    assert row.growth == ms(1)
+    assert (found.found, found.bound) == (ms(3), ms(3))
+
+
+def test_no_limit_where_another_version_takes_over():
+    system = model(task("a", 10, version("v", 2), version("w", 3)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"))
+    _, found = look(system, plan, "a")
+    assert (found.found, found.bound, found.failed) == (None, None, ())
+
+
+def test_a_grid_that_does_not_meet_the_growth():
+    system = model(task("a", 10, version("v", 3)))
+    plan = schedule(system, 10, job(system, "a", 0, 0, "u1"))
+    row, found = look(system, plan, "a", step=Fraction(1, 2))
+    assert row.growth == ms(7)
+    assert found.found == found.bound == Duration(9_000_000)

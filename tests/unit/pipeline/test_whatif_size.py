@@ -1,0 +1,238 @@
+"""The smallest platform: what is found is enough and verified, what is proven holds, and nothing else is claimed."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.models import Unit
+from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.stages import schedule_model
+from halpipe.pipeline.whatif import codes
+from halpipe.pipeline.whatif.changed import with_bandwidth, with_factor, with_units
+from halpipe.pipeline.whatif.size import ask, complaint, fewest_units, largest_factor, lowest_bandwidth, of_modes
+from halpipe.pipeline.whatif.trial import Bracket, Search, bracket, first_that, proofs
+from support import access, after, chain, mode, model, ms, task, version
+
+
+def typed(system, **types):
+    """Give the units types: ``core="a b"``."""
+    type_of = {name: type for type, names in types.items() for name in names.split()}
+    units = tuple(Unit(name=unit.name, type=type_of.get(unit.name, "")) for unit in system.units)
+    return replace(system, units=units)
+
+
+def search(**options):
+    return Search(SearchOptions(**{"budget": 200} | options), lambda *_: True)
+
+
+def cores(count):
+    return " ".join(f"c{n}" for n in range(1, count + 1))
+
+
+def parallel(number, units):
+    """Tasks that each need more than half of a unit, so that every one needs its own."""
+    tasks = [task(f"t{n}", 10, version("v", 6, cores(units))) for n in range(number)]
+    return typed(model(*tasks, units=cores(units)), core=cores(units))
+
+
+# ------------------------------------------------------------------------------------------------ units
+
+
+@pytest.mark.parametrize("present", [1, 2, 3, 6])
+def test_fewest_units_whatever_the_model_has(present):
+    answer = ask(fewest_units(parallel(3, present), "core"), search())
+    assert (answer.found, answer.bound, answer.failed) == (3, 2, (2,))
+    assert answer.question.now == present
+    assert complaint(answer) is None
+    assert answer.witness
+
+
+def test_no_unit_of_a_type_is_needed_where_others_do():
+    tasks = [task("a", 10, version("v", 2, "c1 d1"))]
+    answer = ask(fewest_units(typed(model(*tasks, units="c1 d1"), core="c1", dsp="d1"), "core"), search())
+    assert (answer.found, answer.bound, answer.witness) == (0, 0, ())
+
+
+def test_a_gang_keeps_its_units():
+    tasks = [task("a", 10, version("v", 2, cores(3), gang=2))]
+    answer = ask(fewest_units(typed(model(*tasks, units=cores(3)), core=cores(3)), "core"), search())
+    assert (answer.found, answer.bound) == (2, 2)
+    assert [d.code for d in answer.witness] == [codes.LAST_VERSION.id]
+    assert "needs 2 units and has 1" in answer.witness[0].message
+
+
+def test_no_number_of_units_helps_a_task_beside_its_type():
+    tasks = [task("a", 10, version("v", 6, "d1")), task("b", 10, version("v", 6, "d1"))]
+    tasks += [task("c", 10, version("v", 1, "c1"))]
+    answer = ask(fewest_units(typed(model(*tasks, units="c1 d1"), core="c1", dsp="d1"), "core"), search())
+    assert (answer.found, answer.bound) == (None, None)
+    assert complaint(answer).code == codes.IMPOSSIBLE.id
+    assert [d.code for d in answer.witness] == ["HAL0280"]
+
+
+def test_units_that_are_not_alike_are_pointed_out_and_the_bound_holds_for_any_choice():
+    """Leaving out the last unit leaves task b none, but the model could do with c2 alone."""
+    tasks = [task("a", 10, version("v", 2, cores(2))), task("b", 10, version("v", 2, "c2"))]
+    question = fewest_units(typed(model(*tasks, units=cores(2)), core=cores(2)), "core")
+    assert [d.code for d in question.warnings] == [codes.UNLIKE_UNITS.id]
+    answer = ask(question, search())
+    assert (answer.found, answer.bound) == (2, 1)
+    assert answer.failed == (1,)
+
+
+def test_modes_one_by_one_and_alone():
+    """Mode busy needs two units, mode idle one; a task that does not run in the mode keeps its names known."""
+    a, b = task("a", 10, version("v", 6, cores(2))), task("b", 10, version("v", 6, cores(2)))
+    modes = [mode("idle", [a]), mode("busy", [a, b])]
+    system = typed(model(a, b, units=cores(2), modes=modes), core=cores(2))
+    assert ask(fewest_units(of_modes(system, ""), "core"), search()).found == 2
+    assert ask(fewest_units(of_modes(system, "idle"), "core"), search()).found == 1
+
+
+def test_switches_count_where_they_are_asked_for():
+    """One unit is enough for both modes, but the only switch must take no time, which offsets forbid."""
+    first = task("a", 10, version("v", 4, cores(2)), offset=8)
+    second = task("b", 10, version("v", 4, cores(2)), offset=0)
+    modes = [mode("one", [first]), mode("two", [second])]
+    system = model(first, second, units=cores(2), modes=modes, transitions=[("one", "two", 0)])
+    question = fewest_units(typed(system, core=cores(2)), "core")
+    assert ask(question, search()).found == 1
+    strict = Search(SearchOptions(budget=200), lambda *_: True, switches=True)
+    answer = ask(question, strict)
+    assert answer.found != 1
+    assert 1 in answer.failed
+
+
+# ------------------------------------------------------------------------------------------------ bandwidth, factor
+
+
+def test_lowest_bandwidth_of_phases_side_by_side():
+    """Strictly periodic phases of 6 ms in 10 ms overlap on two units; their bounds of 0.2 sum to 0.4."""
+    tasks = [task(name, 10, version("v", 6, "c1 c2", access("mem", 0, 6, "0.2"))) for name in "ab"]
+    answer = ask(lowest_bandwidth(model(*tasks, units="c1 c2", resources="mem"), "mem"), search())
+    assert (answer.found, answer.bound) == (Fraction(2, 5), Fraction(2, 5))
+
+
+def test_more_bandwidth_than_there_is():
+    tasks = [task(name, 10, version("v", 6, "c1 c2", access("mem", 0, 6, "0.75"))) for name in "ab"]
+    answer = ask(lowest_bandwidth(model(*tasks, units="c1 c2", resources="mem"), "mem", Fraction(1, 4)), search())
+    assert (answer.found, answer.bound) == (Fraction(3, 2), Fraction(3, 2))
+
+
+def test_a_version_that_claims_too_much_gives_way_to_another():
+    fast, slow = version("fast", 2, "c1", access("mem", 0, 2, 1)), version("slow", 5, "c1", access("mem", 0, 5, "0.1"))
+    system = model(task("a", 10, fast, slow), units="c1", resources="mem")
+    assert ask(lowest_bandwidth(system, "mem"), search()).found == Fraction(1, 10)
+    assert [run.versions for run in with_bandwidth(system, "mem", Fraction(1, 2)).model.modes[0].runs] == [("slow",)]
+
+
+@pytest.mark.parametrize(("step", "found"), [(Fraction(1, 100), "1.66"), (Fraction(1, 3), "5/3"), (Fraction(1), "1")])
+def test_largest_factor_is_exact_on_its_grid(step, found):
+    tasks = [task("a", 10, version("v", 6, "c1")), task("b", 10, version("v", 3, "c2"))]
+    answer = ask(largest_factor(model(*tasks, units="c1 c2"), step), search())
+    assert (answer.found, answer.bound) == (Fraction(found), Fraction(found))
+
+
+def test_a_factor_below_one_where_the_model_has_too_much_work():
+    tasks = [task(name, 10, version("v", 8, "c1")) for name in "ab"]
+    answer = ask(largest_factor(model(*tasks, units="c1")), search())
+    assert (answer.found, answer.bound) == (Fraction(62, 100), Fraction(62, 100))
+
+
+def test_a_chain_limit_bounds_the_factor():
+    tasks = [task("a", 100, version("v", 6, "c1")), task("b", 100, version("v", 4, "c1"))]
+    system = model(*tasks, units="c1", chains=[chain("c", "a b", age=20)])
+    answer = ask(largest_factor(system), search())
+    assert (answer.found, answer.bound) == (2, 2)
+    assert [d.code for d in answer.witness] == ["HAL0265"]
+
+
+def test_windows_from_the_end_prove_nothing_of_factors():
+    """A shorter WCET can break such a window, so that a witness of that kind says nothing of larger factors."""
+    tasks = [
+        task("a", 10, version("v", 2, "c1"), offset=0),
+        task("b", 10, version("v", 2, "c2", after("a", 2, 2, "end")), offset=6),
+    ]
+    system = model(*tasks, units="c1 c2")
+    answer = ask(largest_factor(system, Fraction(1)), search())
+    assert (answer.found, answer.bound, answer.failed) == (2, 5, (5, 4, 3))
+    assert proofs(with_factor(system, Fraction(1)))  # the witness exists all the same
+
+
+def test_the_scale_of_a_factor_takes_the_phases_along():
+    system = model(task("a", 10, version("v", 4, "c1", access("mem", 1, 2))), units="c1", resources="mem")
+    changed = with_factor(system, Fraction(3, 2)).model.tasks[0].versions[0]
+    assert (changed.wcet, changed.accesses[0].start, changed.accesses[0].end) == (ms(6), ms("1.5"), ms(3))
+
+
+# ------------------------------------------------------------------------------------------------ trouble
+
+
+def test_what_no_size_mends_is_refused_at_once():
+    with pytest.raises(HalpipeError) as failed:
+        of_modes(model(task("a", 10, version("v", 1, "nowhere"))), "")
+    assert {d.code for d in failed.value.diagnostics} == {"HAL0205"}
+
+
+def test_none_found_is_not_impossible():
+    """Three tasks that each need a unit of their own have two, which no witness shows; more cores do not help them."""
+    tasks = [task(f"t{n}", 10, version("v", 6, "d1 d2")) for n in range(3)]
+    system = model(*tasks, task("x", 10, version("v", 1, "c1")), units="d1 d2 c1")
+    answer = ask(fewest_units(typed(system, core="c1"), "core"), search())
+    assert (answer.found, answer.bound) == (None, 1)
+    assert answer.failed[0] == 1
+    assert complaint(answer).code == codes.NONE_FOUND.id
+
+
+def test_an_interrupted_search_gives_no_answer():
+    with pytest.raises(KeyboardInterrupt):
+        Search(SearchOptions(budget=10**6), lambda *_: False).finds(with_units(parallel(3, 2), "core", 2))
+
+
+@given(st.integers(0, 60), st.integers(0, 60), st.integers(0, 60))
+def test_first_that_finds_the_edge(first, length, edge):
+    last = first + length
+    asked = []
+
+    def holds(number):
+        asked.append(number)
+        return number >= edge
+
+    expected = None if edge > last else max(first, edge)
+    assert first_that(first, last, holds) == expected
+    assert len(asked) == len(set(asked))
+    assert len(asked) <= 2 * length.bit_length() + 2
+
+
+def test_first_that_keeps_its_promise_without_an_edge():
+    """Whatever holds: the answer does, and the one before was asked and did not."""
+    for pattern in range(256):
+        asked = {}
+
+        def holds(number, pattern=pattern, asked=asked):
+            asked[number] = bool(pattern >> number & 1)
+            return asked[number]
+
+        found = first_that(0, 7, holds)
+        if found is not None:
+            assert asked[found]
+            assert found == 0 or asked[found - 1] is False
+
+
+def test_a_known_number_is_not_searched():
+    tried = []
+    result = bracket(9, lambda n: ("proof",) if n < 3 else (), lambda n: tried.append(n) or n >= 6, known=6)
+    assert result == Bracket(3, ("proof",), 6, (3, 4, 5))
+    assert 6 not in tried
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_found_is_found_again_by_schedule(seed):
+    system = parallel(3, 6)
+    answer = ask(fewest_units(system, "core"), search(seed=seed))
+    smaller = with_units(system, "core", int(answer.found)).model
+    assert schedule_model(smaller, SearchOptions(seed=seed, budget=200), lambda *_: True).is_complete
