@@ -69,7 +69,7 @@ def schedule(
     from halpipe.pipeline.schedule import Quality, SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
-    grid = _parse_tick(tick)
+    grid = parse_tick(tick)
     system = read_model(model)
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
@@ -79,7 +79,8 @@ def schedule(
     return find_schedule(system, options, output_file, time_limit, resume=resume)
 
 
-def _parse_tick(text: str) -> Duration | None:
+def parse_tick(text: str) -> Duration | None:
+    """Read the option --tick; None where it is not given."""
     from halpipe.durations import Duration
 
     if not text:

@@ -85,10 +85,10 @@ def _question(system: TaskModel, units: str, bandwidth: str, mode: str, step: Fr
 
 
 def _options(seed: int, budget: int, tick: str) -> Any:
-    from halpipe.cli.schedule import _parse_tick
+    from halpipe.cli.schedule import parse_tick
     from halpipe.pipeline.schedule import SearchOptions
 
-    return SearchOptions(seed=seed, budget=budget, tick=_parse_tick(tick))
+    return SearchOptions(seed=seed, budget=budget, tick=parse_tick(tick))
 
 
 def _text(value: Fraction | None) -> str | None:

@@ -45,6 +45,9 @@ UNSCHEDULABLE_YET = warning(
 ATTEMPTS = 32
 """Placements of the modes that are tried for switches between all allowed pairs, within the budget of moves."""
 
+ATTEMPTED_JOBS = 20_000
+"""Jobs, times placements, that are tried for them: large systems get fewer placements."""
+
 IMPORTERS = "halpipe.importers"
 EXPORTERS = "halpipe.exporters"
 
@@ -143,7 +146,9 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         if best is None or len(scheduled.schedule.transitions) > len(best.schedule.transitions):
             best = scheduled
         moves += scheduled.moves
-        if scheduled.stopped or not scheduled.lacks_only_transitions or moves > options.budget * len(model.tasks):
+        jobs = sum(len(mode.jobs) for mode in scheduled.schedule.modes)
+        is_spent = moves > options.budget * len(model.tasks) or (attempt + 1) * jobs > ATTEMPTED_JOBS
+        if scheduled.stopped or not scheduled.lacks_only_transitions or is_spent:
             break
     assert best is not None, "there is at least one attempt"
     return replace(best, diagnostics=(*findings.items, *best.diagnostics), moves=moves)

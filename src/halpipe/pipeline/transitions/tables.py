@@ -33,7 +33,10 @@ NO_IMPLIED_TABLE = warning(
 )
 
 LENGTHS = 400
-"""Lengths that are tried for one pair."""
+"""Lengths that are considered for one pair."""
+
+WORK = 400_000
+"""Jobs, times lengths, that are looked at for one pair: large modes get fewer tries."""
 
 Check = Callable[[TransitionTable], bool]
 """Decides whether a table is valid: the independent check of the stages."""
@@ -72,11 +75,15 @@ def _shortest(pair: Transition, before: GridMode, after: GridMode, check: Check)
     """Try lengths from short to long until a table passes the check."""
     blocked = Blocked("", "no length is allowed")
     paces = list(_paces(before, after))
+    tries = max(8, WORK // max(1, len(before.jobs) + len(after.jobs)))
     for length in _lengths(pair, before, after):
         starving = next((pace.task for pace in paces if not pace.can_be_kept(length)), None)
         if starving is not None:
             blocked = Blocked(starving, "would not start often enough") if not blocked.progress else blocked
             continue
+        tries -= 1
+        if tries < 0:
+            break
         jobs = Table(before, after, length).fill()
         if isinstance(jobs, Blocked):
             blocked = jobs if jobs.progress >= blocked.progress else blocked
