@@ -76,7 +76,7 @@ class Watch:
         if self._progress is None:
             columns = (
                 TextColumn("{task.description}"),
-                BarColumn(),
+                BarColumn(bar_width=20),
                 TextColumn("{task.fields[state]}"),
                 TimeElapsedColumn(),
             )
