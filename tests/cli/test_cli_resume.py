@@ -69,9 +69,11 @@ def test_what_does_not_belong_is_refused(tmp_path, halpipe, folder):
     assert damaged.returncode == 1
     assert NO_CHECKPOINT.id in damaged.stderr
     assert halpipe("schedule", "model.xml", "-o", "other.xml", "--resume").returncode == 1  # there is none
-    halpipe("schedule", "hopeless.xml", "--budget", "10", "-o", "s.xml")
+    assert halpipe("schedule", "hopeless.xml", "--budget", "10", "-o", "s.xml").returncode == 3
     foreign = halpipe("schedule", "model.xml", "-o", "s.xml", "--resume")
-    assert "belongs to another model" in foreign.stderr or foreign.returncode == 0
+    assert foreign.returncode == 1
+    assert "belongs to another model" in foreign.stderr
+    assert not (folder / "s.xml").exists()
 
 
 def test_a_killed_search_leaves_a_checkpoint_that_resumes(folder):

@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.durations import milliseconds
 from halpipe.pipeline.schedule import Quality, SearchOptions
 from halpipe.pipeline.stages import schedule_model, verify_schedule
 from support import access, after, chain, model, task, version
@@ -30,16 +29,14 @@ def best(quality, seed=1, target=None):
 
 
 def least_gap(mode):
-    """The least idle time after a job on its unit, as a share of the job's WCET: the growth it could take."""
+    """The least time from a job's start to the next on its unit, beyond its WCET and as a share of it."""
+    cycle = mode.hyperperiod
     gaps = []
     for job in mode.jobs:
         for unit in job.units:
-            others = [j.start for j in mode.jobs if unit in j.units]
-            following = min(
-                (s - job.start - milliseconds(0)).fraction % mode.hyperperiod.fraction or mode.hyperperiod.fraction
-                for s in others
-            )
-            gaps.append(following / (job.end - job.start).fraction - 1)
+            starts = [other.start for other in mode.jobs if unit in other.units]
+            following = min((start - job.start) % cycle or cycle for start in starts)
+            gaps.append(following / (job.end - job.start) - 1)
     return min(gaps)
 
 
