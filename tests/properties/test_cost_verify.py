@@ -4,6 +4,7 @@ import random
 from dataclasses import replace
 
 import pytest
+import verify_mutants as mutants
 import verify_oracle as oracle
 import verify_systems as systems
 
@@ -70,7 +71,7 @@ def test_mutants_cost_where_they_are_broken(name):
     results = []
     for seed in range(40):
         rng = random.Random(f"{seed} {name}")
-        mutant = systems.OPERATORS[name](rng, *systems.valid_system(rng))
+        mutant = mutants.OPERATORS[name](rng, *systems.valid_system(rng))
         if mutant is not None:
             results.append(check(*mutant))
     assert any(results)

@@ -4,6 +4,7 @@ import random
 from collections import Counter
 
 import pytest
+import verify_mutants as mutants
 import verify_oracle as oracle
 import verify_systems as systems
 from hypothesis import assume, example, given, settings
@@ -63,10 +64,10 @@ def test_switches_valid_by_construction_are_accepted(rng):
 
 @settings(FAST, max_examples=5)
 @given(rng=RANDOMS)
-@pytest.mark.parametrize("name", systems.OPERATORS)
+@pytest.mark.parametrize("name", mutants.OPERATORS)
 def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rng):
     make = systems.switching_system if "switch" in name or rng.random() < 0.3 else systems.valid_system
-    mutant = systems.OPERATORS[name](rng, *make(rng))
+    mutant = mutants.OPERATORS[name](rng, *make(rng))
     assume(mutant is not None)
     expected = oracle.broken(*mutant)
     assert bool(errors(*mutant)) == bool(expected), f"oracle: {expected}\n{told(errors(*mutant))}"
@@ -75,7 +76,7 @@ def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rn
 def breaks(name, seed, make):
     """Tell whether the operator, so seeded, breaks a schedule; verify must say the same as the oracle."""
     rng = random.Random(f"{seed} {name}")
-    mutant = systems.OPERATORS[name](rng, *make(rng))
+    mutant = mutants.OPERATORS[name](rng, *make(rng))
     if mutant is None:
         return False
     expected = oracle.broken(*mutant)
@@ -83,7 +84,7 @@ def breaks(name, seed, make):
     return bool(expected)
 
 
-@pytest.mark.parametrize("name", systems.OPERATORS)
+@pytest.mark.parametrize("name", mutants.OPERATORS)
 def test_every_operator_breaks_schedules(name):
     assert any(breaks(name, seed, systems.switching_system) for seed in range(60))
 
@@ -91,7 +92,7 @@ def test_every_operator_breaks_schedules(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [systems.valid_system, systems.switching_system])
 def test_mutants_at_length(make):
-    found = Counter(breaks(name, seed, make) for seed in range(100) for name in systems.OPERATORS)
+    found = Counter(breaks(name, seed, make) for seed in range(100) for name in mutants.OPERATORS)
     assert found[True] > 2000
 
 
