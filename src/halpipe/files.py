@@ -13,6 +13,7 @@ import hashlib
 import os
 import re
 import secrets
+import shutil
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -46,6 +47,12 @@ CANNOT_WRITE = error(
     "HAL0003",
     "File cannot be written",
     "The system refused to write the output; whatever stood there before is untouched.",
+)
+FOREIGN_FOLDER = error(
+    "HAL0004",
+    "Folder is not halpipe's to replace",
+    "A folder is written as a whole and replaces the one before. One that has files, but no manifest of halpipe's, "
+    "is left alone, so that a mistyped name costs nobody their work.",
 )
 BROKEN_XML = error(
     "HAL0010",
@@ -343,6 +350,79 @@ def write_outputs(contents: Mapping[str, bytes]) -> None:
                 os.unlink(temporary)
 
 
+def write_directory(path: str, contents: Mapping[str, bytes]) -> None:
+    """Write a folder as a whole: readers see the old one or the new one, never a mixture.
+
+    `contents` has names relative to the folder, with ``/``; one of them is the `MANIFEST`, by which a folder that
+    may be replaced is known. Between two renames there is an instant without any; the next writer mends that.
+    """
+    target = os.path.realpath(path)
+    parent, base = os.path.split(target)
+    former = os.path.join(parent, f"{_prefix(base)}former")
+    try:
+        os.makedirs(parent, exist_ok=True)
+        if os.path.isdir(former) and not os.path.exists(target):
+            os.rename(former, target)
+        _refuse_foreign(target, path)
+        staged = _stage_directory(target, contents)
+        try:
+            _exchange(staged, target, former)
+        finally:
+            shutil.rmtree(staged, ignore_errors=True)
+        _sync_directory(parent)
+    except (OSError, ValueError) as failure:
+        raise _cannot_write(path, failure) from None
+
+
+MANIFEST = "manifest.json"
+
+
+def _exchange(staged: str, target: str, former: str) -> None:
+    """Put the folder `staged` where `target` is; where that fails, `target` is what it was."""
+    shutil.rmtree(former, ignore_errors=True)
+    if not os.path.isdir(target):
+        os.rename(staged, target)
+        return
+    os.rename(target, former)
+    try:
+        os.rename(staged, target)
+    except OSError:
+        os.rename(former, target)
+        raise
+    shutil.rmtree(former, ignore_errors=True)
+
+
+def _refuse_foreign(target: str, path: str) -> None:
+    """Stop if `target` is something else than a folder of halpipe's or an empty one."""
+    if not os.path.lexists(target):
+        return
+    if os.path.isdir(target) and (not os.listdir(target) or os.path.isfile(os.path.join(target, MANIFEST))):
+        return
+    what = f"is a folder without {MANIFEST}" if os.path.isdir(target) else "is no folder"
+    help = "name a new folder, or remove this one yourself"
+    raise HalpipeError(FOREIGN_FOLDER(f"{what}; it is not replaced", at=Location(path), help=help))
+
+
+def _stage_directory(target: str, contents: Mapping[str, bytes]) -> str:
+    """Write `contents` into a synced temporary folder beside `target` and return its name."""
+    parent, base = os.path.split(target)
+    _sweep(parent, base)
+    staged = os.path.join(parent, f"{_prefix(base)}{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}")
+    try:
+        os.mkdir(staged)
+        for name, content in contents.items():
+            inside = os.path.join(staged, *name.split("/"))
+            os.makedirs(os.path.dirname(inside), exist_ok=True)
+            with open(inside, "xb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+    except BaseException:
+        shutil.rmtree(staged, ignore_errors=True)
+        raise
+    return staged
+
+
 def _cannot_write(target: str, failure: Exception) -> HalpipeError:
     help = "choose a place that exists, has room and that you may write to"
     return HalpipeError(CANNOT_WRITE(_reason(failure), at=Location(target), help=help))
@@ -383,8 +463,12 @@ def _sweep(directory: str, base: str) -> None:
         if entry.startswith(prefix) and entry.endswith(_SUFFIX):
             owner = entry[len(prefix) : -len(_SUFFIX)].partition("-")[0]
             if owner.isdecimal() and not _is_alive(int(owner)):
+                left = os.path.join(directory, entry)
+                if os.path.isdir(left):
+                    shutil.rmtree(left, ignore_errors=True)
+                    continue
                 with contextlib.suppress(OSError):
-                    os.unlink(os.path.join(directory, entry))
+                    os.unlink(left)
 
 
 _SUFFIX = ".halpipe-tmp"

@@ -29,6 +29,7 @@ from halpipe.models.system import (
     Unit,
     Version,
 )
+from halpipe.models.trace import Execution, Trace
 
 __all__ = [
     "Access",
@@ -37,6 +38,7 @@ __all__ = [
     "Chain",
     "ChainLatency",
     "CostTerms",
+    "Execution",
     "Job",
     "Mode",
     "ModeSchedule",
@@ -50,6 +52,7 @@ __all__ = [
     "Status",
     "Task",
     "TaskModel",
+    "Trace",
     "Transfer",
     "Transition",
     "TransitionTable",

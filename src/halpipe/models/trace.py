@@ -1,0 +1,39 @@
+"""What really ran: the executions of a simulation, a board or a Linux system, as some recorder saw them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import NOWHERE, Location
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Execution:
+    """One job as it was seen: from the first instant at which it ran to the last, on the clock of the trace.
+
+    `busy` is the time in which it really ran, less than `end` - `start` where it was preempted. `end` and `busy` are
+    None for what still ran when the trace ended. `table` (a mode, or ``a->b`` for the switch), `cycle` (tables
+    played, from 0) and `job` (index in the table) are stated by some traces; empty or None by the others.
+    """
+
+    task: str
+    units: tuple[str, ...] = ()
+    start: Duration
+    end: Duration | None
+    busy: Duration | None = None
+    table: str = ""
+    cycle: int | None = None
+    job: int | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trace:
+    """The executions on one line of time, by start; `name` tells the lines of one recording apart."""
+
+    name: str
+    executions: tuple[Execution, ...]
