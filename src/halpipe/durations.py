@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from fractions import Fraction
-from functools import total_ordering
 from typing import TYPE_CHECKING, overload
 
 from halpipe.quantities import format_rational, parse_rational, quoted
@@ -23,7 +22,6 @@ _SCHEMA_FORM = re.compile(r"-?[0-9]{1,30}(?:[./][0-9]{1,30})?(?:ns|us|ms|s)")  #
 _FORM = "write a number and a unit, such as 25ms, 0.5ms, 40us, 100/3ms or 1/30s"
 
 
-@total_ordering
 class Duration:
     """An exact span of time in nanoseconds: an integer where possible, else a ``Fraction``."""
 
@@ -31,7 +29,7 @@ class Duration:
     _ns: int | Fraction
 
     def __init__(self, ns: int | Fraction) -> None:
-        if isinstance(ns, Fraction) and ns.denominator == 1:
+        if type(ns) is not int and ns.denominator == 1:  # asking for the type first: most values are integers
             ns = ns.numerator
         self._ns = ns
 
@@ -83,6 +81,15 @@ class Duration:
 
     def __lt__(self, other: Duration) -> bool:
         return self._ns < other._ns
+
+    def __le__(self, other: Duration) -> bool:
+        return self._ns <= other._ns
+
+    def __gt__(self, other: Duration) -> bool:
+        return self._ns > other._ns
+
+    def __ge__(self, other: Duration) -> bool:
+        return self._ns >= other._ns
 
     def __bool__(self) -> bool:
         return self._ns != 0
@@ -149,3 +156,12 @@ def least_common_multiple(durations: Iterable[Duration]) -> Duration:
         numerator = math.lcm(numerator, value.numerator)
         denominator = math.gcd(denominator, value.denominator)
     return Duration(Fraction(numerator, denominator)) if denominator else ZERO
+
+
+def divisors(total: Duration, unit: Duration) -> list[Duration]:
+    """Return every multiple of `unit` that divides `total`, in order; none if `total` is none or above 10^12 units."""
+    count = total / unit
+    if count.denominator != 1 or not 0 < count <= 10**12:
+        return []
+    small = [n for n in range(1, math.isqrt(count.numerator) + 1) if count.numerator % n == 0]
+    return [unit * n for n in sorted({*small, *(count.numerator // n for n in small)})]

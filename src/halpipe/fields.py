@@ -55,7 +55,11 @@ class Fields:
         self._file = file
         self._findings = findings
         self._data = data
-        for key in data:
+        self.allow(keys)
+
+    def allow(self, keys: tuple[str, ...]) -> None:
+        """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed."""
+        for key in self._data:
             if keys and key not in keys:
                 otherwise = "it may have: " + ", ".join(keys)
                 self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
