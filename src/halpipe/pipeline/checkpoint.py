@@ -1,7 +1,8 @@
 """Searches that can be continued: the kernel's state in a file, so that a resumed run gives the same bytes.
 
 The file holds one state per search (attempt, mode, stage) and the fingerprint of what was asked. Modes that were
-finished are restored as finished. The budget is not part of the fingerprint: raising it is a reason to resume.
+finished are restored as finished, and so are the steps in which a valid schedule was improved. The budget is not part
+of the fingerprint: raising it is a reason to resume. Nor is the number of threads.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
+from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from halpipe.diagnostics import HalpipeError, Location, error
 from halpipe.files import read_bytes, remove_output, write_outputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -38,6 +40,9 @@ SAVED = (
 )  # fmt: skip
 """The arrays of a state; the others are scratch."""
 
+NOTED = "outcome"
+"""Marks what is saved of a stage that is over; no array of a state is called so."""
+
 SECONDS = 5
 """A search that runs on is saved this often."""
 
@@ -45,20 +50,25 @@ SECONDS = 5
 def fingerprint(model: TaskModel, options: SearchOptions, version: str) -> str:
     """Return what a checkpoint belongs to: everything that decides the outcome, but for the budget."""
     shipped = options.shipped.model_sha256 if options.shipped is not None else ""
-    parts = (version, model.digest, options.seed, options.tick, options.modes, options.quality, options.target, shipped)
+    parts = (
+        version, model.digest, options.seed, options.tick, options.modes, options.quality, options.target, shipped,
+        options.portfolio, options.grid,
+    )  # fmt: skip
     return hashlib.sha256(repr([str(part) for part in parts]).encode()).hexdigest()
 
 
 class Checkpoint:
-    """Keeps the states of one run in `path`; `now` is a clock in seconds."""
+    """Keeps the states of one run in `path`, for any number of threads; `now` is a clock in seconds."""
 
     def __init__(self, path: str, identity: str, now: Callable[[], float]) -> None:
         self._path = path
         self._identity = identity
         self._now = now
-        self._last = now()
+        self._began = self._last = now()
+        self._kept_at: dict[str, float] = {}
         self._written = False
-        self._arrays: dict[str, NDArray[np.int64] | NDArray[np.uint64]] = {}
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._lock = Lock()
 
     def load(self) -> None:
         """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
@@ -84,16 +94,42 @@ class Checkpoint:
 
     def keep(self, key: str, state: State, *, now: bool) -> None:
         """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
-        is_time = self._now() - self._last >= SECONDS
-        if not is_time and not (now and self._written):
-            return
-        for name in SAVED:
-            self._arrays[f"{key}/{name}"] = getattr(state, name).copy()
-        if is_time:
-            self.write()
+        with self._lock:
+            moment = self._now()
+            is_due = moment - self._kept_at.get(key, self._began) >= SECONDS
+            if not is_due and not (now and self._written):
+                return
+            for name in SAVED:
+                self._arrays[f"{key}/{name}"] = getattr(state, name).copy()
+            self._kept_at[key] = moment
+            self._write_if_due(moment)
+
+    def note(self, key: str, facts: Mapping[str, NDArray[np.int64]]) -> None:
+        """Save the outcome of what was kept under `key`, in place of its state."""
+        with self._lock:
+            for name in SAVED:
+                self._arrays.pop(f"{key}/{name}", None)
+            for name, array in facts.items():
+                self._arrays[f"{key}/{NOTED}/{name}"] = array.copy()
+            self._write_if_due(self._now())
+
+    def noted(self, key: str) -> dict[str, NDArray[np.int64]] | None:
+        """Return such an outcome; None where there is none."""
+        prefix = f"{key}/{NOTED}/"
+        with self._lock:
+            found = {name: array for name, array in self._arrays.items() if name.startswith(prefix)}
+        return {name.removeprefix(prefix): array for name, array in found.items()} or None
 
     def write(self) -> None:
-        """Write all states that are known."""
+        """Write all that is known."""
+        with self._lock:
+            self._write()
+
+    def _write_if_due(self, moment: float) -> None:
+        if moment - self._last >= SECONDS:
+            self._write()
+
+    def _write(self) -> None:
         stream = io.BytesIO()
         named: dict[str, Any] = {**self._arrays, "identity": np.array(self._identity)}
         np.savez(stream, **named)

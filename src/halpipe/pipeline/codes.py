@@ -80,3 +80,51 @@ CANNOT_STAY = warning(
     "With --freeze, the jobs of the earlier schedule keep start, version and units. A task whose period, versions or "
     "units no longer allow that is placed anew.",
 )
+
+# ---------------------------------------------------------------------------- the grid of regulators (--quantise)
+
+GRID_PERIOD = error(
+    "HAL0450",
+    "Window of the regulators does not divide a period or an offset",
+    "With --quantise jobs start at multiples of the window, which are the same in every period only if the window "
+    "divides it. Periods and offsets are never rounded.",
+)
+GRID_WINDOW = error(
+    "HAL0451",
+    "Precedence window has no room on the grid",
+    "With --quantise all starts are multiples of the regulators' window, so that a precedence window needs one such "
+    "distance inside.",
+)
+GRID_BOUND = error(
+    "HAL0452",
+    "Access phase needs more bursts than a window has room for",
+    "With --quantise a bound is rounded up to whole bursts per window, and room is kept for what regulators overshoot. "
+    "A phase that has nearly all of the bandwidth may no longer fit.",
+)
+GRID_ROOM = error(
+    "HAL0453",
+    "Window has no room for a burst",
+    "What is kept for the overshoot of all regulators is all that a window carries.",
+)
+GRID_TIGHT = error(
+    "HAL0454",
+    "No schedule on the grid of the regulators",
+    "With --quantise the bounds are rounded up to whole bursts and all times to whole windows; with that the model has "
+    "no schedule. Without --quantise it may have one, whose export is rounded.",
+)
+GRID_TICK = error(
+    "HAL0455",
+    "Tick is no multiple of the window",
+    "With --quantise jobs start at multiples of the regulators' window; a tick given besides must be one, too.",
+)
+GRID_RESOURCE = error(
+    "HAL0456",
+    "Resource to put on the grid is not clear",
+    "The platform names a resource that the model lacks, or names none where the model has several or none at all.",
+)
+GRID_BREAKS = error(
+    "HAL0457",
+    "Schedule on the grid does not hold off it",
+    "The search kept every rule on the grid, but verify finds one broken with the exact times: most likely two jobs "
+    "that end within the same window. Another --seed gives another schedule.",
+)

@@ -15,14 +15,15 @@ from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.expand import expand
+from halpipe.pipeline.workers import watched
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.expand import Expansion
 
-DEFAULT_EFFORT = 60
+DEFAULT_WORK = 60
 """Deterministic seconds of CP-SAT: a count of work, about a second of it each, the same on every machine."""
 
 MAX_JOBS = 2_000
@@ -45,7 +46,7 @@ class Answer(StrEnum):
 class ExactResult:
     """The answer for one mode, with the jobs of a valid schedule where there is one.
 
-    `stopped` tells that the answer is unknown because of Ctrl-C, to which CP-SAT listens itself.
+    `stopped` tells that the answer is unknown because the caller wanted no more.
     """
 
     status: Answer
@@ -53,16 +54,34 @@ class ExactResult:
     stopped: bool = False
 
 
-def solve_exact(
-    model: TaskModel, mode: Mode, *, seconds: float = DEFAULT_EFFORT, workers: int = 1, seed: int = 1
-) -> ExactResult:
-    """Decide whether `mode` of a validated model has a valid schedule, within `seconds` of deterministic time.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effort:
+    """How hard CP-SAT tries.
 
-    With one worker the same input gives the same answer on every machine. Raise `HalpipeError` where OR-Tools is not
-    installed, where the mode is too large, or where verify refuses the schedule found (a bug).
+    - `work` is its deterministic time, about a second each; None for no bound.
+    - `clock` is a limit in seconds of the clock (0: none), for which the answer depends on the machine.
+    - `workers` are its threads: one gives the same answer on every machine, several do not.
+    - `go_on` is asked several times a second; once it says no, CP-SAT stops.
+    """
+
+    work: float | None = DEFAULT_WORK
+    clock: float = 0
+    workers: int = 1
+    seed: int = 1
+    go_on: Callable[[], bool] = lambda: True
+
+
+PLAIN = Effort()
+
+
+def solve_exact(model: TaskModel, mode: Mode, effort: Effort = PLAIN) -> ExactResult:
+    """Decide whether `mode` of a validated model has a valid schedule.
+
+    Raise `HalpipeError` where OR-Tools is not installed, where the mode is too large, or where verify refuses the
+    schedule found (a bug).
     """
     expansion = expand(model, mode)
-    result = solve_expansion(model, expansion, seconds=seconds, workers=workers, seed=seed)
+    result = solve_expansion(model, expansion, effort)
     if result.status is Answer.FEASIBLE:
         _check(model, expansion, result.jobs)
     return result
@@ -71,16 +90,16 @@ def solve_exact(
 def solve_expansion(
     model: TaskModel,
     expansion: Expansion,
+    effort: Effort = PLAIN,
     *,
     chains: Sequence[Chain] | None = None,
-    seconds: float = DEFAULT_EFFORT,
-    workers: int = 1,
-    seed: int = 1,
 ) -> ExactResult:
     """Solve an expanded mode, or a part of one; of `chains` (the model's) those count whose tasks are all in it.
 
     Nothing is verified here: a part of a mode keeps the hyperperiod of the whole, which verify would not accept.
     """
+    if not expansion.tasks:  # what is left of a mode whose one task is left out: there is no grid to stand on
+        return ExactResult(Answer.FEASIBLE)
     cp_model = _solver_library(expansion)
     from halpipe.pipeline.exactmodel import build
 
@@ -88,17 +107,24 @@ def solve_expansion(
     if program is None:
         raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
     solver = cp_model.CpSolver()
-    parameters: Any = solver.parameters
-    parameters.num_workers = workers
-    parameters.random_seed = seed
-    parameters.max_deterministic_time = seconds
-    parameters.symmetry_level = 0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
-    status = solver.solve(program.cp)
+    _set(solver.parameters, effort)
+    status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
     if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return ExactResult(Answer.FEASIBLE, tuple(program.jobs(solver)))
     if status == cp_model.INFEASIBLE:
         return ExactResult(Answer.INFEASIBLE)
-    return ExactResult(Answer.UNKNOWN, stopped=solver.response_proto.deterministic_time < seconds / 2)
+    return ExactResult(Answer.UNKNOWN, stopped=is_stopped)
+
+
+def _set(parameters: Any, effort: Effort) -> None:
+    parameters.num_workers = effort.workers
+    parameters.random_seed = effort.seed
+    if effort.work is not None:
+        parameters.max_deterministic_time = effort.work
+    if effort.clock:
+        parameters.max_time_in_seconds = effort.clock
+    parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
+    parameters.symmetry_level = 0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
 
 
 def is_small(expansion: Expansion) -> bool:

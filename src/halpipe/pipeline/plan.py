@@ -6,6 +6,7 @@ Paths in it are relative to the file itself, so that a pipeline means the same f
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,15 @@ from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
 from halpipe.fields import Fields
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.base import IGNORED, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.schedule import DEFAULT_BUDGET, SearchOptions
+from halpipe.pipeline.stages import UNKNOWN_FORMAT, burst_grid, exporter
+from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from halpipe.pipeline.quantise import BurstGrid
 
 NOT_A_PIPELINE = error(
     "HAL0906",
@@ -28,9 +33,12 @@ NOT_A_PIPELINE = error(
 
 VERSION = "1"
 _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
-_IMPORT = ("format", "inputs", "overlay", "name", "granularity", "strict")
-_SCHEDULE = ("output", "seed", "budget", "tick")
-_EXPORT = ("format", "output", "mode", "title", "cluster")
+_IMPORT = (
+    *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping"),
+    *("calibrate", "quantile", "margin", "groups", "strict"),
+)
+_SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
+_EXPORT = ("format", "output", "mode", "title")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +78,7 @@ def read_plan(path: str) -> Plan:
         help = 'begin it with "halpipe-pipeline: 1"'
         raise HalpipeError(NOT_A_PIPELINE("is no pipeline of version 1", at=Location(path, 1), help=help))
     findings = Findings()
-    plan = _Reader(Path(path).parent).plan(Fields(path, findings, document, "pipeline", _TOP))
+    plan = _Reader(Path(path).parent, findings).plan(Fields(path, findings, document, "pipeline", _TOP))
     if findings.has_errors:
         raise HalpipeError(*sort_diagnostics(findings.items))
     return plan
@@ -79,8 +87,9 @@ def read_plan(path: str) -> Plan:
 class _Reader:
     """Reads the sections; `base` is the folder that paths are relative to."""
 
-    def __init__(self, base: Path) -> None:
+    def __init__(self, base: Path, findings: Findings) -> None:
         self._base = base
+        self._findings = findings
 
     def plan(self, top: Fields) -> Plan:
         top.require("model", "schedule")
@@ -91,9 +100,9 @@ class _Reader:
         return Plan(
             imports=None if imports is None else self._import(imports),
             model=top.value("model", self._path, ""),
-            search=SearchOptions() if schedule is None else _search(schedule),
+            search=SearchOptions() if schedule is None else self._search(schedule),
             schedule="" if schedule is None else schedule.value("output", self._path, ""),
-            exports=tuple(self._export(f) for f in top.items("exports", _EXPORT, "export")),
+            exports=tuple(self._export(f) for f in top.items("exports", (), "export")),
         )
 
     def _path(self, text: str) -> str:
@@ -107,29 +116,47 @@ class _Reader:
         options = ImportOptions(
             name=f.value("name", str, ""),
             granularity=f.value("granularity", str, "runnable"),
+            wcet=f.value("wcet", str, "upper"),
+            memory=f.value("memory", str, "within"),
+            mapping=f.value("mapping", str, "stated"),
+            calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
+            quantile=f.value("quantile", quantile_of, Fraction(1)),
+            margin=f.value("margin", parse_rational, Fraction(0)),
+            groups=f.value("groups", group_rule, IGNORED),
             strict=strict is not None and strict.value,
         )
         inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
         overlays = tuple(stated.value for stated in f.texts("overlay", self._path))
         return ImportStep(f.value("format", str, ""), inputs, overlays, options)
 
+    def _search(self, f: Fields) -> SearchOptions:
+        return SearchOptions(
+            seed=f.value("seed", _whole(0), 1),
+            budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
+            tick=f.value("tick", _grid, None),
+            grid=self._grid(f.value("quantise", self._path, "")),
+        )
+
+    def _grid(self, platform: str) -> BurstGrid | None:
+        try:
+            return burst_grid(platform) if platform else None
+        except HalpipeError as failure:
+            self._findings.extend(failure.diagnostics)
+            return None
+
     def _export(self, f: Fields) -> ExportStep:
         f.require("format", "output")
-        cluster = f.flag("cluster")
-        options = ExportOptions(
-            mode=f.value("mode", str, ""),
-            title=f.value("title", str, ""),
-            cluster=cluster is not None and cluster.value,
-        )
-        return ExportStep(f.value("format", str, ""), f.value("output", self._path, ""), options)
-
-
-def _search(f: Fields) -> SearchOptions:
-    return SearchOptions(
-        seed=f.value("seed", _whole(0), 1),
-        budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
-        tick=f.value("tick", _grid, None),
-    )
+        name = f.value("format", str, "")
+        options = ExportOptions(mode=f.value("mode", str, ""), title=f.value("title", str, ""))
+        if name:
+            try:
+                writer = exporter(name)
+            except HalpipeError as unknown:
+                f.complain(UNKNOWN_FORMAT, unknown.diagnostics[0].message, "format", help=unknown.diagnostics[0].help)
+            else:
+                f.allow((*_EXPORT, *writer.keys))
+                options = writer.options(options, f, str(self._base))
+        return ExportStep(name, f.value("output", self._path, ""), options)
 
 
 def _grid(text: str) -> Duration:

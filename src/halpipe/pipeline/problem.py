@@ -37,6 +37,13 @@ MAX_QUANTA = 10**6
 
 NO_TICK = -1
 
+RESOURCE_WEIGHT, WINDOW_WEIGHT = 4, 12
+"""What a tick of overload of a resource, and of distance from a window, weighs against a tick of overlap on a unit.
+
+Access phases are short against jobs, and resources tell their users apart where units of a group do not. With equal
+weights the search, at one temperature for all, settles the units first and then finds no room on the resources.
+"""
+
 
 class Arrays(NamedTuple):
     """A mode in integers. ``x_first`` arrays are offsets: row i owns ``x[x_first[i]:x_first[i + 1]]``."""
@@ -78,7 +85,7 @@ class Arrays(NamedTuple):
     task_chain_first: Ints
     task_chain: Ints
     construction: Ints  # entries, heaviest first
-    unit_weight: int  # cost of one tick of overlap or of distance from a window
+    unit_weight: int  # cost of one tick of distance from a window or beyond a limit
     missing_cost: int  # cost of a demand not met, or of a chain that never gets through
 
 
@@ -193,7 +200,7 @@ class _Builder:
         quanta = self._resource_quanta()
         weight = max(quanta, default=1)
         capacity = [len(names) for names in self.groups] + quanta
-        lane_weight = [weight] * len(self.groups) + [weight // q for q in quanta]
+        lane_weight = [weight] * len(self.groups) + [RESOURCE_WEIGHT * weight // q for q in quanta]
         option = self._options(quanta)
         jobs = self._jobs()
         windows = self._windows()
@@ -211,8 +218,8 @@ class _Builder:
             **chains,
             task_coupled=self._coupled(windows, chains),
             construction=self._construction(),
-            unit_weight=weight,
-            missing_cost=weight * mean,
+            unit_weight=WINDOW_WEIGHT * weight,
+            missing_cost=WINDOW_WEIGHT * weight * mean,
         )
         return Problem(self.expansion, self.tick, self.groups, tuple(self.options), arrays, mean)
 

@@ -1,7 +1,7 @@
-"""Run many independent pieces of work: here, on several processes, or on a cluster; and remember what is finished.
+"""Run many independent pieces of work: on several processes or on a cluster; and remember what is finished.
 
 The seam is ``concurrent.futures.Executor``: process pools have it, and so has a dask.distributed client. What a
-function returns must not depend on where it runs, so all three give the same results.
+function returns must not depend on where it runs, so all of them give the same results. Threads are in `workers.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from halpipe.diagnostics import Exit, HalpipeError, Location, error, warning
 from halpipe.files import read_bytes, sha256, write_output
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
 
     from halpipe.diagnostics import Diagnostic
@@ -59,7 +59,7 @@ CONNECT_SECONDS = 10
 
 def map_tasks(
     function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int = 1, cluster: str = ""
-) -> Iterator[tuple[int, _Result]]:
+) -> Generator[tuple[int, _Result], None, None]:
     """Yield (position, result) for every item as it is finished.
 
     With a `cluster`, the address of a dask scheduler, the work goes there; else to `jobs` processes, or with one job it

@@ -22,21 +22,27 @@ from halpipe.pipeline.codes import (
     TICK_DOES_NOT_DIVIDE,
     TOO_LARGE,
 )
+from halpipe.pipeline.exact import DEFAULT_WORK
 from halpipe.pipeline.expand import Expansion, expand
 from halpipe.pipeline.metrics import mode_report
 from halpipe.pipeline.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
+from halpipe.pipeline.workers import Workers
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.durations import Duration
-    from halpipe.models import Job, Mode, ModeSchedule, TaskModel
+    from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.anneal.quality import Polish
     from halpipe.pipeline.anneal.slices import Keeper
     from halpipe.pipeline.anneal.warmstart import Earlier
+    from halpipe.pipeline.quantise import BurstGrid
 
 DEFAULT_BUDGET = 20_000
 """Moves per task before the search gives up."""
+
+DEFAULT_PORTFOLIO = 4
+"""Searches of a mode that take turns."""
 
 POLISH_BUDGET = 300
 """Moves per task for one step of improving a valid schedule."""
@@ -50,8 +56,17 @@ class Quality(StrEnum):
     MARGIN = "margin"
 
 
+CONSTRUCTING = -1
+"""Stands for the best cost while there is no whole placement yet."""
+
+SWITCHES = "switches"
+"""Stands for the mode while tables between the modes are looked for; what is counted is mode pairs."""
+
 OnProgress = Callable[[str, int, int, int], bool]
-"""Called with mode, moves made, moves allowed and best cost so far (-1: constructing); False stops the search."""
+"""Called with mode, moves made, moves allowed and best cost so far; False stops the search.
+
+It is called from several threads.
+"""
 
 LARGEST = 2**62
 
@@ -66,8 +81,13 @@ class SearchOptions:
     - `attempt` gives other placements for the same seed, between which switches may exist that the first do not allow.
     - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
     - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
+    - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
     - The jobs of a `shipped` schedule stay where they are.
+    - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
+    - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - `keeper` saves the search on its way, or goes on with one that was saved.
+    - `workers` are the threads for modes and searches; their number changes the time alone. (That of the exact engine
+      is the exception: with several threads its answer depends on the machine.)
     """
 
     seed: int = 1
@@ -78,8 +98,12 @@ class SearchOptions:
     quality: Quality = Quality.FIRST
     target: Fraction | None = None
     engine: str = "anneal"
+    effort: float | None = DEFAULT_WORK
     shipped: Schedule | None = None
+    grid: BurstGrid | None = None
+    portfolio: int = DEFAULT_PORTFOLIO
     keeper: Keeper | None = field(default=None, compare=False)
+    workers: Workers = field(default_factory=Workers, compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +114,8 @@ class Scheduled:
     diagnostics: tuple[Diagnostic, ...]
     moves: int
     stopped: bool
-    lacks_only_transitions: bool = False
+    unimproved: bool = False
+    """Whether it was stopped while it improved valid schedules."""
 
     @property
     def is_complete(self) -> bool:
@@ -98,34 +123,88 @@ class Scheduled:
         return not self.stopped and all(mode.status is Status.VALID for mode in self.schedule.modes)
 
 
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What became of one mode."""
+
+    table: ModeSchedule
+    diagnostics: list[Diagnostic]
+    moves: int = 0
+    stopped: bool = False
+    unimproved: bool = False
+
+
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
     """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
-    from halpipe.pipeline.anneal.warmstart import Earlier
-
     chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
-    tables: list[ModeSchedule] = []
-    diagnostics: list[Diagnostic] = []
-    moves, stopped, earlier = 0, False, Earlier()
-    for number, mode in enumerate(chosen):
-        expansion = expand(model, mode)
-        table, found, made, stopped = _schedule_mode(model, expansion, options, number, on_progress, earlier)
-        tables.append(table)
-        if table.status is Status.VALID:
-            earlier = earlier.and_then(expansion, table.jobs)
-        diagnostics += found
-        moves += made
-        if stopped:
-            break
+    expansions = [expand(model, mode) for mode in chosen]
+    by_number = _Modes(model, expansions, options, on_progress).search()
+    found = [by_number[number] for number in sorted(by_number)]
     schedule = Schedule(
         model=model.name,
         model_sha256=model.digest,
         generator=f"halpipe {__version__}",
         solver=options.engine,
         seed=options.seed,
-        tick=options.tick or _common_tick(model, chosen),
-        modes=tuple(tables),
+        tick=options.tick or _common_tick(expansions),
+        modes=tuple(each.table for each in found),
     )
-    return Scheduled(schedule, tuple(diagnostics), moves, stopped)
+    return Scheduled(
+        schedule,
+        tuple(diagnostic for each in found for diagnostic in each.diagnostics),
+        sum(each.moves for each in found),
+        stopped=any(each.stopped for each in found),
+        unimproved=any(each.unimproved for each in found),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Modes:
+    """The modes of a model, each searched as soon as the modes are finished from whose placement it starts."""
+
+    model: TaskModel
+    expansions: list[Expansion]
+    options: SearchOptions
+    on_progress: OnProgress
+
+    def search(self) -> dict[int, _Found]:
+        """Return what became of every mode, by number; of fewer if the search is stopped.
+
+        What a mode starts from is the same as if the modes were searched in order, so the result is, too.
+        """
+        found: dict[int, _Found] = {}
+        waiting = list(range(len(self.expansions)))
+        while waiting and not any(each.stopped for each in found.values()):
+            starts = {number: start for number in waiting if (start := self._start(number, found)) is not None}
+            ready = list(starts.items()) if self.options.engine != EXACT else list(starts.items())[:1]
+            results = self.options.workers.each(self._search_one, ready, lambda each: each.stopped)
+            found.update(zip(starts, results, strict=False))
+            waiting = [number for number in waiting if number not in found]
+        return found
+
+    def _search_one(self, ready: tuple[int, Earlier]) -> _Found:
+        number, earlier = ready
+        return _schedule_mode(self.model, self.expansions[number], self.options, number, self.on_progress, earlier)
+
+    def _start(self, number: int, found: dict[int, _Found]) -> Earlier | None:
+        """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
+        from halpipe.pipeline.anneal.warmstart import Earlier
+
+        jobs = {active.name: active.jobs for active in self.expansions[number].tasks}
+        earlier = Earlier()
+        for before in range(number):
+            expansion = self.expansions[before]
+            shared = [active for active in expansion.tasks if active.name in jobs]
+            if not shared:
+                continue
+            if before not in found:
+                return None
+            if found[before].table.status is Status.VALID:
+                earlier = earlier.and_then(expansion, found[before].table.jobs)
+                for active in shared:  # where all its jobs have been, no later mode has a say
+                    if not active.demands and active.jobs >= jobs[active.name]:
+                        del jobs[active.name]
+        return earlier
 
 
 def _schedule_mode(
@@ -135,11 +214,10 @@ def _schedule_mode(
     number: int,
     on_progress: OnProgress,
     earlier: Earlier,
-) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
+) -> _Found:
     if options.engine == EXACT:
-        on_progress(expansion.mode.name, 0, 1, -1)
-        return _solve_mode(model, expansion, options, number)
-    from halpipe.pipeline.anneal.search import search
+        return _solve_mode(model, expansion, options, number, on_progress)
+    from halpipe.pipeline.anneal.search import Effort, search
     from halpipe.pipeline.anneal.slices import Kept
 
     name = expansion.mode.name
@@ -158,12 +236,13 @@ def _schedule_mode(
         _polish(model, expansion, options, number),
         shipped,
         None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
+        Effort(options.portfolio, options.workers),
     )
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)
     notes = _notes(problem) + _changed(expansion, outcome.changed)
-    return table, notes, outcome.moves, outcome.stopped
+    return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved)
 
 
 def _shipped(expansion: Expansion, options: SearchOptions) -> dict[tuple[str, int], Job]:
@@ -187,25 +266,31 @@ def _changed(expansion: Expansion, tasks: tuple[str, ...]) -> list[Diagnostic]:
 
 
 def _solve_mode(
-    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int
-) -> tuple[ModeSchedule, list[Diagnostic], int, bool]:
+    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int, on_progress: OnProgress
+) -> _Found:
     """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
-    from halpipe.pipeline.exact import Answer, solve_exact
+    from halpipe.pipeline.exact import Answer, Effort, solve_exact
 
     mode = expansion.mode
     path = f'mode "{mode.name}"'
     if options.tick is not None:
         raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
     seed = _mode_seed(options.seed, number, options.attempt) % 2**31
-    result = solve_exact(model, mode, seed=seed)
+    effort = Effort(
+        work=options.effort,
+        workers=options.workers.count,
+        seed=seed,
+        go_on=lambda: on_progress(mode.name, 0, 1, CONSTRUCTING),
+    )
+    result = solve_exact(model, mode, effort)
     if result.status is Answer.FEASIBLE:
-        return mode_report(model, expansion, result.jobs, Status.VALID), [], 0, False
+        return _Found(mode_report(model, expansion, result.jobs, Status.VALID), [])
     if result.status is Answer.INFEASIBLE:
         text, help = "the exact engine finds that it has no schedule", "ask `halpipe explain` for the conflict"
         raise HalpipeError(EXACT_INFEASIBLE(text, at=mode.at, path=path, help=help), exit=Exit.NOT_FOUND)
     if result.stopped:
-        text = "the exact engine was interrupted; it has no placement to save"
-        raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help="run it again"), exit=Exit.INTERRUPTED)
+        text, help = "the exact engine was stopped; it has no placement to save", "run it again, or use --engine anneal"
+        raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help=help), exit=Exit.INTERRUPTED)
     text = "the exact engine found no schedule within its effort, and no proof that there is none"
     raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 
@@ -323,6 +408,6 @@ def _notes(problem: Problem) -> list[Diagnostic]:
     ]
 
 
-def _common_tick(model: TaskModel, modes: list[Mode]) -> Duration | None:
-    ticks = [natural_tick(expand(model, mode)) for mode in modes]
+def _common_tick(expansions: list[Expansion]) -> Duration | None:
+    ticks = [natural_tick(expansion) for expansion in expansions]
     return greatest_common_divisor(ticks) if ticks else None

@@ -18,12 +18,20 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
     from halpipe.exporters.base import Exporter, ExportOptions
+    from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.exporters.riscv.prepare import Prepared
     from halpipe.importers.base import Imported, Importer, ImportOptions
     from halpipe.models import Schedule, TaskModel, TransitionTable
+    from halpipe.pipeline.quantise import BurstGrid
     from halpipe.pipeline.schedule import OnProgress, Scheduled, SearchOptions
+    from halpipe.pipeline.transitions import Switched
+    from halpipe.pipeline.workers import Workers
 
-UNKNOWN_FORMAT = error("HAL0901", "Unknown format", "No importer or exporter of that name is installed.")
+UNKNOWN_FORMAT = error(
+    "HAL0901", "Unknown format", "No importer or exporter, or no check of bundles, of that name is installed."
+)
 LOST_UNDER_STRICT = error(
     "HAL0902",
     "Loss under --strict",
@@ -50,10 +58,11 @@ ATTEMPTED_JOBS = 20_000
 
 IMPORTERS = "halpipe.importers"
 EXPORTERS = "halpipe.exporters"
+DEPLOYMENTS = "halpipe.deployments"
 
 
 def formats(group: str) -> list[str]:
-    """Return the names of the installed importers or exporters, in order."""
+    """Return the names of the installed importers, exporters or kinds of bundles, in order."""
     return sorted(point.name for point in entry_points(group=group))
 
 
@@ -74,6 +83,11 @@ def importer(name: str) -> Importer:
 def exporter(name: str) -> Exporter:
     """Return the exporter called `name`."""
     return _registered(EXPORTERS, name)  # type: ignore[return-value]
+
+
+def deployment(name: str) -> Deployment:
+    """Return the check of the kind of bundles called `name`."""
+    return _registered(DEPLOYMENTS, name)  # type: ignore[return-value]
 
 
 # ------------------------------------------------------------------------------------------------ stages
@@ -132,26 +146,96 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
     A mode that provably has no schedule is not searched for one: raise `HalpipeError` with the proof.
     """
-    from halpipe.pipeline.schedule import schedule_model as search
-
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
     refuse_hopeless(model, options.modes)
+    if options.grid is not None:
+        return _schedule_on_grid(model, options, options.grid, on_progress)
+    best = _search(model, options, on_progress)
+    return replace(best, diagnostics=(*findings.items, *best.diagnostics))
+
+
+def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
+    """Place the modes, and find tables between them; where some are missing, try other placements of the modes."""
+    from halpipe.pipeline.schedule import schedule_model as search
+
     best: Scheduled | None = None
+    doubtful: tuple[tuple[str, str], ...] | None = None
     moves = 0
     for attempt in range(ATTEMPTS):
         scheduled = search(model, replace(options, attempt=attempt), on_progress)
         _refuse_broken_claims(model, scheduled.schedule)
-        scheduled = _with_transitions(model, scheduled, all_or_none=attempt > 0)
+        moves += scheduled.moves
+        switched = _switched(model, scheduled, options.workers, on_progress, doubtful)
+        doubtful = switched.failed
+        scheduled = replace(
+            scheduled,
+            schedule=replace(scheduled.schedule, transitions=switched.tables),
+            diagnostics=(*scheduled.diagnostics, *switched.diagnostics),
+            stopped=scheduled.stopped or switched.stopped,
+        )
         if best is None or len(scheduled.schedule.transitions) > len(best.schedule.transitions):
             best = scheduled
-        moves += scheduled.moves
         jobs = sum(len(mode.jobs) for mode in scheduled.schedule.modes)
         is_spent = moves > options.budget * len(model.tasks) or (attempt + 1) * jobs > ATTEMPTED_JOBS
-        if scheduled.stopped or not scheduled.lacks_only_transitions or is_spent:
+        if not scheduled.is_complete or scheduled.unimproved or not switched.failed or is_spent:
             break
     assert best is not None, "there is at least one attempt"
-    return replace(best, diagnostics=(*findings.items, *best.diagnostics), moves=moves)
+    return replace(best, moves=moves, stopped=scheduled.stopped)
+
+
+def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid, on_progress: OnProgress) -> Scheduled:
+    """Schedule the model as bandwidth regulators serve it, and hold the result to the model as it is."""
+    from halpipe.pipeline.codes import GRID_BREAKS, GRID_TICK, GRID_TIGHT
+    from halpipe.pipeline.quantise import describe, quantise, restore
+
+    path = f'model "{model.name}"'
+    if options.tick is not None and options.tick % grid.window:
+        near = grid.window * max(1, round(options.tick / grid.window))
+        message = f"the tick {options.tick} is not a multiple of the window {grid.window} of platform {grid.name}"
+        raise HalpipeError(GRID_TICK(message, at=model.at, path=path, help=f"leave it away, or use {near}"))
+    served = quantise(model, grid)
+    try:
+        scheduled = schedule_model(served, replace(options, grid=None), on_progress)
+    except HalpipeError as failure:
+        if failure.exit is not Exit.INFEASIBLE:
+            raise
+        help = "use longer windows, less overshoot, lower bounds, or leave --quantise away"
+        tight = GRID_TIGHT(describe(model, grid), at=model.at, path=path, help=help)
+        raise HalpipeError(tight, *failure.diagnostics, exit=failure.exit) from None
+    schedule = restore(model, scheduled.schedule)
+    if scheduled.is_complete:
+        asked = replace(
+            model, modes=tuple(mode for mode in model.modes if mode.name in {m.name for m in schedule.modes})
+        )
+        broken = [found for found in verify_schedule(asked, schedule) if found.is_error]
+        lacking = {found.path for found in scheduled.diagnostics if found.is_error}
+        if broken and not lacking:
+            help = "try another --seed, or a shorter window"
+            breaks = GRID_BREAKS(f"verify finds {len(broken)} violations", at=model.at, path=path, help=help)
+            raise HalpipeError(breaks, *broken, exit=Exit.NOT_FOUND)
+    return replace(scheduled, schedule=schedule)
+
+
+def burst_grid(platform_file: str) -> BurstGrid:
+    """Return the grid of a regulator platform, for `SearchOptions`."""
+    from halpipe.exporters.regulator.backends import backend
+    from halpipe.exporters.regulator.platform import WRITE, read_platform
+    from halpipe.exporters.regulator.tables import reserve_of
+    from halpipe.pipeline.quantise import BurstGrid
+
+    platform = read_platform(platform_file)
+    return BurstGrid(
+        name=platform.name,
+        window=platform.window,
+        cycle=platform.window / platform.cycles,
+        resource=platform.resource,
+        promise=platform.promise,
+        capacity=platform.window_capacity,
+        burst=platform.burst,
+        reserve=reserve_of(platform, backend(platform.backend)),
+        writes=platform.unspecified == WRITE,
+    )
 
 
 def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
@@ -163,30 +247,31 @@ def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
         raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
 
 
-def _with_transitions(model: TaskModel, scheduled: Scheduled, *, all_or_none: bool) -> Scheduled:
-    """Add the transition tables between the modes that have a schedule."""
+def _switched(
+    model: TaskModel,
+    scheduled: Scheduled,
+    workers: Workers,
+    on_progress: OnProgress,
+    doubtful: tuple[tuple[str, str], ...] | None,
+) -> Switched:
+    """Find the transition tables between the modes that have a schedule.
+
+    A search that was stopped while it improved them gets its tables nevertheless: then all is there to be used.
+    """
+    from halpipe.pipeline.schedule import SWITCHES
     from halpipe.pipeline.transitions import switch_tables
 
-    schedule = scheduled.schedule
-    switched = switch_tables(
-        model, schedule, lambda table: not _broken_switch(model, schedule, table), all_or_none=all_or_none
-    )
-    return replace(
-        scheduled,
-        schedule=replace(schedule, transitions=switched.tables),
-        diagnostics=(*scheduled.diagnostics, *switched.diagnostics),
-        lacks_only_transitions=scheduled.is_complete and bool(switched.diagnostics),
-    )
+    def go_on(done: int, total: int) -> bool:
+        return on_progress(SWITCHES, done, total, 0) or scheduled.unimproved
+
+    return switch_tables(model, scheduled.schedule, _is_sound_switch, go_on, workers, doubtful)
 
 
-def _broken_switch(model: TaskModel, schedule: Schedule, table: TransitionTable) -> list[Diagnostic]:
-    """Return what verify finds in one table, on its own with its two modes."""
-    pair = (table.source, table.target)
-    modes = tuple(mode for mode in model.modes if mode.name in pair)
-    listed = tuple(t for t in model.allowed_transitions() if (t.source, t.target) == pair)
-    alone = replace(model, modes=modes, transitions=listed)
-    tables = tuple(mode for mode in schedule.modes if mode.name in pair)
-    return [d for d in verify_schedule(alone, replace(schedule, modes=tables, transitions=(table,))) if d.is_error]
+def _is_sound_switch(model: TaskModel, schedule: Schedule, table: TransitionTable) -> bool:
+    """Ask verify about one table between two modes that it has accepted."""
+    from halpipe.pipeline.verify import verify_switches
+
+    return not any(d.is_error for d in verify_switches(model, replace(schedule, transitions=(table,))))
 
 
 def _refuse_broken_claims(model: TaskModel, schedule: Schedule) -> None:
@@ -218,6 +303,9 @@ def explain_failure(model: TaskModel, scheduled: Scheduled, *, interrupted: bool
         )
     if interrupted and missing:
         found.append(code(f"not searched: {', '.join(missing)}", at=model.at))
+    if not failed and not missing:
+        text = "every mode has a valid schedule, but not every mode pair was searched for its transition table"
+        found.append(code(text, at=model.at, help="go on with --resume"))
     alone = replace(model, modes=tuple(model.mode(mode.name) for mode in failed), transitions=())
     claims = tuple(replace(mode, status=Status.VALID, cost=None, chains=()) for mode in failed)
     broken = verify_schedule(alone, replace(scheduled.schedule, modes=claims)) if failed else []
@@ -236,8 +324,44 @@ def export(format: str, model: TaskModel, schedule: Schedule | None, options: Ex
     """Verify, then write; return the contents by relative file name, the main output as ``""``."""
     writer = exporter(format)
     if schedule is not None:
-        findings = Findings(validate_model(model))
-        findings.stop_on_errors()
-        findings.extend(verify_schedule(model, schedule))
-        findings.stop_on_errors()
+        _refuse_invalid(model, schedule)
     return writer.write(model, schedule, options)
+
+
+def _refuse_invalid(model: TaskModel, schedule: Schedule) -> None:
+    """Stop unless the model validates and the schedule verifies."""
+    findings = Findings(validate_model(model))
+    findings.stop_on_errors()
+    findings.extend(verify_schedule(model, schedule))
+    findings.stop_on_errors()
+
+
+def open_target(path: str) -> Target:
+    """Open a bundle with the model and the schedule that it carries, which must verify."""
+    from halpipe.bundles import MODEL, SCHEDULE, open_bundle
+    from halpipe.deploy.base import Target
+    from halpipe.importers.native import parse_model, parse_schedule
+
+    bundle = open_bundle(path)
+    model = parse_model(bundle.files[MODEL], bundle.at(MODEL).file)
+    schedule = parse_schedule(bundle.files[SCHEDULE], bundle.at(SCHEDULE).file)
+    _refuse_invalid(model, schedule)
+    return Target(bundle=bundle, model=model, schedule=schedule)
+
+
+def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Prepared:
+    """Give a model the memory phases that it needs on a target; it must validate before and after."""
+    from halpipe.exporters.riscv.prepare import prepare
+
+    Findings(validate_model(model)).stop_on_errors()
+    prepared = prepare(model, options, dummy=dummy)
+    findings = Findings([*prepared.diagnostics])
+    findings.extend(found for found in validate_model(prepared.model) if found.is_error)
+    findings.stop_on_errors()
+    return prepared
+
+
+def check_bundle(path: str, options: CheckOptions) -> Checked:
+    """Open a bundle, verify the schedule it carries, and have its kind played and held against it."""
+    target = open_target(path)
+    return deployment(target.bundle.kind).check(target, options)

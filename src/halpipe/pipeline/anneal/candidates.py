@@ -9,6 +9,10 @@ from halpipe.pipeline.anneal.state import draw
 GAP_STEPS = 24
 """Steps of a profile that the search for a gap looks at."""
 
+ACCESS_SHARE, ACCESS_SHARE_IN_WINDOWS = 800, 500
+"""Draws, of 1024, that aim at a gap for an access phase if the job has any: the tighter places are there. The first is
+for tasks alone, the second for tasks coupled with others."""
+
 
 @compiled
 def nudged(p, s, task, start, most):
@@ -53,6 +57,9 @@ def aim_at_gap(p, s, task, steps, align_left):
     if rects == 0:
         return draw(s.random, p.hyperperiod)
     index = p.rect_first[option] + draw(s.random, rects)
+    share = ACCESS_SHARE_IN_WINDOWS if p.task_coupled[task] == 1 else ACCESS_SHARE
+    if rects > 1 and draw(s.random, 1024) < share:
+        index = p.rect_first[option] + 1 + draw(s.random, rects - 1)  # the first is of units
     lane = p.rect[index, 0]
     length = p.rect[index, 2]
     threshold = p.lane_capacity[lane] - p.rect[index, 3]

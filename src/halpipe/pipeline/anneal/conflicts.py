@@ -8,8 +8,8 @@ from halpipe.pipeline.anneal.profile import overloaded
 from halpipe.pipeline.anneal.side_costs import side_cost
 from halpipe.pipeline.anneal.state import FROZEN, FROZEN_HINT, HOT, INSERTED, draw
 
-HOT_SHARE = 900
-"""Draws, of 1024, that pick an entry in conflict."""
+HOT_SHARE, HOT_SHARE_WITH_WINDOWS = 960, 900
+"""Draws, of 1024, that pick an entry in conflict. With windows, others must make room more often."""
 
 
 @compiled
@@ -87,7 +87,7 @@ def pick(p, s):
     entries = len(p.entry_offset)
     if s.register[INSERTED] < entries:
         return p.construction[s.register[INSERTED]], -1
-    if draw(s.random, 1024) < HOT_SHARE:
+    if draw(s.random, 1024) < (HOT_SHARE_WITH_WINDOWS if len(p.row) > 0 else HOT_SHARE):
         while s.register[HOT] > 0:
             entry = s.hot[draw(s.random, s.register[HOT])]
             begin = p.entry_job[entry]

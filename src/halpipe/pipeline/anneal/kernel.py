@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from halpipe.pipeline.anneal.candidates import candidate_start
 from halpipe.pipeline.anneal.conflicts import heat_up, heat_up_overlapped, heat_up_partners, pick
-from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.jit import compiled, entry_point
 from halpipe.pipeline.anneal.placement import option_cost, put, slide, take
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.side_costs import chain_cost, demand_cost, job_window_cost, side_cost
@@ -24,7 +24,9 @@ from halpipe.pipeline.anneal.state import (
     CYCLE,
     CYCLE_LEFT,
     CYCLE_LENGTH,
+    FROZEN,
     HEAT,
+    HOT,
     INSERTED,
     MOVES,
     TEMPERATURE,
@@ -32,9 +34,16 @@ from halpipe.pipeline.anneal.state import (
 )
 
 # Choices of the search, tuned on generated sets; none of them affects validity.
-CANDIDATES = 32
+CANDIDATES, CANDIDATES_IN_WINDOWS = 16, 32
+"""Places to look at for a task alone, and for one that is coupled with others."""
 CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
+FIRST_CYCLE_MOVES = 20
+"""Cycles begin shorter and double up to `CYCLE_MOVES`: most sets need no more than a quench."""
+RESTART = 4
+"""One cycle in so many begins with an empty schedule: some basins are left in no other way."""
+FEW_CYCLES = 4
+"""So many cycles are made before the first restart."""
 HOT_CYCLES = 6
 """Of 16 + entries cycles, this many start hot: a few entries hold each other in place by their windows and must all
 move at once; of many, a hot cycle throws away more than it frees."""
@@ -47,25 +56,62 @@ NOISE_SHIFT = 20
 
 
 @compiled
-def next_temperature(p, s):
-    """Cool linearly to a third within a cycle; start cycles of Luby's lengths at T0, T0/2, T0/4 or, hot, at 8 T0."""
-    register = s.register
-    if register[CYCLE_LEFT] == 0:
-        register[CYCLE] += 1
-        number = register[CYCLE]
+def luby(number):
+    """Return the number-th term, from 1 on, of Luby's sequence 1, 1, 2, 1, 1, 2, 4, ..."""
+    length = 1
+    while (length << 1) - 1 < number:
+        length <<= 1
+    while number != (length << 1) - 1:
+        number -= length - 1
         length = 1
         while (length << 1) - 1 < number:
             length <<= 1
-        while number != (length << 1) - 1:
-            number -= length - 1
-            length = 1
-            while (length << 1) - 1 < number:
-                length <<= 1
-        register[CYCLE_LENGTH] = CYCLE_MOVES * len(p.entry_offset) * length
-        register[CYCLE_LEFT] = register[CYCLE_LENGTH]
-        entries = len(p.entry_offset)
-        is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (entries < FEW_ENTRIES or register[CYCLE] > 3)
-        register[HEAT] = s.heat << HOTTER if is_hot else s.heat >> draw(s.random, 3)
+    return length
+
+
+@compiled
+def restart(p, s):
+    """Take everything out that is not frozen, to construct it anew."""
+    register = s.register
+    for place in range(register[FROZEN], register[INSERTED]):
+        entry = p.construction[place]
+        for job in range(p.entry_job[entry], p.entry_job[entry + 1]):
+            take(p, s, job)
+            s.start[job] = -1
+    for place in range(register[HOT]):
+        s.hot_at[s.hot[place]] = -1
+    register[HOT] = 0
+    register[INSERTED] = register[FROZEN]
+    register[COST] = total_cost(p, s)
+
+
+@compiled
+def begin_cycle(p, s):
+    """Choose the length of the next cycle and the temperature it starts from: T0, T0/2, T0/4 or, hot, 8 T0."""
+    register = s.register
+    register[CYCLE] += 1
+    number = register[CYCLE]
+    entries = len(p.entry_offset)
+    moves = min(CYCLE_MOVES, FIRST_CYCLE_MOVES << min(number - 1, 8))
+    register[CYCLE_LENGTH] = moves * entries * luby(number)
+    register[CYCLE_LEFT] = register[CYCLE_LENGTH]
+    is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (entries < FEW_ENTRIES or number > FEW_CYCLES)
+    if is_hot:
+        register[HEAT] = s.heat << HOTTER
+    elif number == 1:
+        register[HEAT] = s.heat >> 1
+    else:
+        register[HEAT] = s.heat >> draw(s.random, 3)
+    if number > FEW_CYCLES and draw(s.random, RESTART) == 0:
+        restart(p, s)
+
+
+@entry_point
+def next_temperature(p, s):
+    """Cool linearly to a third within a cycle, then begin another."""
+    register = s.register
+    if register[CYCLE_LEFT] == 0:
+        begin_cycle(p, s)
     register[CYCLE_LEFT] -= 1
     heat = register[HEAT]
     low = heat // 3
@@ -200,7 +246,8 @@ def sample(p, s, noise, task, begin, end, single, fresh, best):
     coupled = p.task_coupled[task] == 1
     entry = p.job_entry[begin]
     temperature = s.register[TEMPERATURE]
-    for attempt in range(2 * CANDIDATES if fresh else CANDIDATES):
+    attempts = CANDIDATES_IN_WINDOWS if coupled else CANDIDATES
+    for attempt in range(2 * attempts if fresh else attempts):
         job = begin + draw(s.random, end - begin)
         start = candidate_start(p, s, task, job, fresh)
         limit = best + (temperature * noise[draw(s.random, len(noise))] >> NOISE_SHIFT)
@@ -232,7 +279,7 @@ def is_flexible(p, task):
     return p.option_late[first] > 0
 
 
-@compiled
+@entry_point
 def move(p, s, noise):
     """Make one heat-bath move and account for its cost."""
     register = s.register
@@ -282,7 +329,7 @@ def note_best(p, s):
             s.best_option[job] = s.option[job]
 
 
-@compiled
+@entry_point
 def anneal(p, s, noise, moves):
     """Make up to `moves` moves; stop early when the schedule is complete and its cost is zero. Return the cost."""
     register = s.register
@@ -295,7 +342,7 @@ def anneal(p, s, noise, moves):
     return register[COST]
 
 
-@compiled
+@entry_point
 def load(p, s):
     """Take the complete placement in `start`, `option` and `phase` as the current one; return its cost."""
     for job in range(len(p.job_task)):
@@ -308,7 +355,7 @@ def load(p, s):
     return s.register[COST]
 
 
-@compiled
+@entry_point
 def total_cost(p, s):
     """Return the cost of a complete placement, from its profiles and windows."""
     cost = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.jit import compiled, entry_point
 from halpipe.pipeline.anneal.profile import excess, find, overloaded, raise_level
 
 SLIDE_STEPS = 24
@@ -28,7 +28,7 @@ def option_cost(p, s, option, start, limit):
     return cost
 
 
-@compiled
+@entry_point
 def put(p, s, job):
     """Enter a job's rectangles into the profiles."""
     option = s.option[job]

@@ -18,7 +18,7 @@ from halpipe.pipeline.anneal.dealing import Units, deal
 from halpipe.pipeline.anneal.kernel import load
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.side_costs import worst_age, worst_reaction
-from halpipe.pipeline.anneal.slices import OnSlice, run
+from halpipe.pipeline.anneal.slices import Kept, OnSlice, run
 from halpipe.pipeline.anneal.state import BEST, MOVES, State, new_state
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ CHAIN_STEP = 8
 
 MARGIN_STEPS = 64
 """WCET margins are tried in steps of one part in so many."""
+
+PLACED = ("best_start", "best_option", "phase")
+"""What a step that was granted leaves to the next."""
 
 LARGEST_MARGIN = 100 * MARGIN_STEPS
 """Beyond a hundred times the WCET nobody asks; a job alone on its unit would have no bound."""
@@ -61,26 +64,42 @@ class _Best:
     units: Units
 
 
+@dataclass(frozen=True, slots=True)
+class Improved:
+    """The improved placement, the problem it is valid for, its units, the moves made, and whether to stop."""
+
+    problem: Problem
+    state: State
+    units: Units
+    moves: int
+    stopped: bool
+
+
 def improve(
-    problem: Problem, state: State, units: Units, polish: Polish, on_slice: OnSlice, named: Named
-) -> tuple[Problem, State, Units, int]:
-    """Return the improved placement, the problem it is valid for, its units, and the moves made."""
+    problem: Problem, state: State, units: Units, polish: Polish, on_slice: OnSlice, named: Named, kept: Kept | None
+) -> Improved:
+    """Grant one wish after the other; the steps of an earlier run that were `kept` are not searched again."""
     best = _Best(problem, state, units)
     wishes = _cost_wishes if polish.quality == "cost" else _margin_wishes
-    moves, stopped = 0, False
+    moves, number, stopped = 0, 0, False
     steps = wishes(best)
     try:
         arrays = next(steps)
         while not stopped and not polish.is_enough(named(best.problem, best.state, best.units)):
-            granted, made, stopped = _grant(best, arrays, polish, moves, on_slice)
-            moves += made
+            step = kept and kept.stage(f"step{number}")
+            granted, made, stopped = _recall(best, arrays, polish, step) or _grant(
+                best, arrays, polish, moves, on_slice, step
+            )
+            moves, number = moves + made, number + 1
             arrays = steps.send(granted)
     except StopIteration:
         pass
-    return best.problem, best.state, best.units, moves
+    return Improved(best.problem, best.state, best.units, moves, stopped)
 
 
-def _grant(best: _Best, arrays: Arrays, polish: Polish, before: int, on_slice: OnSlice) -> tuple[bool, int, bool]:
+def _grant(
+    best: _Best, arrays: Arrays, polish: Polish, before: int, on_slice: OnSlice, kept: Kept | None
+) -> tuple[bool, int, bool]:
     """Search on under tighter arrays; return whether it worked, the moves made, and whether to stop."""
     problem = replace(best.problem, arrays=arrays)
     state = new_state(arrays, polish.seed, problem.mean_wcet)
@@ -88,13 +107,35 @@ def _grant(best: _Best, arrays: Arrays, polish: Polish, before: int, on_slice: O
     _fit_slack(arrays, state)
     load(arrays, state)
     budget = polish.budget * len(arrays.entry_offset)
-    stopped = run(problem, state, budget, lambda moves, _: on_slice(before + moves, 0))
+    stopped = run(problem, state, budget, lambda moves, _: on_slice(before + moves, 0), kept)
     made = int(state.register[MOVES])
     units = deal(problem, state.best_start, state.best_option) if state.register[BEST] == 0 else None
+    if kept is not None and not stopped:
+        placed = {} if units is None else {name: getattr(state, name) for name in PLACED}
+        kept.note({"moves": state.register[MOVES : MOVES + 1], **placed})
     if units is None:
         return False, made, stopped
     best.problem, best.state, best.units = problem, state, units
     return True, made, stopped
+
+
+def _recall(best: _Best, arrays: Arrays, polish: Polish, kept: Kept | None) -> tuple[bool, int, bool] | None:
+    """Return what `_grant` returned for this step in an earlier run, with the same effect; None if it did not end."""
+    facts = kept and kept.noted()
+    if not facts:
+        return None
+    moves = int(facts["moves"][0])
+    if PLACED[0] not in facts:
+        return False, moves, False
+    problem = replace(best.problem, arrays=arrays)
+    state = new_state(arrays, polish.seed, problem.mean_wcet)
+    for name in PLACED:
+        getattr(state, name)[:] = facts[name]
+    state.register[BEST] = 0
+    units = deal(problem, state.best_start, state.best_option)
+    assert units is not None, "it was dealt before"
+    best.problem, best.state, best.units = problem, state, units
+    return True, moves, False
 
 
 def _fit_slack(arrays: Arrays, state: State) -> None:

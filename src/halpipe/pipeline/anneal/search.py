@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +11,14 @@ from halpipe.pipeline.anneal.dealing import Units, deal, deal_anyhow
 from halpipe.pipeline.anneal.freezing import freeze
 from halpipe.pipeline.anneal.kernel import load
 from halpipe.pipeline.anneal.naming import named_jobs
+from halpipe.pipeline.anneal.portfolio import race
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.quality import Polish, improve
 from halpipe.pipeline.anneal.slices import Kept, OnSlice, run
 from halpipe.pipeline.anneal.state import BEST, MOVES, State, new_state
 from halpipe.pipeline.anneal.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.problem import Option
+from halpipe.pipeline.workers import Workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -26,16 +28,34 @@ if TYPE_CHECKING:
 
 NOTHING = Earlier()
 
+MEMBER_SEED = 0x2127599BF4325C37
+"""Between the seeds of searches that take turns."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How many searches take turns, and the threads that they share."""
+
+    members: int = 1
+    workers: Workers = field(default_factory=Workers)
+
+
+ALONE = Effort()
+
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a search came to: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay."""
+    """What a search came to: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay.
+
+    `unimproved` tells that it was stopped while it improved a valid schedule.
+    """
 
     jobs: tuple[Job, ...]
     cost: int
     moves: int
     stopped: bool
     changed: tuple[str, ...] = ()
+    unimproved: bool = False
 
 
 def search(
@@ -48,6 +68,7 @@ def search(
     polish: Polish | None = None,
     shipped: Mapping[tuple[str, int], Job] | None = None,
     kept: Kept | None = None,
+    effort: Effort = ALONE,
 ) -> Outcome:
     """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
@@ -57,21 +78,31 @@ def search(
     """
     if shipped:
         problem = separate()
-    state = new_state(problem.arrays, seed, problem.mean_wcet)
-    state.hint[:] = hints(problem, earlier)
-    problem = problem.with_construction(known_first(problem.arrays.construction, state.hint))
+    hint = hints(problem, earlier)
+    problem = problem.with_construction(known_first(problem.arrays.construction, hint))
     changed: tuple[str, ...] = ()
     if shipped:
-        problem, changed = freeze(problem, state, shipped)
-    stopped = run(problem, state, budget, on_slice, kept and kept.stage("groups"))
-    moves = int(state.register[MOVES])
+        problem, changed = freeze(problem, new_state(problem.arrays, seed, problem.mean_wcet), shipped)
+
+    def begin(member: int) -> State:
+        state = new_state(problem.arrays, seed + member * MEMBER_SEED, problem.mean_wcet)
+        state.hint[:] = hint
+        if shipped:
+            freeze(problem, state, shipped)
+        return state
+
+    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept)
+    state, moves, stopped = found.state, found.moves, found.stopped
     if state.register[BEST] == NEVER:
         state = _completed(problem, state, seed)
     units = deal(problem, state.best_start, state.best_option)
     if units is None and state.register[BEST] == 0:
         problem, state = _continue(problem, state, separate(), seed)
         rest = kept and kept.stage("units")
-        stopped = stopped or run(problem, state, budget - moves, lambda made, best: on_slice(moves + made, best), rest)
+        before = moves
+        stopped = stopped or run(
+            problem, state, budget - before, lambda made, best: on_slice(before + made, best), rest
+        )
         moves += int(state.register[MOVES])
         units = deal(problem, state.best_start, state.best_option)
 
@@ -79,11 +110,13 @@ def search(
         renamed = units if shipped else rename_units(problem, units, earlier)
         return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
 
+    unimproved = False
     if units is not None and state.register[BEST] == 0 and polish is not None and not stopped:
-        problem, state, units, made = improve(problem, state, units, polish, on_slice, named)
-        moves += made
+        better = improve(problem, state, units, polish, on_slice, named, kept)
+        problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
+        moves += better.moves
     units = units or deal_anyhow(problem, state.best_start, state.best_option)
-    return Outcome(named(problem, state, units), int(state.register[BEST]), moves, stopped, changed)
+    return Outcome(named(problem, state, units), int(state.register[BEST]), moves, stopped, changed, unimproved)
 
 
 def _completed(problem: Problem, state: State, seed: int) -> State:

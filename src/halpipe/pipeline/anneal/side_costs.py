@@ -6,7 +6,7 @@ nothing, so that construction can start from an empty schedule.
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.jit import compiled, entry_point
 from halpipe.pipeline.anneal.profile import NEVER
 
 
@@ -161,7 +161,7 @@ def _late(p, latency, limit):
     return max(0, latency - limit) * p.unit_weight
 
 
-@compiled
+@entry_point
 def worst_reaction(p, start, option, phase, begin, end):
     """Return the worst reaction time of the chain in ``chain_task[begin:end]``, NEVER if nothing gets through."""
     task = p.chain_task[begin]
@@ -180,7 +180,7 @@ def worst_reaction(p, start, option, phase, begin, end):
     return worst if worst >= 0 else NEVER
 
 
-@compiled
+@entry_point
 def worst_age(p, start, option, phase, begin, end):
     """Return the worst data age of the chain in ``chain_task[begin:end]``, NEVER if nothing gets through."""
     task = p.chain_task[end - 1]

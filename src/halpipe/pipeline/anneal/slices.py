@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,7 +11,12 @@ from halpipe.pipeline.anneal.noise import gumbel_table
 from halpipe.pipeline.anneal.state import BEST, FROZEN, INSERTED, MOVES, State
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from halpipe.pipeline.problem import Problem
+
+    Ints = NDArray[np.int64]
 
 SLICE_WORK = 20_000
 """Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
@@ -31,6 +36,14 @@ class Keeper(Protocol):
         """Save a state: at once, or when it is time."""
         ...
 
+    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of what was kept under `key`, in place of its state."""
+        ...
+
+    def noted(self, key: str) -> Mapping[str, Ints] | None:
+        """Return such an outcome; None where there is none."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Kept:
@@ -43,18 +56,35 @@ class Kept:
         """Return the same for one stage of the search."""
         return Kept(self.keeper, f"{self.key}/{name}")
 
+    def restore(self, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        self.keeper.restore(self.key, state)
+
+    def keep(self, state: State, *, now: bool) -> None:
+        """Save a state: at once, or when it is time."""
+        self.keeper.keep(self.key, state, now=now)
+
+    def note(self, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of a finished stage in place of its state."""
+        self.keeper.note(self.key, facts)
+
+    def noted(self) -> Mapping[str, Ints] | None:
+        """Return the outcome of this stage if it was finished before."""
+        return self.keeper.noted(self.key)
+
 
 def run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
     """Run the kernel until the cost is zero, out of moves, or told to stop (then True)."""
     if kept is not None:
-        kept.keeper.restore(kept.key, state)
-    stopped = _run(problem, state, budget, on_slice, kept)
+        kept.restore(state)
+    stopped = advance(problem, state, budget, on_slice, kept)
     if kept is not None:
-        kept.keeper.keep(kept.key, state, now=True)
+        kept.keep(state, now=True)
     return stopped
 
 
-def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None) -> bool:
+def advance(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
+    """Do the same from the state as it is, without a word to the keeper at the end."""
     noise = gumbel_table()
     entries = len(problem.arrays.entry_offset)
     size = max(1, SLICE_WORK * entries // (20 * max(1, len(problem.arrays.job_task))))
@@ -70,5 +100,5 @@ def _run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: K
         if not on_slice(int(register[MOVES]), int(register[BEST]) if constructed else -1):
             return True
         if kept is not None:
-            kept.keeper.keep(kept.key, state, now=False)
+            kept.keep(state, now=False)
     return False

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.memory import as_table
 from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.problem import Arrays
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from halpipe.pipeline.problem import Arrays
 
     Ints = NDArray[np.int64]
 
@@ -29,6 +29,9 @@ TEMPERATURE = 8
 HOT = 9
 FROZEN = 10
 REGISTERS = 11
+
+START_HEAT, START_HEAT_WITH_WINDOWS = 30, 40
+"""T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
 
 FROZEN_HINT = -2
 """Mark of an entry that never moves."""
@@ -69,7 +72,8 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
     edge[arrays.lane_first[:-1] + 1] = arrays.hyperperiod
     register = np.zeros(REGISTERS, np.int64)
     register[BEST] = NEVER
-    heat = max(1, 6 * 1024 * mean_wcet * arrays.unit_weight // 100)
+    share = START_HEAT_WITH_WINDOWS if len(arrays.row) else START_HEAT
+    heat = max(1, share * 1024 * mean_wcet * arrays.unit_weight // 1000)
     return State(
         start=np.full(jobs, -1, np.int64),
         option=np.zeros(jobs, np.int64),
@@ -111,3 +115,7 @@ def draw(random, below):
     if below < 4294967296:
         return np.int64(((x >> np.uint64(32)) * np.uint64(below)) >> np.uint64(32))
     return np.int64(x % np.uint64(below))
+
+
+as_table(State)
+as_table(Arrays, fixed=True)

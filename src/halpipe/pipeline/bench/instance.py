@@ -133,14 +133,13 @@ def _warm_up() -> None:
 
 
 def _exact(model: TaskModel, instance: Instance) -> dict[str, Any]:
-    """Give the same set to CP-SAT; return its answer and seconds, or why there is none."""
-    from halpipe.pipeline.exact import solve_exact
+    """Give the same set to CP-SAT; return its answer and time, which depend on the machine, or why there is none."""
+    from halpipe.pipeline.exact import Effort, solve_exact
 
+    effort = Effort(work=None, clock=instance.exact_seconds, workers=instance.exact_workers, seed=instance.seed)
     begin = perf_counter_ns()
     try:
-        answer = solve_exact(
-            model, model.modes[0], seconds=instance.exact_seconds, workers=instance.exact_workers, seed=instance.seed
-        )
+        answer = solve_exact(model, model.modes[0], effort)
     except HalpipeError as failure:
         return {"answer": "none", "reason": "; ".join(d.message for d in failure.diagnostics)}
     return {"answer": str(answer.status), "ns": perf_counter_ns() - begin}

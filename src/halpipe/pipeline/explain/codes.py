@@ -9,7 +9,8 @@ TASKS_MEET = error(
     "gcd(D1, D2). If their WCETs C1 + C2 exceed it, some of their jobs run at the same time, however the phases are "
     "chosen, and so do further tasks that are longer than the gaps which that leaves. When they need more units than "
     "there are for them, no schedule exists. Of a task with slack only C - slack * D counts, the part of its time that "
-    "does not depend on where its jobs start.",
+    "does not depend on where its jobs start. Groups of tasks that are together for some time meet others in the same "
+    "way. While a task has a unit for itself, jobs that might use it too cannot start there, and do without it.",
 )
 NO_GAP = error(
     "HAL0431",

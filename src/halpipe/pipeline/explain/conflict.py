@@ -11,7 +11,7 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline.exact import Answer, is_installed, is_small, solve_expansion
+from halpipe.pipeline.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.expand import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.validate.context import place, quoted
@@ -56,7 +56,7 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
     def answer(kept: Kept, seed: int = 1) -> Answer:
         part = Expansion(mode, expansion.hyperperiod, kept.tasks)
         try:
-            return solve_expansion(model, part, chains=kept.chains, seconds=EFFORT, seed=seed).status
+            return solve_expansion(model, part, Effort(work=EFFORT, seed=seed, go_on=go_on), chains=kept.chains).status
         except HalpipeError:  # too many variables
             return Answer.UNKNOWN
 

@@ -1,15 +1,13 @@
 """The search for the jobs of one transition table of a given length.
 
-What is fixed: two cycles of the mode before, two of the mode after. What is asked: the fewest jobs that keep tasks
-of both modes from starving and that give jobs of the mode after the predecessors they need. Jobs are placed by
-latest start first; one that does not fit is tried earlier in the next round.
+What is fixed is in `Change`: two cycles of the mode before, two of the mode after. What is asked: the fewest jobs that
+keep tasks of both modes from starving and that give jobs of the mode after the predecessors they need. Jobs are placed
+by latest start first; those that do not fit are tried earlier in the next round.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.transitions.line import Line, LineJob
@@ -17,11 +15,14 @@ from halpipe.pipeline.transitions.line import Line, LineJob
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from halpipe.pipeline.transitions.change import Change, Pace
     from halpipe.pipeline.transitions.line import Shape
-    from halpipe.pipeline.transitions.modes import GridMode, Window
+    from halpipe.pipeline.transitions.modes import Window
 
-ROUNDS = 12
-"""Orders of placement that are tried for one length."""
+PATIENCE = 4
+MORE_PATIENCE = 300
+"""Orders of placement that may fit no more jobs than the best one before a length is given up; one more for so many
+tasks, since large modes settle slowly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,188 +36,180 @@ class Blocked:
 
 @dataclass(slots=True)
 class _Wanted:
-    """A job that the table must have: a start of `task` in [earliest, latest]; `instants` narrow start or end."""
+    """A job that the table must have: a start of `task` in [earliest, latest]; `instants` narrow start or end.
+
+    `number` counts the jobs, from 1, that keep the pace of the task; 0 is any other job.
+    """
 
     task: str
     earliest: int
     latest: int
     rule: str
-    order: int
+    order: int = 0
+    number: int = 0
     instants: list[tuple[int, int, bool]] = field(default_factory=list)
 
 
 class Table:
-    """One attempt: the switch from `before` to `after` with a table of `length` ticks."""
+    """One attempt: the switch `change` with a table of `length` ticks; `work` counts the jobs it tried to place."""
 
-    def __init__(self, before: GridMode, after: GridMode, length: int) -> None:
-        self.after = after
+    def __init__(self, change: Change, length: int) -> None:
+        self.change = change
         self.length = length
-        self.past = [job.moved(-cycle * before.hyperperiod) for cycle in (2, 1) for job in before.jobs]
-        self.future = [job.moved(length + cycle * after.hyperperiod) for cycle in (0, 1) for job in after.jobs]
-        self.common = {a.name: a for a in after.expansion.tasks if a.name in before.expansion.by_name}
-        self._most_wanted = 4 * len(after.expansion.tasks) + 16
-        self.fixed_by_task: dict[str, list[LineJob]] = {}
-        for job in (*self.past, *self.future):
-            self.fixed_by_task.setdefault(job.task, []).append(job)
+        self.work = 0
+        self._placed: dict[str, list[LineJob]] = {}
+        self._paced: dict[tuple[str, int], LineJob] = {}
 
     def fill(self) -> tuple[LineJob, ...] | Blocked:
         """Return the jobs of the table, or what blocks it."""
-        line = self._line()
-        if isinstance(line, Blocked):
-            return line
+        clash = self.change.clash(self.length)
+        if clash is not None:
+            return Blocked(clash, "unit or resource is still in use by the mode before")
         wanted = self._wanted()
         if isinstance(wanted, Blocked):
             return wanted
-        blocked = Blocked("", "")
-        for _ in range(ROUNDS):
+        patience = PATIENCE + len(self.change.paces) // MORE_PATIENCE
+        blocked, fewest, stale = Blocked("", ""), len(wanted) + 1, 0
+        while stale < patience:
             placed = self._place(wanted)
-            if not isinstance(placed, _Wanted):
+            if isinstance(placed, tuple):
                 return placed
-            blocked = Blocked(placed.task, placed.rule, progress=1)
-            placed.order -= 1
-            self._want_predecessors_of(placed, wanted)
+            blocked = Blocked(placed[0].task, placed[0].rule, progress=1)
+            fewest, stale = (len(placed), 0) if len(placed) < fewest else (fewest, stale + 1)
+            for want in placed:
+                want.order -= 1
+                self._want_predecessors_of(want, wanted)
         return blocked
-
-    def _line(self) -> Line | Blocked:
-        """Enter what is fixed near the switch; two modes that clash there leave no table of this length."""
-        line = Line(self.after.quanta)
-        for job in self.past:
-            if job.end > 0:
-                line.enter(job)
-        reach = self.length + max((s.wcet for shapes in self.after.shapes.values() for s in shapes), default=0)
-        for job in self.future:
-            if job.start < reach or job.start < max((p.end for p in self.past), default=0):
-                if line.clashes(job):
-                    return Blocked(job.task, "unit or resource is still in use by the mode before")
-                line.enter(job)
-        return line
 
     # ---- what is wanted
 
     def _wanted(self) -> list[_Wanted] | Blocked:
         wanted: list[_Wanted] = []
-        for name, active in self.common.items():
-            if active.task.period is None:
-                continue
-            found = self._against_starving(name)
+        for pace in self.change.paces:
+            found = self._against_starving(pace)
             if isinstance(found, Blocked):
                 return found
             wanted += found
-        for job in self.future:
-            for window in self.after.windows[job.task, job.shape.version]:
-                if window.met_by(job.start, self.fixed_by_task.get(window.task, [])):
-                    continue
-                blocked = self._want_predecessor(job, window, wanted)
-                if blocked is not None:
-                    return blocked
+        for job, window in self.change.open_windows:
+            low, high = job.start - window.high + self.length, job.start - window.low + self.length
+            if self.change.has_past(window, low, high):
+                continue
+            blocked = self._want_predecessor(job, window, low, high, wanted)
+            if blocked is not None:
+                return blocked
         return wanted
 
-    def _against_starving(self, name: str) -> list[_Wanted] | Blocked:
+    def _against_starving(self, pace: Pace) -> list[_Wanted] | Blocked:
         """Return the starts that fill a gap between the last job before and the first job after the switch."""
-        task = self.common[name].task
-        assert task.period is not None, "only periodic tasks starve"
-        most = (task.period * (1 + task.slack)) // self.after.tick
-        last = max((job for job in self.past if job.task == name), key=lambda j: j.start)
-        first = min((job for job in self.future if job.task == name), key=lambda j: j.start)
-        gap = first.start - last.start
-        count = max(0, -(-gap // most) - 1)
+        first = pace.first + self.length
+        count = max(0, -(-(first - pace.last) // pace.most) - 1)
         if not count:
-            return Blocked(name, "would run against itself") if gap < last.shape.wcet else []
-        shortest = min(shape.wcet for shape in self.after.shapes[name])
+            is_early = first < pace.last_end
+            return Blocked(pace.task, "would run against itself") if is_early else []
         wanted = []
         for number in range(1, count + 1):
             left = count + 1 - number
-            earliest = max(0, first.start - left * most, last.end + (number - 1) * shortest)
-            latest = min(self.length - 1, last.start + number * most, first.start - left * shortest)
+            earliest = max(0, first - left * pace.most, pace.last_end + (number - 1) * pace.shortest)
+            latest = min(self.length - 1, pace.last + number * pace.most, first - left * pace.shortest)
             if earliest > latest:
-                return Blocked(name, "would not start often enough")
-            wanted.append(_Wanted(name, earliest, latest, "would not start often enough", 0))
+                return Blocked(pace.task, "would not start often enough")
+            wanted.append(_Wanted(pace.task, earliest, latest, "would not start often enough", number=number))
         return wanted
 
-    def _want_predecessor(self, job: LineJob, window: Window, wanted: list[_Wanted]) -> Blocked | None:
+    def _want_predecessor(
+        self, job: LineJob, window: Window, low: int, high: int, wanted: list[_Wanted]
+    ) -> Blocked | None:
         """Narrow a start that is wanted anyway to one that meets the window, or want one more."""
-        low, high = job.start - window.high, job.start - window.low
         rule = f'job of "{job.task}" lacks its predecessor "{window.task}"'
-        shapes = self.after.shapes.get(window.task)
+        shapes = self.change.after.shapes.get(window.task)
         if not shapes:
             return Blocked(job.task, rule)
-        for known in wanted:
-            if known.task == window.task and (low, high, window.from_end) in known.instants:
-                return None
+        instants = (low, high, window.from_end)
+        if any(known.task == window.task and instants in known.instants for known in wanted):
+            return None
         shift = max(shape.wcet for shape in shapes) if window.from_end else 0
         earliest, latest = max(0, low - shift), min(self.length - 1, high - (shift and min(s.wcet for s in shapes)))
         if earliest > latest:
             return Blocked(job.task, rule)
         for known in wanted:
-            if (
-                known.task == window.task
-                and not known.instants
-                and known.earliest <= latest
-                and earliest <= known.latest
-            ):
+            if known.task != window.task or known.instants:
+                continue
+            if known.earliest <= latest and earliest <= known.latest:
                 known.earliest, known.latest = max(known.earliest, earliest), min(known.latest, latest)
-                known.instants.append((low, high, window.from_end))
+                known.instants.append(instants)
                 return None
-        wanted.append(_Wanted(window.task, earliest, latest, rule, 0, [(low, high, window.from_end)]))
+        wanted.append(_Wanted(window.task, earliest, latest, rule, instants=[instants]))
         return None
 
     def _want_predecessors_of(self, want: _Wanted, wanted: list[_Wanted]) -> None:
         """Want the jobs without which no version of a job of the table finds its predecessors."""
-        shape = self.after.shapes[want.task][0]
-        for window in self.after.windows[want.task, shape.version]:
-            fixed = (window.instant(job) for job in self.fixed_by_task.get(window.task, ()))
-            met = any(want.earliest - window.high <= instant <= want.latest - window.low for instant in fixed)
-            if met or not self.after.shapes.get(window.task) or len(wanted) > self._most_wanted:
+        change = self.change
+        shape = change.after.shapes[want.task][0]
+        for window in change.after.windows[want.task, shape.version]:
+            low, high = want.earliest - window.high, want.latest - window.low
+            met = change.has_past(window, low, high) or change.has_future(window, low - self.length, high - self.length)
+            if met or not change.after.shapes.get(window.task) or len(wanted) > change.most_wanted:
                 continue
-            shift = self.after.shapes[window.task][0].wcet if window.from_end else 0
-            earliest = max(0, want.earliest - window.high - shift)
-            latest = min(self.length - 1, want.latest - window.low - shift)
+            shift = change.after.shapes[window.task][0].wcet if window.from_end else 0
+            earliest, latest = max(0, low - shift), min(self.length - 1, high - shift)
             if earliest <= latest and not any(w.task == window.task and w.latest == latest for w in wanted):
                 wanted.append(_Wanted(window.task, earliest, latest, want.rule, want.order))
 
     # ---- placing
 
-    def _place(self, wanted: list[_Wanted]) -> tuple[LineJob, ...] | _Wanted:
-        """Place every wanted job, predecessors first; return them numbered, or the first wish that does not fit."""
-        line = self._line()
-        assert isinstance(line, Line), "checked before"
-        jobs = {name: list(found) for name, found in self.fixed_by_task.items()}
-        placed: list[LineJob] = []
-        for want in sorted(wanted, key=lambda w: (w.order, self._depth[w.task], w.latest, w.task)):
-            job = self._place_one(want, line, jobs)
+    def _place(self, wanted: list[_Wanted]) -> tuple[LineJob, ...] | list[_Wanted]:
+        """Place every wanted job, predecessors first; return them numbered, or the wishes that do not fit."""
+        change = self.change
+        line = Line(change.after.quanta, (change.tail_layer, 0), (change.future_layer, self.length))
+        self._placed, self._paced = {}, {}
+        unfit: list[_Wanted] = []
+        for want in sorted(wanted, key=lambda w: (w.order, change.depth[w.task], w.latest, w.task)):
+            job = self._place_one(want, line)
             if job is None:
-                return want
+                unfit.append(want)
+                continue
             line.enter(job)
-            jobs.setdefault(job.task, []).append(job)
-            placed.append(job)
-        return tuple(_numbered(placed))
+            self._placed.setdefault(job.task, []).append(job)
+            if want.number:
+                self._paced[want.task, want.number] = job
+        return unfit or tuple(_numbered([job for jobs in self._placed.values() for job in jobs]))
 
-    def _place_one(self, want: _Wanted, line: Line, jobs: dict[str, list[LineJob]]) -> LineJob | None:
-        for shape in self.after.shapes[want.task]:
-            for earliest, latest in self._allowed(want, shape, jobs):
+    def _place_one(self, want: _Wanted, line: Line) -> LineJob | None:
+        self.work += 1
+        for shape in self.change.after.shapes[want.task]:
+            for earliest, latest in self._allowed(want, shape):
                 fit = line.first_fit(shape, earliest, latest)
                 if fit is not None:
                     return LineJob(fit[0], want.task, 0, shape, fit[1])
         return None
 
-    def _allowed(self, want: _Wanted, shape: Shape, jobs: dict[str, list[LineJob]]) -> list[tuple[int, int]]:
-        """Return the intervals of starts that the wish and the version's own constraints leave."""
-        spans = [(want.earliest, want.latest)]
+    def _allowed(self, want: _Wanted, shape: Shape) -> list[tuple[int, int]]:
+        """Return the intervals of starts that the wish, its neighbours and the version's own constraints leave."""
+        spans = [self._in_pace(want, shape)]
         for low, high, from_end in want.instants:
             shift = shape.wcet if from_end else 0
             spans = _meet(spans, [(low - shift, high - shift)])
-        for window in self.after.windows[shape.task, shape.version]:
-            instants = (window.instant(job) for job in jobs.get(window.task, ()))
+        for window in self.change.after.windows[shape.task, shape.version]:
+            if not spans:
+                break
+            low, high = spans[0][0] - window.high, spans[-1][1] - window.low
+            instants = self.change.instants(window, low, high, self.length)
+            instants += [window.instant(job) for job in self._placed.get(window.task, ())]
             spans = _meet(spans, [(instant + window.low, instant + window.high) for instant in instants])
-        return spans
+        return [(low, high) for low, high in spans if low <= high]
 
-    @cached_property
-    def _depth(self) -> dict[str, int]:
-        """The place of every task in an order with predecessors first."""
-        before: dict[str, set[str]] = {name: set() for name in self.after.shapes}
-        for (task, _), windows in self.after.windows.items():
-            before[task].update(window.task for window in windows if window.task in before)
-        return {name: place for place, name in enumerate(TopologicalSorter(before).static_order())}
+    def _in_pace(self, want: _Wanted, shape: Shape) -> tuple[int, int]:
+        """Return the starts that are neither too far from the jobs before and after it, nor run into them."""
+        earliest, latest = want.earliest, want.latest
+        before = self._paced.get((want.task, want.number - 1))
+        if before is not None:
+            earliest = max(earliest, before.end)
+            latest = min(latest, before.start + self.change.most(want.task))
+        after = self._paced.get((want.task, want.number + 1)) if want.number else None
+        if after is not None:
+            earliest = max(earliest, after.start - self.change.most(want.task))
+            latest = min(latest, after.start - shape.wcet)
+        return earliest, latest
 
 
 def _meet(spans: list[tuple[int, int]], others: list[tuple[int, int]]) -> list[tuple[int, int]]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, error, warning
 from halpipe.models import Job, Status, TransitionTable
+from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.modes import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
+from halpipe.pipeline.workers import Workers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,7 +20,6 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Schedule, TaskModel, Transition
     from halpipe.pipeline.transitions.line import LineJob
-    from halpipe.pipeline.transitions.modes import GridMode
 
 NO_TABLE = error(
     "HAL0410",
@@ -35,127 +37,242 @@ NO_IMPLIED_TABLE = warning(
 LENGTHS = 400
 """Lengths that are considered for one pair."""
 
-WORK = 400_000
-"""Jobs, times lengths, that are looked at for one pair: large modes get fewer tries."""
+WORK = 60_000
+"""Jobs that are placed for one pair, over all lengths, before it is given up."""
 
-Check = Callable[[TransitionTable], bool]
-"""Decides whether a table is valid: the independent check of the stages."""
+LEAST_TRIES = 8
+"""Lengths that are tried however large the modes are."""
+
+FEW = 64
+STEP = 16
+"""Of more than a few lengths, only every so many are tried at first."""
+
+ORDERS = 4
+"""Times that each job is placed for one length, roughly."""
+
+SPREAD = 4_000
+"""Jobs of all pairs together from which processes are worth their start; a job takes about a millisecond."""
+
+Check = Callable[["TaskModel", "Schedule", TransitionTable], bool]
+"""Decides whether a table is valid: the independent check of the stages. It may be sent to another process."""
+
+GoOn = Callable[[int, int], bool]
+"""Told how many of how many pairs are done; says whether to go on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Switched:
-    """The tables found, and a finding for every pair without one."""
+    """The tables found, a finding for every pair without one, and whether the search was stopped before the last."""
 
     tables: tuple[TransitionTable, ...]
     diagnostics: tuple[Diagnostic, ...]
-
-
-def switch_tables(model: TaskModel, schedule: Schedule, check: Check, *, all_or_none: bool = False) -> Switched:
-    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each.
-
-    With `all_or_none`, stop at the first pair without a table.
-    """
-    scheduled = {mode.name: mode for mode in schedule.modes if mode.status is Status.VALID}
-    tables, diagnostics = [], []
-    for pair in model.allowed_transitions():
-        if pair.source not in scheduled or pair.target not in scheduled:
-            continue
-        before, after = on_common_grid(model, scheduled[pair.source], scheduled[pair.target])
-        found = _shortest(pair, before, after, check)
-        if isinstance(found, TransitionTable):
-            tables.append(found)
-        else:
-            diagnostics.append(_failure(model, pair, found))
-            if all_or_none:
-                break
-    return Switched(tuple(tables), tuple(diagnostics))
-
-
-def _shortest(pair: Transition, before: GridMode, after: GridMode, check: Check) -> TransitionTable | Blocked:
-    """Try lengths from short to long until a table passes the check."""
-    blocked = Blocked("", "no length is allowed")
-    paces = list(_paces(before, after))
-    tries = max(8, WORK // max(1, len(before.jobs) + len(after.jobs)))
-    for length in _lengths(pair, before, after):
-        starving = next((pace.task for pace in paces if not pace.can_be_kept(length)), None)
-        if starving is not None:
-            blocked = Blocked(starving, "would not start often enough") if not blocked.progress else blocked
-            continue
-        tries -= 1
-        if tries < 0:
-            break
-        jobs = Table(before, after, length).fill()
-        if isinstance(jobs, Blocked):
-            blocked = jobs if jobs.progress >= blocked.progress else blocked
-            continue
-        table = _named(pair, before, after, length, jobs)
-        if check(table):
-            return table
-        blocked = Blocked("", "a chain limit or another rule that only the whole line shows", progress=2)
-    return blocked
+    failed: tuple[tuple[str, str], ...] = ()
+    stopped: bool = False
 
 
 @dataclass(frozen=True, slots=True)
-class _Pace:
-    """How often a task of both modes must start: `gap` is the time without a start if the table has length zero."""
+class _Pair:
+    """One switch to find a table for: the model and the schedule are cut down to its two modes."""
 
-    task: str
-    gap: int
-    most: int
-    shortest: int
+    model: TaskModel
+    schedule: Schedule
+    transition: Transition
+    check: Check
 
-    def can_be_kept(self, length: int) -> bool:
-        """Return whether some number of starts divides the gap into parts that are neither too long nor too short.
+    @property
+    def name(self) -> tuple[str, str]:
+        return self.transition.source, self.transition.target
 
-        A condition that is quick to check and rules out most lengths of strictly periodic tasks.
-        """
-        gap = self.gap + length
-        return -(-gap // self.most) <= gap // self.shortest
-
-
-def _paces(before: GridMode, after: GridMode) -> Iterator[_Pace]:
-    for active in after.expansion.tasks:
-        name, period = active.name, active.task.period
-        if name not in before.expansion.by_name or period is None:
-            continue
-        last = max(job.start for job in before.jobs if job.task == name) - before.hyperperiod
-        first = min(job.start for job in after.jobs if job.task == name)
-        wcets = [shape.wcet for mode in (before, after) for shape in mode.shapes[name]]
-        yield _Pace(name, first - last, (period * (1 + active.task.slack)) // after.tick, min(wcets))
+    @property
+    def jobs(self) -> int:
+        return sum(len(mode.jobs) for mode in self.schedule.modes)
 
 
-def _lengths(pair: Transition, before: GridMode, after: GridMode) -> list[int]:
-    """Return the lengths to try: those at which something begins to fit, and an even grid up to the limit."""
-    last = _longest(pair.max_length, before, after)
-    ends = {job.end - before.hyperperiod for job in before.jobs} | {0}
-    starts = {job.start for job in after.jobs}
-    exact = sorted({end - start for end in ends for start in starts if 0 < end - start <= last} | {0})
-    for window in (w for windows in after.windows.values() for w in windows):
-        if len(exact) > LENGTHS:
+def switch_tables(
+    model: TaskModel,
+    schedule: Schedule,
+    check: Check,
+    go_on: GoOn = lambda done, total: True,
+    workers: Workers | None = None,
+    doubtful: tuple[tuple[str, str], ...] | None = None,
+) -> Switched:
+    """Find a table for every allowed pair of scheduled modes; `check` has the last word on each.
+
+    If `doubtful` pairs are given, tables for some pairs only are of no use: these are tried first, and the first pair
+    without a table ends the search, with no tables at all.
+    """
+    pairs = _pairs(model, schedule, check)
+    order = sorted(range(len(pairs)), key=lambda number: pairs[number].name not in (doubtful or ()))
+    found: dict[int, TransitionTable | Blocked] = {}
+    is_stopped = False
+    for number, result in zip(order, _results([pairs[n] for n in order], go_on, workers or Workers()), strict=False):
+        if result is None:
+            is_stopped = True
             break
-        instants = {window.instant(job) - before.hyperperiod for job in before.jobs if job.task == window.task}
-        exact += [i + window.low - s for i in instants for s in starts if 0 < i + window.low - s <= last]
-    step = max(1, last // LENGTHS)
-    return sorted({*sorted(set(exact))[:LENGTHS], *range(0, last + 1, step)})
+        found[number] = result
+        if isinstance(result, Blocked) and doubtful is not None:
+            break
+    tables = tuple(table for _, table in sorted(found.items()) if isinstance(table, TransitionTable))
+    blocked = {number: result for number, result in sorted(found.items()) if isinstance(result, Blocked)}
+    return Switched(
+        () if blocked and doubtful is not None else tables,
+        tuple(_failure(model, pairs[number].transition, result) for number, result in blocked.items()),
+        tuple(pairs[number].name for number in blocked),
+        is_stopped,
+    )
 
 
-def _longest(limit: Duration | None, before: GridMode, after: GridMode) -> int:
+def _pairs(model: TaskModel, schedule: Schedule, check: Check) -> list[_Pair]:
+    scheduled = {mode.name: mode for mode in schedule.modes if mode.status is Status.VALID}
+    pairs = []
+    for pair in model.allowed_transitions():
+        if pair.source in scheduled and pair.target in scheduled:
+            modes = tuple(mode for mode in model.modes if mode.name in (pair.source, pair.target))
+            tables = (scheduled[pair.source], scheduled[pair.target])
+            alone = replace(model, modes=modes, transitions=(pair,))
+            pairs.append(_Pair(alone, replace(schedule, modes=tables, transitions=()), pair, check))
+    return pairs
+
+
+def _results(pairs: list[_Pair], go_on: GoOn, workers: Workers) -> Iterator[TransitionTable | Blocked | None]:
+    """Yield what comes of every pair; None for the first that is not finished."""
+    if workers.count > 1 and len(pairs) > 1 and sum(pair.jobs for pair in pairs) >= SPREAD:
+        yield from workers.spread(_shortest, pairs, lambda done: go_on(done, len(pairs)))
+        return
+    for number, pair in enumerate(pairs):
+        if not go_on(number, len(pairs)):
+            yield None
+            return
+        yield _shortest(pair, partial(go_on, number, len(pairs)))
+
+
+def _shortest(pair: _Pair, go_on: Callable[[], bool] = lambda: True) -> TransitionTable | Blocked | None:
+    """Return the shortest table that is found: where one length works, most longer ones do.
+
+    So some lengths are tried from short to long, then some just below the first that works; the rest only if none
+    does.
+    """
+    search = _Search(pair, go_on)
+    lengths = search.possible()
+    coarse = range(0, len(lengths), _step(len(lengths), pair.jobs))
+    rest = [index for index in range(len(lengths)) if index not in coarse]
+    index = next((index for index in (*coarse, *rest) if search.tries(lengths[index])), -1)
+    if search.table is not None and coarse.step > 1:
+        search.shorten(lengths[max(0, index - coarse.step) : index + 1])
+    return None if search.is_stopped else search.table or search.blocked
+
+
+def _step(lengths: int, jobs: int) -> int:
+    """Return which lengths to try at first, every so many: as many of them as can be afforded."""
+    if lengths <= FEW:
+        return 1
+    affordable = max(LEAST_TRIES, WORK // (ORDERS * max(1, jobs)))
+    return max(STEP, -(-lengths // affordable))
+
+
+class _Search:
+    """The lengths tried for one pair, and what came of them; `table` is the shortest that was found and checked."""
+
+    def __init__(self, pair: _Pair, go_on: Callable[[], bool]) -> None:
+        self._pair = pair
+        self._go_on = go_on
+        self._change = Change(*on_common_grid(pair.model, *pair.schedule.modes))
+        self._count = self._work = 0
+        self.is_stopped = False
+        self.table: TransitionTable | None = None
+        self.blocked = Blocked("", "no length is allowed")
+
+    def possible(self) -> list[int]:
+        """Return the lengths with which no task must starve."""
+        lengths = []
+        for length in _lengths(self._pair.transition, self._change):
+            starving = next((pace.task for pace in self._change.paces if not pace.can_be_kept(length)), None)
+            if starving is None:
+                lengths.append(length)
+            else:
+                self.blocked = Blocked(starving, "would not start often enough")
+        return lengths
+
+    def tries(self, length: int) -> bool:
+        """Try to find a table of a length that passes the check, unless enough was tried; return whether it worked."""
+        if self._count >= LEAST_TRIES and self._work > WORK:
+            return False
+        table = self._table(length)
+        return table is not None and self._takes(table)
+
+    def shorten(self, lengths: list[int]) -> None:
+        """Look for a table between the last of `lengths`, which works, and the first, by halves; have it checked."""
+        found: list[TransitionTable] = []
+        below, works = 0, len(lengths) - 1
+        while works - below > 1:
+            middle = (below + works) // 2
+            table = self._table(lengths[middle])
+            if table is None:
+                below = middle
+            else:
+                found, works = [table, *found], middle
+        any(self._takes(table) for table in found)
+
+    def _table(self, length: int) -> TransitionTable | None:
+        self.is_stopped = self.is_stopped or not self._go_on()
+        if self.is_stopped:
+            return None
+        attempt = Table(self._change, length)
+        jobs = attempt.fill()
+        self._count, self._work = self._count + 1, self._work + attempt.work
+        if isinstance(jobs, Blocked):
+            self.blocked = jobs if jobs.progress >= self.blocked.progress else self.blocked
+            return None
+        return _named(self._pair.transition, self._change, length, jobs)
+
+    def _takes(self, table: TransitionTable) -> bool:
+        if not self._pair.check(self._pair.model, self._pair.schedule, table):
+            self.blocked = Blocked("", "a chain limit or another rule that only the whole line shows", progress=2)
+            return False
+        self.table = table
+        return True
+
+
+def _lengths(pair: Transition, change: Change) -> list[int]:
+    """Return the lengths to try: those at which something begins or ceases to fit, and an even grid up to the limit."""
+    last = _longest(pair.max_length, change)
+    least = change.least[0]
+    if least > last:
+        return [last]  # the one that says what is in the way
+    exact = {least}
+    for pace in change.paces:
+        gap = pace.first - pace.last
+        parts = gap // pace.most + 1
+        exact.update((parts * pace.most - gap, (parts + 1) * pace.most - gap))
+        exact.update(number * pace.shortest - pace.first for number in (1, 2, 3))
+    starts = sorted({job.start for job in change.after.jobs})[:LENGTHS]
+    for end in sorted({job.end for job in change.tail}, reverse=True)[: LENGTHS // 4]:
+        exact.update(end - start for start in starts)
+    for job, window in change.open_windows[:LENGTHS]:
+        at = change.newest_before(window)
+        if at is not None:  # the least and the greatest length for which that predecessor lies in the window
+            exact.update((at + window.low - job.start, at + window.high - job.start))
+    wanted = sorted(length for length in exact if least <= length <= last)[:LENGTHS]
+    step = max(1, (last - least) // LENGTHS)
+    return sorted({*wanted, *range(least, last + 1, step)})
+
+
+def _longest(limit: Duration | None, change: Change) -> int:
     """Return the stated limit in ticks; without one, room for a cycle of each mode and its longest job."""
+    before, after = change.before, change.after
     if limit is not None:
         return limit // before.tick
     longest = max((shape.wcet for shapes in after.shapes.values() for shape in shapes), default=0)
     return before.hyperperiod + after.hyperperiod + longest
 
 
-def _named(
-    pair: Transition, before: GridMode, after: GridMode, length: int, jobs: tuple[LineJob, ...]
-) -> TransitionTable:
-    tick = after.tick
+def _named(pair: Transition, change: Change, length: int, jobs: tuple[LineJob, ...]) -> TransitionTable:
+    tick = change.after.tick
     return TransitionTable(
         source=pair.source,
         target=pair.target,
         length=tick * length,
-        worst_latency=tick * (before.hyperperiod + length),
+        worst_latency=tick * (change.before.hyperperiod + length),
         status=Status.VALID,
         jobs=tuple(
             Job(

@@ -1,0 +1,202 @@
+"""Comparison of a trace with the schedule it should follow: lateness, overruns and order violations, job by job.
+
+`expected` lays the tables out, `matching` finds which job each execution is, `judging` says what deviates. Exact
+throughout: the only allowance is the tolerance that the user states.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.durations import ZERO, Duration
+from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TABLE, UNKNOWN_TASK
+from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
+from halpipe.pipeline.compare.judging import Judge
+from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Execution, Schedule, Trace
+
+PREFIXES = ("TASK_", "Core_")
+"""What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CompareOptions:
+    """`mode`: the one that ran, for traces that do not say; `tolerance`: what is forgiven at starts and ends.
+
+    `origin`: the instant of the trace at which the first table starts; None: found, so that no job starts early.
+    """
+
+    mode: str = ""
+    tolerance: Duration = ZERO
+    origin: Duration | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TaskRow:
+    """The account of one task: jobs matched, missing and extra, and the lateness of its starts and ends."""
+
+    task: str
+    seen: int
+    missing: int
+    extra: int
+    least: Duration | None = None
+    median: Duration | None = None
+    worst: Duration | None = None
+    worst_end: Duration | None = None
+    longest: Duration | None = None
+    budget: Duration | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """One line of time of a trace, compared: where the schedule's zero lies in it, the tasks, and what deviates."""
+
+    name: str
+    origin: Duration
+    rows: tuple[TaskRow, ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def compare(schedule: Schedule, trace: Trace, options: CompareOptions) -> Comparison:
+    """Compare one line of time with the schedule; raise `HalpipeError` if it cannot be said which table ran."""
+    tables = tables_of(schedule)
+    findings = Findings()
+    prefix = f"{trace.name}, " if trace.name else ""
+    executions = _known(trace.executions, schedule, findings)
+    unknown_tables(executions, tables, findings)
+    if executions and all(execution.cycle is not None and execution.table for execution in executions):
+        origin, matching = _stated(executions, tables, options, findings)
+    else:
+        origin, matching = _repeated(executions, tables[_mode(schedule, options)], options)
+    if options.origin is None and executions:
+        message = f"the schedule's zero lies at {origin} of the trace"
+        findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
+    judge = Judge(origin, options.tolerance, prefix)
+    judge.judge(matching)
+    findings.extend(judge.diagnostics())
+    return Comparison(
+        name=trace.name, origin=origin, rows=tuple(_rows(matching, origin)), diagnostics=tuple(findings.items)
+    )
+
+
+def _stated(
+    executions: Sequence[Execution], tables: dict[str, Table], options: CompareOptions, findings: Findings
+) -> tuple[Duration, Matching]:
+    """Match a trace that names its tables and counts them."""
+    played = played_tables(executions, tables, findings)
+    if options.origin is not None:
+        return options.origin, match_stated(executions, played, options.origin)
+    guess = match_stated(executions, played, executions[0].start)
+    early = min((lateness(match, executions[0].start) for match in guess.matches), default=ZERO)
+    origin = executions[0].start + early
+    return origin, match_stated(executions, played, origin)
+
+
+def _repeated(executions: Sequence[Execution], table: Table, options: CompareOptions) -> tuple[Duration, Matching]:
+    """Match a trace of one mode that says nothing but what ran when."""
+    if not executions:
+        return ZERO, Matching([], [], [])
+    origin = find_origin(executions, table) if options.origin is None else options.origin
+    return origin, match_nearest(executions, table, origin)
+
+
+def _mode(schedule: Schedule, options: CompareOptions) -> str:
+    names = [mode.name for mode in schedule.modes]
+    if options.mode in names:
+        return options.mode
+    if options.mode:
+        help = did_you_mean(options.mode, names, "the modes are " + ", ".join(names))
+        raise HalpipeError(UNKNOWN_TABLE(f'the schedule has no mode "{options.mode}"', help=help))
+    if len(names) != 1:
+        help = "say which one ran with --mode: " + ", ".join(names)
+        raise HalpipeError(NEEDS_MODE("the trace names no tables and cycles", help=help))
+    return names[0]
+
+
+def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findings) -> list[Execution]:
+    """Return the executions of scheduled tasks, by the names of the schedule; report the others once per name."""
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    jobs += [job for switch in schedule.transitions for job in switch.jobs]
+    tasks = {job.task for job in jobs}
+    units = {unit for job in jobs for unit in job.units}
+    plain_task, plain_unit = _names(tasks), _names(units)
+    found: list[Execution] = []
+    unknown: dict[str, list[Execution]] = defaultdict(list)
+    for execution in executions:
+        task = plain_task(execution.task)
+        if task not in tasks:
+            unknown[task].append(execution)
+            continue
+        on = tuple(map(plain_unit, execution.units))
+        same = task == execution.task and on == execution.units
+        found.append(execution if same else replace(execution, task=task, units=on))
+    for task, lost in sorted(unknown.items()):
+        help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
+        message = f"ran {len(lost)} times and is not in the schedule"
+        findings.add(UNKNOWN_TASK(message, at=lost[0].at, path=f'task "{task}"', help=help))
+    return found
+
+
+def _names(known: Collection[str]) -> Callable[[str], str]:
+    """Return what gives a name as the schedule has it, without the prefix of a viewer."""
+
+    @cache
+    def plain(name: str) -> str:
+        if name in known:
+            return name
+        bare = (name.removeprefix(prefix) for prefix in PREFIXES if name.startswith(prefix))
+        return next((candidate for candidate in bare if candidate in known), name)
+
+    return plain
+
+
+def _rows(matching: Matching, origin: Duration) -> list[TaskRow]:
+    matches = defaultdict(list)
+    for match in matching.matches:
+        matches[match.job.task].append(match)
+    missing = Counter(job.task for _, _, job, _ in matching.missing)
+    extra = Counter(execution.task for execution in matching.extra)
+    rows = []
+    for task in sorted({*matches, *missing, *extra}):
+        found = matches[task]
+        starts = sorted((lateness(match, origin) for match in found), key=lambda late: late.ns)
+        ended = [match for match in found if match.execution.end is not None]
+        ends = [
+            _end_lateness(match.execution, match.start + (match.job.end - match.job.start), origin) for match in ended
+        ]
+        longest = max(ended, key=lambda match: _busy(match.execution).ns, default=None)
+        rows.append(
+            TaskRow(
+                task=task,
+                seen=len(found),
+                missing=missing[task],
+                extra=extra[task],
+                least=starts[0] if starts else None,
+                median=starts[(len(starts) - 1) // 2] if starts else None,
+                worst=starts[-1] if starts else None,
+                worst_end=max(ends, default=None),
+                longest=_busy(longest.execution) if longest else None,
+                budget=longest.job.end - longest.job.start if longest else None,
+            )
+        )
+    return rows
+
+
+def _busy(execution: Execution) -> Duration:
+    if execution.busy is not None:
+        return execution.busy
+    return ZERO if execution.end is None else execution.end - execution.start
+
+
+def _end_lateness(execution: Execution, due: Duration, origin: Duration) -> Duration:
+    return (execution.end or execution.start) - origin - due

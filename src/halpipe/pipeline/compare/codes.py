@@ -1,0 +1,62 @@
+"""The diagnostics of comparing a trace with its schedule."""
+
+from __future__ import annotations
+
+from halpipe.diagnostics import error, note
+
+NEEDS_MODE = error(
+    "HAL1101",
+    "Trace does not say which mode ran",
+    "The schedule has several modes and the trace names none, so --mode must.",
+)
+UNKNOWN_TABLE = error(
+    "HAL1102",
+    "Schedule has no such mode or transition",
+    "The trace, or --mode, names a table that the schedule does not have.",
+)
+WRONG_SEQUENCE = error(
+    "HAL1103",
+    "Tables are played in an order that the schedule does not allow",
+    "After a mode comes the same mode again, or the transition table to another one; after that, its target.",
+)
+UNKNOWN_TASK = error(
+    "HAL1104",
+    "Trace has a task that the schedule does not have",
+    "Nothing can be said about such executions, except that they took time on a unit.",
+)
+WRONG_START = error(
+    "HAL1105",
+    "Job starts at another instant than scheduled",
+    "A time-triggered job starts at its instant: later, and its data may be late; earlier, and its inputs may not be "
+    "there. The amount beyond --tolerance is what counts.",
+)
+LATE_END = error(
+    "HAL1106",
+    "Job ends later than scheduled",
+    "The end of a job in the schedule is its start plus the WCET of its version.",
+)
+OVERRUN = error(
+    "HAL1107",
+    "Job runs longer than its WCET",
+    "The time in which the job really ran is more than the schedule reserves: the WCET of the model is wrong.",
+)
+MISSING_JOB = error(
+    "HAL1108", "Scheduled job did not run", "Within the time that the trace covers, nothing ran for this job."
+)
+EXTRA_JOB = error(
+    "HAL1109",
+    "Job ran that is not scheduled",
+    "There is no job of the task at this time, or another execution is closer to it.",
+)
+WRONG_UNIT = error("HAL1110", "Job ran on another unit than scheduled", "The units are those of the schedule.")
+WRONG_ORDER = error(
+    "HAL1111",
+    "Jobs of a unit ran in another order than scheduled, or at once",
+    "On one unit, jobs run one after the other, in the order of the schedule.",
+)
+ALIGNED = note(
+    "HAL1112",
+    "Trace and schedule were laid onto each other",
+    "With --origin auto, the zero of the schedule is laid where no job starts early and one starts on time. A lateness "
+    "that all jobs share cannot be seen then.",
+)

@@ -1,0 +1,131 @@
+"""What deviates: of each job of each table, the worst of every kind, with how often and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.compare import codes
+from halpipe.pipeline.compare.matching import lateness
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Code, Diagnostic, Location
+    from halpipe.durations import Duration
+    from halpipe.models import Execution
+    from halpipe.pipeline.compare.matching import Match, Matching
+
+
+@dataclass(slots=True)
+class _Deviation:
+    """All deviations of one kind of one job: how many, and the worst."""
+
+    code: Code
+    path: str
+    count: int
+    amount: Duration
+    message: str
+    at: Location
+    help: str
+
+
+class Judge:
+    """Collects deviations beyond the tolerance."""
+
+    def __init__(self, origin: Duration, tolerance: Duration, prefix: str) -> None:
+        self.origin = origin
+        self.tolerance = tolerance
+        self.prefix = prefix
+        self._worst: dict[tuple[str, str], _Deviation] = {}
+
+    def judge(self, matching: Matching) -> None:
+        """Judge everything that ran, and what did not."""
+        for match in matching.matches:
+            self._start(match)
+            self._end(match)
+            self._units(match)
+        for table, cycle, job, start in matching.missing:
+            path = f'table "{table.name}", job {job.index} of task "{job.task}"'
+            message = f"did not run at {start} (cycle {cycle})"
+            self._add(codes.MISSING_JOB, path, ZERO, message, job.at, "check whether the trace lost events")
+        for execution in matching.extra:
+            message = f"ran at {execution.start} of the trace, where no job of it is due"
+            self._add(codes.EXTRA_JOB, f'task "{execution.task}"', ZERO, message, execution.at, "check who starts it")
+        self._order(matching)
+
+    def _start(self, match: Match) -> None:
+        late = lateness(match, self.origin)
+        if late > self.tolerance or -late > self.tolerance:
+            word = "late" if late > ZERO else "early"
+            size = late if late > ZERO else -late
+            message = f"starts {size} {word}: at {match.execution.start - self.origin} instead of {match.start}"
+            self._of(match, codes.WRONG_START, size, message, "look at what ran before it on its unit")
+
+    def _end(self, match: Match) -> None:
+        execution = match.execution
+        if execution.end is None:
+            return
+        budget = match.job.end - match.job.start
+        busy = execution.end - execution.start if execution.busy is None else execution.busy
+        if busy - budget > self.tolerance:
+            message = f"runs for {busy}, {busy - budget} more than the {budget} of its version {match.job.version}"
+            self._of(match, codes.OVERRUN, busy - budget, message, "correct the WCET, or the program")
+        late = execution.end - self.origin - (match.start + budget)
+        if late > self.tolerance:
+            message = f"ends {late} late: at {execution.end - self.origin} instead of {match.start + budget}"
+            self._of(match, codes.LATE_END, late, message, "look at its start, its preemptions and its run time")
+
+    def _units(self, match: Match) -> None:
+        seen, due = match.execution.units, match.job.units
+        if seen and set(seen) != set(due):
+            message = f"ran on {' '.join(seen)} instead of {' '.join(due)}"
+            self._of(match, codes.WRONG_UNIT, ZERO, message, "bind it to its unit")
+
+    def _order(self, matching: Matching) -> None:
+        """On each unit, hold every job against the one that ran before it."""
+        for before, match in _neighbours(matching):
+            first, second = before.execution, match.execution
+            swapped = match.start < before.start
+            overlap = first.end is not None and second.start < first.end
+            if swapped or overlap:
+                what = "before it" if swapped else "at the same time"
+                message = f'task "{first.task}" ran {what} on a unit, at {first.start - self.origin}'
+                self._of(match, codes.WRONG_ORDER, ZERO, message, "one unit runs one job at a time, in order")
+
+    def _of(self, match: Match, code: Code, amount: Duration, message: str, help: str) -> None:
+        path = f'table "{match.table.name}", job {match.job.index} of task "{match.job.task}"'
+        self._add(code, path, amount, f"{message} (cycle {match.cycle})", match.execution.at, help)
+
+    def _add(self, code: Code, path: str, amount: Duration, message: str, at: Location, help: str) -> None:
+        path = f"{self.prefix}{path}"
+        known = self._worst.get((code.id, path))
+        if known is None:
+            self._worst[code.id, path] = _Deviation(code, path, 1, amount, message, at, help)
+            return
+        known.count += 1
+        if amount > known.amount:
+            known.amount, known.message, known.at = amount, message, at
+
+    def diagnostics(self) -> list[Diagnostic]:
+        """Return one diagnostic for each job and kind of deviation, in the order of code and job."""
+        found = []
+        for (_, _), worst in sorted(self._worst.items()):
+            often = f"; {worst.count} times, this is the worst" if worst.count > 1 else ""
+            found.append(worst.code(worst.message + often, at=worst.at, path=worst.path, help=worst.help))
+        return found
+
+
+def _neighbours(matching: Matching) -> Iterator[tuple[Match, Match]]:
+    """Yield, unit by unit, each job with the one that started before it."""
+    last: dict[str, Match] = {}
+    for match in sorted(matching.matches, key=lambda match: (match.execution.start.ns, match.start.ns)):
+        for unit in _units(match.execution, match):
+            if unit in last:
+                yield last[unit], match
+            last[unit] = match
+
+
+def _units(execution: Execution, match: Match) -> tuple[str, ...]:
+    return execution.units or match.job.units

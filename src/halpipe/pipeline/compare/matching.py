@@ -1,0 +1,205 @@
+"""Which scheduled job an execution is: by what the trace states, otherwise the nearest of its task."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+    from fractions import Fraction
+
+    from halpipe.models import Execution, Job
+    from halpipe.pipeline.compare.expected import Played, Table
+
+SAMPLE = 2000
+"""Executions by which the zero of the schedule is sought; more would not change it and cost time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """An execution and the job it is: `start` is the scheduled one, after the origin."""
+
+    execution: Execution
+    table: Table
+    cycle: int
+    job: Job
+    start: Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Matching:
+    """All matches, by scheduled start; what ran without being scheduled; and what was scheduled and did not run."""
+
+    matches: list[Match]
+    extra: list[Execution]
+    missing: list[tuple[Table, int, Job, Duration]]
+
+
+Key = tuple[int, str, int]
+
+
+def match_stated(executions: Sequence[Execution], played: Sequence[Played], origin: Duration) -> Matching:
+    """Match the executions of a trace that names tables and cycles."""
+    by_cycle = {entry.cycle: entry for entry in played}
+    best: dict[Key, Match] = {}
+    extra: list[Execution] = []
+    for execution in executions:
+        entry = by_cycle.get(-1 if execution.cycle is None else execution.cycle)
+        jobs = entry.table.jobs.get(execution.task, ()) if entry else ()
+        job = _stated_job(execution, jobs, entry.start + origin) if entry and jobs else None
+        if entry is None or job is None:
+            extra.append(execution)
+        else:
+            _keep(best, Match(execution, entry.table, entry.cycle, job, entry.start + job.start), origin, extra)
+    expected = (
+        (entry.table, entry.cycle, job, entry.start + job.start)
+        for entry in played
+        for jobs in entry.table.jobs.values()
+        for job in jobs
+    )
+    return _complete(best, extra, expected, executions, origin)
+
+
+def _stated_job(execution: Execution, jobs: Sequence[Job], start: Duration) -> Job | None:
+    if execution.job is not None:
+        return next((job for job in jobs if job.index == execution.job), None)
+    return min(jobs, key=lambda job: (_size((execution.start - start - job.start).ns), job.index))
+
+
+def match_nearest(executions: Sequence[Execution], table: Table, origin: Duration) -> Matching:
+    """Match the executions of a trace in which one mode is repeated and no cycle is stated."""
+    rings = {task: [job.start.ns for job in jobs] for task, jobs in table.jobs.items()}
+    best: dict[Key, Match] = {}
+    extra: list[Execution] = []
+    for execution in executions:
+        ring = rings.get(execution.task)
+        if ring is None:
+            extra.append(execution)
+            continue
+        cycle, position = _nearest(ring, (execution.start - origin).ns, table.length.ns)
+        job = table.jobs[execution.task][position]
+        _keep(best, Match(execution, table, cycle, job, table.length * cycle + job.start), origin, extra)
+    cycles = sorted({cycle for cycle, _, _ in best})
+    expected = (
+        (table, cycle, job, table.length * cycle + job.start)
+        for cycle in (range(cycles[0], cycles[-1] + 1) if cycles else ())
+        for jobs in table.jobs.values()
+        for job in jobs
+    )
+    return _complete(best, extra, expected, executions, origin)
+
+
+def _nearest(ring: Sequence[int | Fraction], at: int | Fraction, period: int | Fraction) -> tuple[int, int]:
+    """Return cycle and position of the start nearest to `at` among `ring`, repeated with `period`."""
+    cycle, phase = int(at // period), at % period
+    after = bisect_left(ring, phase)
+    if after == 0:
+        before, below = ring[-1] - period, (cycle - 1, len(ring) - 1)
+    else:
+        before, below = ring[after - 1], (cycle, after - 1)
+    if after == len(ring):
+        behind, above = ring[0] + period, (cycle + 1, 0)
+    else:
+        behind, above = ring[after], (cycle, after)
+    return below if phase - before <= behind - phase else above
+
+
+def _keep(best: dict[Key, Match], match: Match, origin: Duration, extra: list[Execution]) -> None:
+    """Keep of two executions of one job the one that is closer to its instant, unless they are parts of a gang."""
+    key = (match.cycle, match.execution.task, match.job.index)
+    former = best.setdefault(key, match)
+    if former is match:
+        return
+    if _is_gang(former, match):
+        best[key] = replace(former, execution=_joined(former.execution, match.execution))
+    elif _size(lateness(match, origin).ns) < _size(lateness(former, origin).ns):
+        best[key] = match
+        extra.append(former.execution)
+    else:
+        extra.append(match.execution)
+
+
+def _is_gang(former: Match, match: Match) -> bool:
+    """Whether two executions are one job on several units, as recorders that know one core per job show it."""
+    units, more = former.execution.units, match.execution.units
+    due = match.job.units
+    return bool(units and more) and not set(units) & set(more) and {*units, *more} <= set(due)
+
+
+def _joined(first: Execution, second: Execution) -> Execution:
+    """Return the execution of a gang: it runs from when its last unit starts until its last unit ends."""
+    ends = [execution.end for execution in (first, second) if execution.end is not None]
+    busy = [execution.busy for execution in (first, second) if execution.busy is not None]
+    return replace(
+        first,
+        units=(*first.units, *second.units),
+        start=max(first.start, second.start),
+        end=max(ends) if len(ends) == 2 else None,
+        busy=max(busy) if len(busy) == 2 else None,
+    )
+
+
+def _size(distance: int | Fraction) -> int | Fraction:
+    return distance if distance >= 0 else -distance
+
+
+def lateness(match: Match, origin: Duration) -> Duration:
+    """Return how long after its scheduled instant a job started; negative: before."""
+    return match.execution.start - origin - match.start
+
+
+def _complete(
+    best: dict[Key, Match],
+    extra: list[Execution],
+    expected: Iterable[tuple[Table, int, Job, Duration]],
+    executions: Sequence[Execution],
+    origin: Duration,
+) -> Matching:
+    """Add what was scheduled within the time that the trace covers, and did not run."""
+    first, last = covered(executions)
+    missing = [
+        (table, cycle, job, start)
+        for table, cycle, job, start in expected
+        if (cycle, job.task, job.index) not in best
+        and first <= start + origin
+        and start + origin + (job.end - job.start) < last
+    ]
+    matches = sorted(best.values(), key=lambda match: (match.start.ns, match.execution.task))
+    return Matching(matches, extra, missing)
+
+
+def covered(executions: Sequence[Execution]) -> tuple[Duration, Duration]:
+    """Return the first and the last instant that a trace tells of."""
+    ends = [execution.end or execution.start for execution in executions]
+    return min(e.start for e in executions), max(ends)
+
+
+def find_origin(executions: Sequence[Execution], table: Table) -> Duration:
+    """Return where the zero of a repeated mode lies in the trace: no job early, one on time, the others least late.
+
+    The first execution of the rarest task is laid onto each of its jobs in turn, and the one that leaves the smallest
+    sum of distances is taken, exactly.
+    """
+    sample = [execution for execution in executions if execution.task in table.jobs][:SAMPLE]
+    if not sample:
+        return ZERO
+    rarest = min({e.task for e in sample}, key=lambda task: (len(table.jobs[task]), task))
+    first = next(execution for execution in sample if execution.task == rarest)
+    candidates = [first.start - job.start for job in table.jobs[rarest]]
+    origin = min(candidates, key=lambda zero: (sum(map(_size, _distances(sample, table, zero))), zero.ns))
+    return origin + Duration(min(_distances(executions, table, origin)))
+
+
+def _distances(executions: Sequence[Execution], table: Table, origin: Duration) -> Iterator[int | Fraction]:
+    """Yield how far after its nearest instant each execution started."""
+    rings = {task: [job.start.ns for job in jobs] for task, jobs in table.jobs.items()}
+    for execution in executions:
+        ring = rings.get(execution.task)
+        if ring is not None:
+            at = (execution.start - origin).ns
+            cycle, position = _nearest(ring, at, table.length.ns)
+            yield at - cycle * table.length.ns - ring[position]

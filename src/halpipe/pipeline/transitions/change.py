@@ -1,0 +1,192 @@
+"""What all tables of one switch have in common, worked out once: the modes around it, and how long it must be."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+from functools import cached_property
+from graphlib import TopologicalSorter
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.transitions.line import Layer, Line
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.pipeline.transitions.line import LineJob
+    from halpipe.pipeline.transitions.modes import GridMode, Window
+
+CYCLES = 2
+"""Cycles of each mode that the rules of a switch look at (MODEL 5)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How often a task of both modes must start, in ticks.
+
+    `last` and `last_end` are of its last job before the switch; `first` is the start of its first job in the mode
+    after, `most` the longest distance of two starts, `shortest` the least WCET.
+    """
+
+    task: str
+    last: int
+    last_end: int
+    first: int
+    most: int
+    shortest: int
+
+    def can_be_kept(self, length: int) -> bool:
+        """Return whether some number of starts divides the gap into parts that are neither too long nor too short.
+
+        A condition that is quick to check and rules out most lengths of strictly periodic tasks.
+        """
+        gap = self.first + length - self.last
+        return -(-gap // self.most) <= gap // self.shortest
+
+
+class Change:
+    """The switch from `before` to `after`: jobs before it have negative starts; the mode after begins at any time."""
+
+    def __init__(self, before: GridMode, after: GridMode) -> None:
+        self.before = before
+        self.after = after
+        self._past = _Instants(before, range(-CYCLES, 0))
+        self._future = _Instants(after, range(CYCLES))
+        cycle = before.hyperperiod
+        self.tail = [job.moved(-cycle) for job in before.jobs if job.end > cycle]
+        """The jobs of the mode before that still run after the switch; of every unit's, one at most."""
+        self.tail_layer = Layer(self.tail)
+        reach = max((shape.wcet for shapes in after.shapes.values() for shape in shapes), default=0)
+        reach = max(reach, max((job.end for job in self.tail), default=0))
+        self._early = [job for job in after.jobs if job.start < reach]
+        self.future_layer = Layer(self._early)
+        self.most_wanted = 4 * len(after.expansion.tasks) + 16
+
+    # ---- how long the table must be
+
+    @cached_property
+    def least(self) -> tuple[int, str]:
+        """The least length for which no unit is still in use when the mode after needs it; a task that needs that."""
+        ends: dict[str, int] = {}
+        for job in self.tail:
+            for unit in job.units:
+                ends[unit] = max(job.end, ends.get(unit, 0))
+        least, task = 0, ""
+        for job in self._early:
+            for unit in job.units:
+                needed = ends.get(unit, 0) - job.start
+                if needed > least:
+                    least, task = needed, job.task
+        return least, task
+
+    def clash(self, length: int) -> str | None:
+        """Return a task of the mode after that cannot start in time, as something is in use by the mode before."""
+        least, task = self.least
+        if length < least:
+            return task
+        last = max((job.end for job in self.tail), default=0)
+        line = Line(self.after.quanta, (self.tail_layer, 0))
+        for job in self._early:
+            moved = job.moved(length)
+            if moved.start >= last:
+                break
+            if line.overloads(moved):
+                return job.task
+            line.enter(moved)
+        return None
+
+    @cached_property
+    def paces(self) -> tuple[Pace, ...]:
+        """The pace of every periodic task of both modes."""
+        last: dict[str, LineJob] = {job.task: job for job in self.before.jobs}  # jobs are in order of their starts
+        first: dict[str, LineJob] = {job.task: job for job in reversed(self.after.jobs)}
+        cycle = self.before.hyperperiod
+        return tuple(
+            Pace(
+                active.name,
+                last[active.name].start - cycle,
+                last[active.name].end - cycle,
+                first[active.name].start,
+                (active.task.period * (1 + active.task.slack)) // self.after.tick,
+                min(shape.wcet for shape in self.after.shapes[active.name]),
+            )
+            for active in self.after.expansion.tasks
+            if active.name in self.before.expansion.by_name and active.task.period is not None
+        )
+
+    @cached_property
+    def _most(self) -> dict[str, int]:
+        return {pace.task: pace.most for pace in self.paces}
+
+    def most(self, task: str) -> int:
+        """Return the longest distance of two starts of a periodic task of both modes."""
+        return self._most[task]
+
+    # ---- who precedes whom
+
+    @cached_property
+    def open_windows(self) -> list[tuple[LineJob, Window]]:
+        """The windows of jobs of the mode after, relative to its beginning, that no job of that mode meets."""
+        cycle = self.after.hyperperiod
+        jobs = [job.moved(number * cycle) for number in range(CYCLES) for job in self.after.jobs]
+        return [
+            (job, window)
+            for job in jobs
+            for window in self.after.windows[job.task, job.shape.version]
+            if not self.has_future(window, job.start - window.high, job.start - window.low)
+        ]
+
+    def has_past(self, window: Window, low: int, high: int) -> bool:
+        """Return whether a predecessor of the mode before lies in [low, high]."""
+        return bool(self._past.within(window, low, high))
+
+    def has_future(self, window: Window, low: int, high: int) -> bool:
+        """Return whether a predecessor of the mode after does, from whose beginning the times count."""
+        return bool(self._future.within(window, low, high))
+
+    def newest_before(self, window: Window) -> int | None:
+        """Return the last instant of a window's predecessor in the mode before."""
+        return self._past.newest(window)
+
+    def instants(self, window: Window, low: int, high: int, length: int) -> list[int]:
+        """Return all instants in [low, high] of a window's predecessor in both modes, for a table of some length."""
+        past = self._past.within(window, low, high)
+        return [*past, *(at + length for at in self._future.within(window, low - length, high - length))]
+
+    @cached_property
+    def depth(self) -> dict[str, int]:
+        """How many predecessors, one of the other, come before every task."""
+        before: dict[str, set[str]] = {name: set() for name in self.after.shapes}
+        for (task, _), windows in self.after.windows.items():
+            before[task].update(window.task for window in windows if window.task in before)
+        depth: dict[str, int] = {}
+        for name in TopologicalSorter(before).static_order():
+            depth[name] = max((depth[task] + 1 for task in before[name]), default=0)
+        return depth
+
+
+class _Instants:
+    """Starts and ends of the jobs of every task over some cycles, sorted; made on first use."""
+
+    def __init__(self, mode: GridMode, cycles: Iterable[int]) -> None:
+        self._by_task: dict[str, list[LineJob]] = {}
+        for job in mode.jobs:
+            self._by_task.setdefault(job.task, []).append(job)
+        self._shifts = [cycle * mode.hyperperiod for cycle in cycles]
+        self._made: dict[tuple[str, bool], list[int]] = {}
+
+    def within(self, window: Window, low: int, high: int) -> list[int]:
+        """Return those of the window's task, starts or ends as the window says, that lie in [low, high]."""
+        instants = self._of(window)
+        return instants[bisect_left(instants, low) : bisect_right(instants, high)]
+
+    def newest(self, window: Window) -> int | None:
+        """Return the last of them; None where the task does not run."""
+        return max(self._of(window), default=None)
+
+    def _of(self, window: Window) -> list[int]:
+        key = (window.task, window.from_end)
+        if key not in self._made:
+            jobs = self._by_task.get(window.task, ())
+            self._made[key] = sorted(window.instant(job) + shift for job in jobs for shift in self._shifts)
+        return self._made[key]
