@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.diagnostics import NOWHERE, Location
+from halpipe.quantities import parse_rational, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
+    from halpipe.extent import Extent
     from halpipe.models import TaskModel
+
+
+IGNORED, RESOURCES = GROUP_RULES = ("ignored", "resources")
+"""What becomes of mutually exclusive callback groups."""
 
 
 class Supplement(Protocol):
@@ -34,12 +41,41 @@ class Supplement(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
-    """What the user may choose: `overlay` adds what the source lacks, `granularity` is for ARXML only."""
+    """What the user may choose: `overlay` adds what the source lacks.
+
+    `granularity` is for ARXML only; `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of an
+    execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds tasks.
+    `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the WCET
+    (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback groups are
+    ignored or become resources.
+    """
 
     name: str = ""
     overlay: Supplement | None = None
     granularity: str = "runnable"
+    wcet: str = "upper"
+    memory: str = "within"
+    mapping: str = "stated"
+    calibrate: tuple[str, ...] = ()
+    quantile: Fraction = Fraction(1)
+    margin: Fraction = Fraction(0)
+    groups: str = IGNORED
     strict: bool = False
+
+
+def quantile_of(text: str) -> Fraction:
+    """Read a quantile, above 0 and up to 1; raise ``ValueError`` that says what is wrong."""
+    value = parse_rational(text)
+    if not 0 < value <= 1:
+        raise ValueError(f"{quoted(text)} is no quantile; write a number above 0, up to 1")
+    return value
+
+
+def group_rule(text: str) -> str:
+    """Read what becomes of exclusive callback groups; raise ``ValueError`` that says what is wrong."""
+    if text not in GROUP_RULES:
+        raise ValueError(f"{quoted(text)} is not known; write {' or '.join(GROUP_RULES)}")
+    return text
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +144,7 @@ class Importer(Protocol):
 
     name: str
     summary: str
+    extent: Extent
 
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read `paths` into one model; raise `HalpipeError` when nothing usable is in them."""

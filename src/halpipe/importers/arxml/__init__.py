@@ -1,14 +1,19 @@
-"""Import of AUTOSAR Classic ARXML (R4.x): components, events, ECU configuration of Os, Rte and EcuC.
+"""Import of AUTOSAR ARXML: Classic and Adaptive Platform, release 4, and releases 2 and 3 in its words.
 
-The steps, each in its own module: `sniff` tells files apart; `tree` merges them into one tree of elements by
-path; `swc`, `compositions`, `ecuc`, `constraints` and `modes` read that tree into a frozen `system.System`;
-`activation` and `periods` decide what runs, when and where; `grouping` cuts tasks out of it; `precedence` orders
-them; `build` makes the task model; `coverage` accounts for every element read.
+The steps, each in its own module: `sniff` tells files apart, `dialect` renews old ones, `spelling` finds what is
+almost right; `tree` merges them into one tree of elements by path; `swc`, `compositions`, `ecuc`, `adaptive`,
+`constraints`, `timing`, `execution_times` and `modes` read that tree into a frozen `system.System`; `activation`,
+`arrivals` and `periods` decide what runs, when and where; `grouping` cuts tasks out of it; `requirements` finds their
+deadlines, chains and distances, `precedence` orders them; `platform` has the units, `versions` what runs on them;
+`build` makes the task model; `coverage` accounts for every element read. Models that halpipe itself wrote are read
+by `carried`, `carried_tasks` and `special`.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +25,28 @@ class ArxmlFormat:
     """The door of the ARXML importer (entry point ``halpipe.importers``)."""
 
     name = "arxml"
-    summary = "AUTOSAR Classic ARXML (R4.x): software components, BSW modules, ECU configuration of Os, Rte and EcuC"
+    summary = "AUTOSAR ARXML: components, BSW modules, ECU configuration, timing extension, Adaptive manifests"
+    extent = Extent(
+        {
+            "units": "EcucCoreDefinition, OsApplicationCoreAssignment, HW-ELEMENT, PROCESSOR-CORE",
+            "resources": "special data of halpipe's own export",
+            "tasks": "runnables and BSW entities with their events, or OS tasks; processes",
+            "timing": "offsets of alarms, expiry points and timing events; jitter; latency of one runnable",
+            "versions": "execution times, by HW-ELEMENT; units of the OsApplication; SHALL-RUN-ON; workers",
+            "accesses": "special data of halpipe's own export",
+            "transfers": "special data of halpipe's own export",
+            "precedence": "EXECUTION-ORDER-CONSTRAINT, OFFSET-TIMING-CONSTRAINT, RtePositionInTask, data that triggers",
+            "chains": "TIMING-DESCRIPTION-EVENT-CHAIN with LATENCY-TIMING-CONSTRAINT, AGE-CONSTRAINT",
+            "modes": "MODE-DECLARATION-GROUP that disables events; function-group states of processes",
+            "transitions": "MODE-TRANSITION",
+            "sources": "special data of halpipe's own export",
+            "origins": "file, line and AUTOSAR path",
+        },
+        (
+            "Server calls, initialisation runnables and what else has no period are counted as ignored, with a reason.",
+            "Synchronisation constraints, logical execution times and conditions of constraints are reported as lost.",
+        ),
+    )
 
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read files and directories into one model; raise `HalpipeError` when no task is in them."""

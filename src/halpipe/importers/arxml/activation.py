@@ -7,21 +7,33 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.arrivals import Arrivals
 from halpipe.importers.arxml.names import legal_name
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
     from halpipe.durations import Duration
     from halpipe.importers.arxml.dataflow import Actor
-    from halpipe.importers.arxml.system import Event, Instance, Mapping, OsTask, Place, Runnable, System
+    from halpipe.importers.arxml.system import (
+        Arrival,
+        Event,
+        Instance,
+        Mapping,
+        OsTask,
+        Place,
+        Process,
+        Runnable,
+        System,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Activation:
-    """One reason for work to be done: an event of an instance that starts a runnable, or an OsTask on its own.
+    """One reason for work to be done: an event of an instance that starts a runnable, or an OsTask or process.
 
     `name` is what a task of it is called. `period` None means that it does not recur, as `reason` explains; `used`
-    are the OS elements that the period comes from, where it is not the event's own.
+    are the elements that the period comes from, where it is not the event's own. `arrival` is what the timing
+    extension says of how often it happens.
     """
 
     name: str
@@ -31,6 +43,8 @@ class Activation:
     event: Event | None = None
     mapping: Mapping | None = None
     os_task: OsTask | None = None
+    process: Process | None = None
+    arrival: Arrival | None = None
     period: Duration | None = None
     offset: Duration | None = None
     reason: str = ""
@@ -39,12 +53,12 @@ class Activation:
 
     @property
     def kind(self) -> str:
-        """The kind of event, or OsTask."""
+        """The kind of event, or of what starts on its own: OsTask, PROCESS, a runnable without events."""
         return self.event.place.kind if self.event else self.place.kind
 
     @property
     def actor(self) -> Actor:
-        """The runnable of this instance, or the OsTask."""
+        """The runnable of this instance, or the OsTask or process."""
         return self.context, self.place.path
 
     @property
@@ -54,20 +68,48 @@ class Activation:
 
 
 def find_activations(system: System, findings: Findings) -> list[Activation]:
-    """Pair the events of every instance with runnables and OS tasks; add the OS tasks that run no event."""
+    """Pair the events of every instance with runnables and OS tasks; add what runs without any event.
+
+    That is runnables whose arrival the timing extension states, OS tasks that host nothing, and processes.
+    """
+    arrivals = Arrivals(system)
     tasks = {task.place.path: task for task in system.configuration.tasks}
     mappings: dict[str, list[Mapping]] = {}
     for mapping in system.configuration.mappings:
         if mapping.event is not None:
             mappings.setdefault(mapping.event, []).append(mapping)
     found = [activation for instance in system.instances for activation in _of_instance(instance, mappings, tasks)]
+    found += _without_events(system, found, arrivals)
     hosting = {mapping.task for mapping in system.configuration.mappings}
     found += [
         Activation(name=task.place.name, place=task.place, os_task=task)
         for path, task in tasks.items()
         if path not in hosting
     ]
+    found += [
+        Activation(name=process.place.name, place=process.place, context=(process.place.path,), process=process)
+        for process in system.processes
+    ]
+    found = [replace(activation, arrival=arrivals.of(activation)) for activation in found]
     return _named_apart(_joined(found, system), findings)
+
+
+def _without_events(system: System, found: list[Activation], arrivals: Arrivals) -> list[Activation]:
+    stated = frozenset(arrivals.subjects)
+    if not stated:
+        return []
+    started = {activation.actor for activation in found}
+    return [
+        Activation(
+            name=f"{instance.label}/{runnable.place.name}",
+            place=runnable.place,
+            context=instance.context,
+            runnable=runnable,
+        )
+        for instance in system.instances
+        for runnable in instance.component.runnables
+        if runnable.place.path in stated and (instance.context, runnable.place.path) not in started
+    ]
 
 
 def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: dict[str, OsTask]) -> list[Activation]:

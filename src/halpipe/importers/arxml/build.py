@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, sort_diagnostics
-from halpipe.durations import ZERO, Duration
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.activation import find_activations
-from halpipe.importers.arxml.coverage import Ledger, note_activations, note_structure
+from halpipe.importers.arxml.arrivals import slack_of
+from halpipe.importers.arxml.carried import find_carried, read_carried
+from halpipe.importers.arxml.coverage import Ledger, note_activations, note_structure, note_timing
 from halpipe.importers.arxml.dataflow import find_dataflow
 from halpipe.importers.arxml.ecuc import container_kinds
-from halpipe.importers.arxml.execution_modes import VERSION, make_modes
+from halpipe.importers.arxml.execution_modes import make_modes
 from halpipe.importers.arxml.grouping import GRANULARITIES, group
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.periods import decide_periods
 from halpipe.importers.arxml.platform import Platform
 from halpipe.importers.arxml.precedence import find_edges
 from halpipe.importers.arxml.reading import read_system, read_tree
+from halpipe.importers.arxml.requirements import find_requirements
+from halpipe.importers.arxml.versions import make_variants, report_kinds, used_times
 from halpipe.importers.base import Imported
-from halpipe.models import Anchor, Precedence, Task, TaskModel, Version
+from halpipe.models import Precedence, Task, TaskModel, Version
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.importers.arxml.grouping import Draft
     from halpipe.importers.arxml.precedence import Edge
-    from halpipe.importers.arxml.system import ExecutionTime, Place, System
+    from halpipe.importers.arxml.requirements import Requirements
+    from halpipe.importers.arxml.versions import Variant
     from halpipe.importers.base import Coverage, ImportOptions
 
 
@@ -53,30 +59,41 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
 
 def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
     tree = read_tree(paths, findings)
+    package = find_carried(tree)
+    if package is not None:
+        return read_carried(tree, package, options)
     system = read_system(tree)
     dataflow = find_dataflow(system)
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)
     drafts = _kept(group(activations, options.granularity), options)
     reports.report_periodless(activations, findings)
+    reports.report_processes(drafts, findings)
     reports.check_tasks(system, drafts, paths, findings)
-    edges = find_edges(system, drafts, dataflow, findings)
+    required = find_requirements(system, drafts, dataflow, findings)
+    edges = find_edges(system, drafts, dataflow, required.spacings, findings)
     ledger = Ledger()
-    modes, transitions = make_modes(system, drafts, ledger, findings)
     platform = Platform(system)
+    variants = make_variants(system, drafts, platform, findings)
+    versions = {name: tuple(variant.name for variant in found) for name, found in variants.items()}
+    modes, transitions = make_modes(system, drafts, versions, ledger, findings)
     model = TaskModel(
         name=legal_name(options.name or system.name),
         units=platform.units,
-        tasks=tuple(_tasks(system, drafts, edges, platform)),
+        tasks=tuple(_tasks(drafts, edges, variants, required, findings)),
+        chains=tuple(required.chains),
         modes=modes,
         transitions=transitions,
         origin=system.place.origin if system.place else None,
     )
     note_activations(ledger, activations, drafts)
     note_structure(ledger, system, drafts, dataflow)
-    ledger.mapped(*(edge.cause for edge in edges), *_used_times(system, drafts))
+    ledger.mapped(*(place for edge in edges for place in (edge.cause, *edge.also)), *used_times(variants))
+    ledger.mapped(*required.used)
+    note_timing(ledger, system, tree)
     coverage = ledger.close(tree, container_kinds(tree))
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
+    report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
     reports.report_same_functions(drafts, findings)
     return model, coverage
@@ -109,52 +126,66 @@ def _as_error(found: Diagnostic) -> Diagnostic:
 # ------------------------------------------------------------------------------------------------- tasks
 
 
-def _tasks(system: System, drafts: Sequence[Draft], edges: Iterable[Edge], platform: Platform) -> list[Task]:
+def _tasks(
+    drafts: Sequence[Draft],
+    edges: Iterable[Edge],
+    variants: Mapping[str, tuple[Variant, ...]],
+    required: Requirements,
+    findings: Findings,
+) -> list[Task]:
     by_name = {draft.name: draft for draft in drafts}
-    times = {time.runnable: time for time in system.execution_times}
     incoming: dict[str, list[Edge]] = {}
     for edge in edges:
         incoming.setdefault(edge.second, []).append(edge)
-    return [
-        Task(
-            name=draft.name,
-            period=draft.period,
-            offset=draft.offset,
-            versions=(
-                Version(
-                    name=VERSION,
-                    wcet=_wcet(draft, times),
-                    units=platform.units_of(draft),
-                    precedences=tuple(
-                        _precedence(edge, by_name[edge.first], draft) for edge in incoming.get(draft.name, ())
-                    ),
-                ),
-            ),
-            origin=draft.origin,
+    tasks = []
+    for draft in drafts:
+        orders = tuple(_precedence(edge, by_name[edge.first], draft) for edge in incoming.get(draft.name, ()))
+        tasks.append(
+            Task(
+                name=draft.name,
+                period=draft.period,
+                slack=slack_of(draft.members[0], findings) or Fraction(0),
+                offset=draft.offset,
+                deadline=required.deadlines.get(draft.name),
+                versions=tuple(_version(draft, variant, orders, findings) for variant in variants[draft.name]),
+                origin=draft.origin,
+            )
         )
-        for draft in drafts
-    ]
+    return tasks
 
 
-def _precedence(edge: Edge, first: Draft, second: Draft) -> Precedence:
-    """State an order as the widest window that is one: within the longer of both periods after the end."""
-    return Precedence(
-        task=first.name,
-        min=ZERO,
-        max=max(first.period, second.period),
-        anchor=Anchor.END,
-        origin=edge.cause.origin,
+def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], findings: Findings) -> Version:
+    process = draft.members[0].process
+    gang = process.workers if process else 1
+    if gang > len(variant.units):
+        findings.add(
+            codes.TOO_MANY_WORKERS(
+                f"has {gang} workers, but may use {len(variant.units)} cores; one is assumed",
+                at=draft.place.at,
+                path=f'task "{draft.name}"',
+                help="allow it more cores, or state its versions in the overlay",
+            )
+        )
+        gang = 1
+    return Version(
+        name=variant.name,
+        wcet=variant.wcet,
+        units=variant.units,
+        gang=max(gang, 1),
+        precedences=orders,
+        origin=variant.times[0].place.origin if len(variant.times) == 1 else None,
     )
 
 
-def _wcet(draft: Draft, times: dict[str, ExecutionTime]) -> Duration | None:
-    """Add up the execution times of the runnables of a task; None if any of them is unknown."""
-    paths = {member.work: member.work[1] for member in draft.members}.values()
-    if not all(path in times for path in paths):
-        return None
-    return Duration(sum(times[path].time.fraction for path in paths))
-
-
-def _used_times(system: System, drafts: Sequence[Draft]) -> list[Place]:
-    runnables = {member.work[1] for draft in drafts for member in draft.members}
-    return [time.place for time in system.execution_times if time.runnable in runnables]
+def _precedence(edge: Edge, first: Draft, second: Draft) -> Precedence:
+    """State a distance as its window, and an order as the widest window that is one: a period (the longer) long."""
+    low = edge.spacing.low if edge.spacing else None
+    high = edge.spacing.high if edge.spacing else None
+    period = max(first.period or ZERO, second.period or ZERO)
+    return Precedence(
+        task=first.name,
+        min=low or ZERO,
+        max=(low or ZERO) + period if high is None else high,
+        anchor=edge.anchor,
+        origin=edge.cause.origin,
+    )

@@ -7,20 +7,21 @@ from halpipe.diagnostics import error, note, warning
 # ------------------------------------------------------------------------------------------------ files
 NOT_ARXML = error(
     "HAL0501",
-    "File is not AUTOSAR R4 XML",
+    "File is not AUTOSAR XML",
     "The root element must be AUTOSAR in the namespace http://autosar.org/schema/r4.0, which every Classic and "
-    "Adaptive release since 4.0 uses. The schema file named in xsi:schemaLocation is not looked at.",
+    "Adaptive release since 4.0 uses, or in that of a release before. The schema file named in xsi:schemaLocation is "
+    "not looked at.",
 )
-OLD_RELEASE = error(
+OLD_RELEASE = note(
     "HAL0502",
     "AUTOSAR release before 4.0",
-    "Releases 2.x and 3.x name and nest their elements differently. Export the model as release 4.x.",
+    "Releases 2.x and 3.x name and nest their elements differently. They are read as the elements of release 4 that "
+    "replaced them.",
 )
 ADAPTIVE_ONLY = error(
     "HAL0503",
-    "Only Adaptive Platform elements",
-    "Adaptive manifests state processes, machines and modes, but no periods and no execution times, so no task "
-    "model can be made of them.",
+    "Adaptive manifests without processes",
+    "Tasks of the Adaptive Platform are its processes. Machines, function groups and designs alone have none.",
 )
 EB_XDM = error(
     "HAL0504",
@@ -35,13 +36,13 @@ NO_INPUT = error(
 SKIPPED_FILE = warning(
     "HAL0506",
     "File of a directory was skipped",
-    "A file found while searching a directory is broken, of another release, or no ARXML. Named directly, such a "
-    "file is an error.",
+    "A file found while searching a directory is broken, or no ARXML. Named directly, such a file is an error.",
 )
-ADAPTIVE_PART = warning(
+PROCESS_WITHOUT_PERIOD = warning(
     "HAL0507",
-    "Adaptive elements are not imported",
-    "Beside Classic elements the input holds elements of the Adaptive Platform; only the Classic ones are read.",
+    "Processes state no period",
+    "Manifests of the Adaptive Platform have no periods but the cycle of a deterministic client. A process without one "
+    "is imported as a task on demand, which is scheduled only if others demand it. State periods in the overlay.",
 )
 NO_TASKS = error(
     "HAL0508",
@@ -188,18 +189,19 @@ SEVERAL_GROUPS = note(
 ORDER_LOST = warning(
     "HAL0546",
     "Part of an execution order was left out",
-    "The constraint names something that is no task here, or uses nested groups or LET intervals.",
+    "The constraint names something that is no task here, or states logical execution times or slots of a cycle.",
 )
 TIMING_IGNORED = warning(
     "HAL0547",
     "Timing constraints are not imported",
-    "Latency, offset, synchronisation and triggering constraints of the timing extension have no counterpart in the "
-    "import yet. State deadlines and chains in the overlay.",
+    "Synchronisation constraints bound the distance of events without saying which comes first, for which the model "
+    "has no counterpart. State an order and its window in the overlay.",
 )
 BAD_EXECUTION_TIME = warning(
     "HAL0548",
     "Execution time cannot be read",
-    "Execution times are read in microseconds (CSE-CODE 0) only, and must be positive.",
+    "An execution time is a positive factor of a CSE-CODE that counts time: 0 is a microsecond, 26 a nanosecond. Codes "
+    "from 100 on count angles or events.",
 )
 RENAMED = note(
     "HAL0549",
@@ -240,4 +242,84 @@ TOO_MANY = error(
     "HAL0553",
     "Compositions multiply beyond all reason",
     "Compositions nested into each other make more component instances than any vehicle has.",
+)
+TRIGGERING_DIFFERS = warning(
+    "HAL0556",
+    "Triggering contradicts the event",
+    "A periodic event triggering of the timing extension states another period than the event of the runnable, or the "
+    "OS configuration. The latter counts.",
+)
+SPORADIC = warning(
+    "HAL0557",
+    "Sporadic work becomes periodic",
+    "A time-triggered schedule has a job whenever work may be due: one in every least time between two occurrences. "
+    "An occurrence waits for the next job, at most one period, which a deadline from the occurrence on must contain.",
+)
+TIMING_LOST = warning(
+    "HAL0558",
+    "Timing constraint was left out",
+    "Its events belong to no task, or to several tasks of which none is distinguished, or it limits what the model has "
+    "no limit for.",
+)
+TIMING_PART_LOST = warning(
+    "HAL0559",
+    "Part of a timing constraint was left out",
+    "Least and nominal latencies have no counterpart, slack is at most a period, and conditions are not evaluated.",
+)
+BAD_TIME = warning(
+    "HAL0560",
+    "Time of a constraint cannot be read",
+    "Times of the timing extension are a CSE-CODE, which names a unit (0 is a microsecond, 3 a millisecond, 26 a "
+    "nanosecond), and a factor. Codes from 100 on count angles or events and are no time.",
+)
+NOT_ANALYSED = note(
+    "HAL0561",
+    "Execution times are no proven bounds",
+    "They are measured, simulated or estimated, or required of the implementation. A schedule is as safe as they are.",
+)
+UNIT_WITHOUT_TIME = note(
+    "HAL0562",
+    "Execution time is stated for some hardware only",
+    "A task runs only where its execution time is known. State the missing times in the overlay to "
+    "let it run elsewhere.",
+)
+EMPTY_MODE = note(
+    "HAL0563",
+    "Mode without tasks was left out",
+    "Nothing is scheduled in it, so it needs no schedule. Switches to it and from it are left out, too.",
+)
+TOO_MANY_WORKERS = warning(
+    "HAL0564",
+    "More workers than cores",
+    "The workers of a deterministic client run side by side, each on a core of its own, but the process may use fewer.",
+)
+UNKNOWN_ELEMENT = warning(
+    "HAL0567",
+    "Element is misspelt",
+    "The element is no element of AUTOSAR, but one letter away from one that matters here. It is not read.",
+)
+WRONG_CASE = warning(
+    "HAL0568",
+    "Reference differs in case",
+    "Paths are told apart by case, but no two elements may differ in case only, so that it is clear what was meant.",
+)
+SINGLE_SHOT = note(
+    "HAL0569",
+    "Schedule table does not repeat",
+    "What a single-shot table activates runs once each time that the table is started, which is no period.",
+)
+NO_CORE = warning(
+    "HAL0570",
+    "Mapping leaves a process no core",
+    "The cores that a process shall run on and those that it shall not run on leave none of its machine.",
+)
+MIXED_RELEASES = warning(
+    "HAL0565",
+    "Files of several releases",
+    "Elements of release 3 and 4 have other paths, so that references between them often lead nowhere.",
+)
+SCHEMA_NAME = note(
+    "HAL0566",
+    "Schema is none of AUTOSAR's",
+    "The file names a schema that was never published, by a slip of its tool. Schemas are not looked at.",
 )

@@ -111,6 +111,7 @@ def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
     ecus = tree.tagged("ECU-INSTANCE")
     mapped: dict[str, list[str]] = {node.path: [] for node in ecus}
     mappings: dict[str, list[Place]] = {node.path: [] for node in ecus}
+    hardware: dict[str, list[tuple[str, str]]] = {node.path: [] for node in ecus}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
         ref = tree.ref(node, "ECU-INSTANCE-REF")
         ecu = tree.find(ref, f'mapping "{node.path}"', ("ECU-INSTANCE",)) if ref else None
@@ -118,7 +119,23 @@ def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
             refs = tree.refs(node, "COMPONENT-IREFS/COMPONENT-IREF/TARGET-COMPONENT-REF")
             mapped[ecu.path] += [ref.path for ref in refs]
             mappings[ecu.path].append(place_of(node))
-    return tuple(Ecu(place_of(ecu), tuple(mapped[ecu.path]), tuple(mappings[ecu.path])) for ecu in ecus)
+            unit = tree.ref(node, "PROCESSING-UNIT-REF")
+            found = tree.find(unit, f'mapping "{node.path}"', ("HW-ELEMENT",)) if unit else None
+            if found is not None:
+                hardware[ecu.path] += [(ref.path, found.path) for ref in refs]
+    return tuple(
+        Ecu(place_of(ecu), tuple(mapped[ecu.path]), tuple(mappings[ecu.path]), tuple(hardware[ecu.path]))
+        for ecu in ecus
+    )
+
+
+def read_hardware(tree: Tree) -> tuple[Place, ...]:
+    """Read the HW-ELEMENTs of the standard category ProcessingUnit."""
+    return tuple(
+        place_of(node)
+        for node in tree.tagged("HW-ELEMENT")
+        if any(ref.name == "ProcessingUnit" for ref in tree.refs(node, "HW-CATEGORY-REFS/HW-CATEGORY-REF"))
+    )
 
 
 # ----------------------------------------------------------------------------------------------- instances

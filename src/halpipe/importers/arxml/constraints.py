@@ -1,128 +1,132 @@
-"""Timing constraints: execution order, worst-case execution times; what else there is, is reported as left out."""
+"""Execution order constraints: orders of runnables and events, also of nested groups of them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.numbers import parse_number
-from halpipe.importers.arxml.swc import RUNNABLES, place_of
-from halpipe.importers.arxml.system import ExecutionTime, Order
+from halpipe.importers.arxml.swc import place_of
+from halpipe.importers.arxml.system import Order, Ordered
+from halpipe.importers.arxml.tree import local
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.importers.arxml.tree import Node, Tree
 
 _EOC = "EXECUTION-ORDER-CONSTRAINT"
-_EOC_ENTITY = "EOC-EXECUTABLE-ENTITY-REF"
-_EOC_EVENT = "EOC-EVENT-REF"
-_EOC_OTHER = ("EOC-EXECUTABLE-ENTITY-REF-GROUP", "LET-DATA-EXCHANGE-PARADIGM")
-IGNORED = (
-    "LATENCY-TIMING-CONSTRAINT",
-    "OFFSET-TIMING-CONSTRAINT",
-    "SYNCHRONIZATION-TIMING-CONSTRAINT",
-    "SYNCHRONIZATION-POINT-CONSTRAINT",
-    "EXECUTION-TIME-CONSTRAINT",
-    "AGE-CONSTRAINT",
-    "PERIODIC-EVENT-TRIGGERING",
-    "SPORADIC-EVENT-TRIGGERING",
-    "BURST-PATTERN-EVENT-TRIGGERING",
-    "CONCRETE-PATTERN-EVENT-TRIGGERING",
-    "ARBITRARY-EVENT-TRIGGERING",
-)
-# Where a worst-case time stands in each kind of execution time, the most trustworthy kind first.
-_EXECUTION_TIMES = {
-    "ANALYZED-EXECUTION-TIME": "WORST-CASE-EXECUTION-TIME",
-    "MEASURED-EXECUTION-TIME": "MAXIMUM-EXECUTION-TIME",
-    "SIMULATED-EXECUTION-TIME": "MAXIMUM-EXECUTION-TIME",
-    "ROUGH-ESTIMATE-OF-EXECUTION-TIME": "ESTIMATED-EXECUTION-TIME",
-}
-_CSE_MICROSECONDS = 0
+_POINT = "SYNCHRONIZATION-POINT-CONSTRAINT"
+_ENTITY = "EOC-EXECUTABLE-ENTITY-REF"
+_EVENT = "EOC-EVENT-REF"
+_GROUP = "EOC-EXECUTABLE-ENTITY-REF-GROUP"
+_ELEMENTS = (_ENTITY, _EVENT, _GROUP)
+_SUCCESSORS = ("SUCCESSOR-REFS/SUCCESSOR-REF", "DIRECT-SUCCESSOR-REFS/DIRECT-SUCCESSOR-REF")
+# What a group states beyond an order: logical execution times, and slots of a cycle.
+_NOT_READ = ("LET-DATA-EXCHANGE-PARADIGM", "LET-INTERVAL-REFS", "MAX-CYCLES", "MAX-SLOTS", "MAX-SLOTS-PER-CYCLE")
+GUARANTEES = "TIMING-GUARANTEES"
+PROTOTYPE = "COMPONENT-IREF/TARGET-COMPONENT-REF"
+
+
+def is_guarantee(node: Node) -> bool:
+    """Whether a constraint states what is fulfilled already, rather than what is required."""
+    holder = node.parts[0].element.getparent() if node.parts else None
+    return holder is not None and local(holder) == GUARANTEES
 
 
 def read_orders(tree: Tree) -> tuple[Order, ...]:
-    """Read the execution order constraints as pairs of runnables or events."""
-    return tuple(order for node in tree.tagged(_EOC) for order in _orders(tree, node))
+    """Read execution order and synchronisation point constraints as pairs of runnables or events."""
+    found: list[Order] = []
+    for node in tree.tagged(_EOC, _POINT):
+        if not is_guarantee(node):
+            found += _Constraint(tree, node).orders() if node.tag == _EOC else _point_orders(tree, node)
+    return tuple(dict.fromkeys(found))
 
 
-def _orders(tree: Tree, constraint: Node) -> Iterator[Order]:
-    for element in constraint.inside():
-        if element.tag in _EOC_OTHER:
-            tree.findings.add(
-                codes.ORDER_LOST(
-                    f"{element.tag} is not imported",
-                    at=element.at,
-                    path=f'{_EOC} "{constraint.path}"',
-                    help="state this order in the overlay (precedence)",
+class _Constraint:
+    """One execution order constraint: its elements, which groups hold which, and who comes before whom."""
+
+    def __init__(self, tree: Tree, node: Node) -> None:
+        self._tree = tree
+        self._node = node
+        self._what = f'{node.tag} "{node.path}"'
+        self._elements = [child for child in node.inside() if child.tag in _ELEMENTS]
+        self._after = {element: list(self._successors(element)) for element in self._elements}
+        self._nested = {e: self._targets(e, "NESTED-ELEMENT-REFS/NESTED-ELEMENT-REF") for e in self._elements}
+
+    def orders(self) -> Iterator[Order]:
+        """Yield the order of every element and its successors; of groups, the last of one and the first of the next."""
+        for element in self._elements:
+            self._report_lost(element)
+            for successor in self._after[element]:
+                for first in self._edge_of(element, last=True):
+                    for second in self._edge_of(successor, last=False):
+                        yield Order(place_of(self._node), first, second)
+
+    def _successors(self, element: Node) -> Iterator[Node]:
+        for path in _SUCCESSORS:
+            yield from self._targets(element, path)
+
+    def _targets(self, element: Node, path: str) -> list[Node]:
+        found = (self._tree.find(ref, self._what, _ELEMENTS) for ref in self._tree.refs(element, path))
+        return [node for node in found if node is not None]
+
+    def _edge_of(self, element: Node, *, last: bool) -> list[Ordered]:
+        """Return what has no successor (`last`) or no predecessor among the leaves of an element."""
+        leaves = self.leaves(element, [])
+        if len(leaves) == 1 or element.tag != _GROUP:
+            return list(ordered_by(self._tree, leaves))
+        inner = [(a, b) for a in leaves for b in self._after.get(a, ()) if b in leaves]
+        bound = {a for a, _ in inner} if last else {b for _, b in inner}
+        return list(ordered_by(self._tree, [leaf for leaf in leaves if leaf not in bound]))
+
+    def leaves(self, element: Node, way: list[Node]) -> list[Node]:
+        """Return what a group holds, groups in it unfolded; a group inside itself is not entered again."""
+        if element.tag != _GROUP:
+            return [element]
+        if element in way:
+            return []
+        nested = self._nested.get(element, [])
+        return list(dict.fromkeys(leaf for inner in nested for leaf in self.leaves(inner, [*way, element])))
+
+    def _report_lost(self, element: Node) -> None:
+        for tag in _NOT_READ:
+            for found, file in element.elements(tag):
+                self._tree.findings.add(
+                    codes.ORDER_LOST(
+                        f"{tag} is not imported",
+                        at=self._tree.at(found, file),
+                        path=self._what,
+                        help="state what it means for the tasks in the overlay (offset, precedence)",
+                    )
                 )
-            )
-        if element.tag not in (_EOC_ENTITY, _EOC_EVENT):
-            continue
-        first = _ordered(tree, element)
-        for path in ("SUCCESSOR-REFS/SUCCESSOR-REF", "DIRECT-SUCCESSOR-REFS/DIRECT-SUCCESSOR-REF"):
-            for ref in tree.refs(element, path):
-                successor = tree.find(ref, f'{_EOC} "{constraint.path}"', (_EOC_ENTITY, _EOC_EVENT))
-                second = _ordered(tree, successor) if successor is not None else None
-                if first is not None and second is not None:
-                    yield Order(place_of(constraint), first, second)
 
 
-def _ordered(tree: Tree, element: Node) -> str | None:
-    """Return the path of the runnable or event that an element of an execution order names."""
-    ref = tree.ref(element, "EXECUTABLE-REF") or tree.ref(element, "EVENT-REF")
-    if ref is None:
-        return None
-    target = tree.find(ref, f'{element.tag} "{element.path}"')
-    return target.path if target is not None else None
+def ordered_by(tree: Tree, elements: Iterable[Node]) -> Iterator[Ordered]:
+    """Yield the runnables or events that elements of an execution order name."""
+    for element in elements:
+        ref = tree.ref(element, "EXECUTABLE-REF") or tree.ref(element, "EVENT-REF")
+        target = tree.find(ref, f'{element.tag} "{element.path}"') if ref else None
+        prototype = tree.ref(element, PROTOTYPE)
+        if target is not None:
+            yield Ordered(target.path, prototype.path if prototype else None)
 
 
-def read_execution_times(tree: Tree) -> tuple[ExecutionTime, ...]:
-    """Read the worst-case execution times of runnables: the largest of the most trustworthy kind for each."""
-    best: dict[str, tuple[int, ExecutionTime]] = {}
-    for rank, (tag, value) in enumerate(_EXECUTION_TIMES.items()):
-        for node in tree.tagged(tag):
-            found = _execution_time(tree, node, value)
-            if found is None:
-                continue
-            known = best.get(found.runnable)
-            if known is None or (known[0] == rank and known[1].time < found.time):
-                best[found.runnable] = (rank, found)
-    return tuple(found for _, found in best.values())
+def _point_orders(tree: Tree, node: Node) -> Iterator[Order]:
+    """Yield an order of everything before a synchronisation point and everything after it."""
+    ends: list[list[Ordered]] = []
+    for side in ("SOURCE", "TARGET"):
+        what = f'{node.tag} "{node.path}"'
+        elements = [tree.find(ref, what, _ELEMENTS) for ref in tree.refs(node, f"{side}-EEC-REFS/{side}-EEC-REF")]
+        events = [tree.find(ref, what) for ref in tree.refs(node, f"{side}-EVENT-REFS/{side}-EVENT-REF")]
+        leaves = [leaf for element in elements if element is not None for leaf in _unfolded(tree, element)]
+        ends.append([*ordered_by(tree, leaves), *(Ordered(event.path) for event in events if event is not None)])
+    for first in ends[0]:
+        for second in ends[1]:
+            yield Order(place_of(node), first, second)
 
 
-def _execution_time(tree: Tree, node: Node, value: str) -> ExecutionTime | None:
-    ref = tree.ref(node, "EXECUTABLE-ENTITY-REF")
-    runnable = tree.find(ref, f'{node.tag} "{node.path}"', RUNNABLES) if ref else None
-    code = tree.text(node, f"{value}/CSE-CODE")
-    factor = tree.text(node, f"{value}/CSE-CODE-FACTOR")
-    if runnable is None or code is None or factor is None:
-        return None
-    number = parse_number(factor.value)
-    if parse_number(code.value) == _CSE_MICROSECONDS and number is not None and number > 0:
-        return ExecutionTime(place_of(node), runnable.path, Duration(number * 1000))
-    tree.findings.add(
-        codes.BAD_EXECUTION_TIME(
-            f'{value} with CSE-CODE "{code.value}" and factor "{factor.value}" is not read',
-            at=code.at,
-            path=f'{node.tag} "{node.path}"',
-            help="write it with CSE-CODE 0 (microseconds), or give the WCET in the overlay",
-        )
-    )
-    return None
-
-
-def report_ignored(tree: Tree) -> None:
-    """Report the timing constraints that have no effect on the model, one finding for each kind."""
-    for tag in IGNORED:
-        found = tree.tagged(tag)
-        if found:
-            tree.findings.add(
-                codes.TIMING_IGNORED(
-                    f"{len(found)} {tag} elements are not imported",
-                    at=found[0].at,
-                    path=found[0].path,
-                    help="state deadlines and chains in the overlay",
-                )
-            )
+def _unfolded(tree: Tree, element: Node) -> list[Node]:
+    constraint = element.parent
+    if element.tag != _GROUP or constraint is None:
+        return [element]
+    return _Constraint(tree, constraint).leaves(element, [])

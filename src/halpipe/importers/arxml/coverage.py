@@ -5,7 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml.compositions import COMPOSITION
-from halpipe.importers.arxml.constraints import IGNORED
+from halpipe.importers.arxml.constraints import is_guarantee
+from halpipe.importers.arxml.execution_times import KINDS
+from halpipe.importers.arxml.swc import place_of
+from halpipe.importers.arxml.timing import CONSTRAINTS, NOT_READ
+from halpipe.importers.arxml.tree import place
 from halpipe.importers.base import Coverage
 
 if TYPE_CHECKING:
@@ -36,8 +40,37 @@ _UNUSED = {
     "MODE-DECLARATION": "switches no task off",
     "MODE-TRANSITION": "switches no task off",
     "EXECUTION-ORDER-CONSTRAINT": "orders no tasks",
+    "SYNCHRONIZATION-POINT-CONSTRAINT": "orders no tasks",
+    "TIMING-DESCRIPTION-EVENT-CHAIN": "its events belong to no task, or to several",
+    "MACHINE": "no process runs on it",
+    "PROCESS": "left out by the overlay",
+    "EXECUTABLE": "what a process starts, not when or where",
+    "STARTUP-CONFIG": "priorities and policies of the operating system do not count in a time-triggered schedule",
+    "RESOURCE-GROUP": "budgets of the operating system do not count in a time-triggered schedule",
     COMPOSITION: "none of its components has a task",
 }
+
+
+_STARTUP = "STATE-DEPENDENT-STARTUP-CONFIGS/STATE-DEPENDENT-STARTUP-CONFIG"
+_OLD_STARTUP = "MODE-DEPENDENT-STARTUP-CONFIGS/MODE-DEPENDENT-STARTUP-CONFIG"
+# Elements without SHORT-NAME that have a say in timing, by the element that holds them.
+_NAMELESS = {
+    "PROCESS": (
+        _STARTUP,
+        _OLD_STARTUP,
+        f"{_STARTUP}/FUNCTION-GROUP-STATE-IREFS/FUNCTION-GROUP-STATE-IREF",
+        f"{_STARTUP}/EXECUTION-DEPENDENCYS/EXECUTION-DEPENDENCY",
+        f"{_OLD_STARTUP}/EXECUTION-DEPENDENCYS/EXECUTION-DEPENDENCY",
+    ),
+    COMPOSITION: ("INSTANTIATION-RTE-EVENT-PROPSS/INSTANTIATION-TIMING-EVENT-PROPS",),
+    "SWC-BSW-MAPPING": ("RUNNABLE-MAPPINGS/SWC-BSW-RUNNABLE-MAPPING",),
+}
+_NAMELESS_OF_EVENTS = (
+    "DISABLED-MODE-IREFS/DISABLED-MODE-IREF",
+    "DISABLED-IN-MODE-IREFS/DISABLED-IN-MODE-IREF",
+    "MODE-DEPENDENCY/DEPENDENT-ON-MODE-IREFS/DEPENDENT-ON-MODE-IREF",
+)
+_NEVER = {"EXECUTION-DEPENDENCY": "orders how processes are started up, not when their jobs run"}
 
 
 class Ledger:
@@ -58,6 +91,8 @@ class Ledger:
     def close(self, tree: Tree, kinds: dict[str, str]) -> Coverage:
         """Account for every node of the tree; `kinds` gives the kinds of configuration containers by path."""
         coverage = Coverage()
+        for tag, at in tree.nameless:
+            coverage.ignored(tag, "(no name)", "has no SHORT-NAME", at)
         nodes = [
             (node, kinds.get(node.path, node.tag) if node.tag == "ECUC-CONTAINER-VALUE" else node.tag)
             for node in tree.nodes()
@@ -69,7 +104,24 @@ class Ledger:
             else:
                 reason = self._reasons.get((node.path, kind)) or _default(kind)
                 coverage.ignored(kind, node.path, reason, node.at)
+            _account_for_nameless(node, node in mapped, coverage)
         return coverage
+
+
+def _account_for_nameless(node: Node, is_mapped: bool, coverage: Coverage) -> None:
+    """Account for the elements of a node that have no name of their own, but say when something runs, or where.
+
+    They share the fate of the node that holds them.
+    """
+    paths = _NAMELESS.get(node.tag, _NAMELESS_OF_EVENTS if node.tag.endswith("-EVENT") else ())
+    for path in paths:
+        tag = path.rpartition("/")[2]
+        for index, (element, file) in enumerate(node.elements(path), 1):
+            if is_mapped and tag not in _NEVER:
+                coverage.mapped(tag)
+            else:
+                reason = _NEVER.get(tag, f"the {node.tag} that holds it has no effect")
+                coverage.ignored(tag, f"{node.path}/{tag}[{index}]", reason, place(element, file))
 
 
 def _with_holders(nodes: Iterable[Node]) -> set[Node]:
@@ -86,9 +138,20 @@ def _with_holders(nodes: Iterable[Node]) -> set[Node]:
 def _default(kind: str) -> str:
     if kind.endswith("-EVENT"):
         return "starts no runnable that is known"
-    if kind in IGNORED:
-        return "timing constraint that is not imported"
     return _UNUSED.get(kind, _NO_INFLUENCE)
+
+
+def note_timing(ledger: Ledger, system: System, tree: Tree) -> None:
+    """Note why elements of the timing extension, and execution times, are not used."""
+    for node in tree.tagged(*CONSTRAINTS, *NOT_READ, "EXECUTION-ORDER-CONSTRAINT", "SYNCHRONIZATION-POINT-CONSTRAINT"):
+        if is_guarantee(node):
+            ledger.ignored(place_of(node), "guarantee: states what is fulfilled, not what is required")
+        elif node.tag in (*CONSTRAINTS, *NOT_READ):
+            ledger.ignored(place_of(node), "timing constraint that has no counterpart, or is about no task")
+    for node in tree.tagged(*KINDS):
+        ledger.ignored(place_of(node), "a longer or more trustworthy time counts, or its runnable makes no task")
+    for arrival in system.timing.arrivals:
+        ledger.ignored(arrival.place, "its event has a period from elsewhere, or is of no task")
 
 
 def note_activations(ledger: Ledger, activations: Iterable[Activation], drafts: Iterable[Draft]) -> None:
@@ -96,6 +159,10 @@ def note_activations(ledger: Ledger, activations: Iterable[Activation], drafts: 
     for draft in drafts:
         for member in draft.members:
             ledger.mapped(member.place, *member.used)
+            if member.arrival is not None:
+                ledger.mapped(member.arrival.place)
+            if member.process is not None:
+                ledger.mapped(*member.process.parts)
             if member.event is not None:
                 ledger.mapped(member.event.place)
             if member.mapping is not None and member.os_task is not None:
@@ -134,6 +201,9 @@ def note_structure(ledger: Ledger, system: System, drafts: Sequence[Draft], data
         if any(path in os_tasks for path in application.tasks):
             ledger.mapped(application.place)
     ledger.mapped(*(core.place for core in system.configuration.cores if core.place))
+    ledger.mapped(*(place for machine in system.machines for place in (machine.place, *machine.cores)))
+    if not system.configuration.cores:
+        ledger.mapped(*system.hardware)
     for ecu in system.ecus:
         if not system.configuration.cores and used & set(ecu.prototypes):
             ledger.mapped(ecu.place, *ecu.mappings)

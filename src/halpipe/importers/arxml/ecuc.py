@@ -164,7 +164,8 @@ def _cores(containers: Containers) -> dict[str, Core]:
     for container in found:
         number = container.number("EcucCoreId")
         name = container.node.name if names.count(container.node.name) == 1 else container.node.path.lstrip("/")
-        cores.append(Core(name, int(number) if number is not None else None, container.place))
+        hardware = container.target("EcucCoreHwRef")
+        cores.append(Core(name, int(number) if number is not None else None, container.place, hardware))
     cores.sort(key=lambda core: (core.id is None, core.id or 0))
     return {core.place.path: core for core in cores if core.place}
 
@@ -275,7 +276,16 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks) -> Iterator[T
 def _expiry_points(containers: Containers, table: Container, ticks: Ticks) -> Iterator[Trigger]:
     repeating = table.value("OsScheduleTableRepeating")
     duration = table.number("OsScheduleTableDuration")
-    if not duration or repeating is None or repeating.text.lower() not in ("true", "1"):
+    if not duration:
+        return
+    if repeating is None or repeating.text.lower() not in ("true", "1"):
+        containers.tree.findings.add(
+            codes.SINGLE_SHOT(
+                "is not repeating, so that it gives no task a period",
+                at=repeating.at if repeating else table.node.at,
+                path=f'OsScheduleTable "{table.node.path}"',
+            )
+        )
         return
     tick, through = ticks.counter(table, "OsScheduleTableCounterRef")
     if tick is None:

@@ -31,11 +31,9 @@ class Draft:
     place: Place
 
     @property
-    def period(self) -> Duration:
-        """The common period."""
-        period = self.members[0].period
-        assert period is not None
-        return period
+    def period(self) -> Duration | None:
+        """The common period; None for a process whose manifest states none."""
+        return self.members[0].period
 
     @property
     def offset(self) -> Duration | None:
@@ -64,8 +62,13 @@ class Draft:
     @property
     def disabled_in(self) -> frozenset[str]:
         """The mode declarations (paths) in which no member is active."""
-        disabled = [frozenset(a.event.disabled_in if a.event else ()) for a in self.members]
-        return frozenset.intersection(*disabled)
+        return frozenset.intersection(*(frozenset(_disabled_in(member)) for member in self.members))
+
+
+def _disabled_in(activation: Activation) -> tuple[str, ...]:
+    if activation.process is not None:
+        return activation.process.disabled_in
+    return activation.event.disabled_in if activation.event else ()
 
 
 def position_of(activation: Activation) -> int | None:
@@ -77,11 +80,12 @@ def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:
     """Make one draft per runnable instance (or event, or OsTask), period and offset; names are unique.
 
     Several events with the same period and offset that start one runnable make one task: the second start would
-    find nothing left to do. Events of different periods or offsets make one task each.
+    find nothing left to do. Events of different periods or offsets make one task each. Processes are tasks even
+    without a period: there is nothing else in their manifests that could be.
     """
     groups: dict[Hashable, list[Activation]] = {}
     for index, activation in enumerate(activations):
-        if activation.period is not None:
+        if activation.period is not None or activation.process is not None:
             groups.setdefault(_key(activation, index, granularity), []).append(activation)
     members = [sorted(found, key=_order) for found in groups.values()]
     names = _names(members, granularity)
@@ -132,7 +136,7 @@ def _base_name(first: Activation, granularity: str) -> str:
 
 
 def _period_suffix(first: Activation) -> str:
-    return f"@{first.period}"
+    return f"@{first.period}" if first.period else ""
 
 
 def _offset_suffix(first: Activation) -> str:

@@ -16,6 +16,14 @@ _PREFIXED = re.compile(
     r"(?P<sign>[+-]?)(?:0[xX](?P<hex>[0-9A-Fa-f]{1,32})|0[bB](?P<bin>[01]{1,128})|0(?P<oct>[0-7]{1,40}))"
 )
 _MAX_EXPONENT = 40
+# Nanoseconds of one step, by CSE-CODE (ASAM: codes for scaling units). Codes from 100 on count angles and events.
+_CSE_NS: dict[int, Fraction] = {
+    **{code: Fraction(10 ** (3 + code)) for code in range(8)},  # 1 us, 10 us, ... 10 s
+    8: Fraction(60 * 10**9),
+    9: Fraction(3_600 * 10**9),
+    10: Fraction(86_400 * 10**9),
+    **{code: Fraction(10) ** (code - 26) for code in range(20, 29)},  # 1 fs, 10 fs, ... 100 ns
+}
 
 
 def parse_number(text: str) -> Fraction | None:
@@ -48,6 +56,15 @@ def parse_seconds(text: str) -> Duration | None:
     """Read a time in seconds; None if it is negative, infinite or no number at all."""
     value = parse_double(text)
     return seconds(value) if value is not None and value >= 0 else None
+
+
+def parse_cse(code: str, factor: str) -> Duration | None:
+    """Read a MULTIDIMENSIONAL-TIME (CSE-CODE and CSE-CODE-FACTOR); None if it is negative or counts no time."""
+    unit, count = parse_number(code), parse_number(factor)
+    if unit is None or unit.denominator != 1 or count is None or count < 0:
+        return None
+    step = _CSE_NS.get(unit.numerator)
+    return Duration(step * count) if step is not None else None
 
 
 def is_symbolic(text: str) -> bool:

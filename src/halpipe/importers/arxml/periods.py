@@ -1,8 +1,9 @@
 """Periods and offsets of activations, in the order of authority of their sources.
 
 A timing event has the period of its component prototype's override, or its own; where that is unusable, the one of
-the schedule table or alarm that triggers it, then of whatever activates its OsTask, then the OsTaskPeriod. Other
-events have none of their own: the overlay may give one, and data-received events inherit that of their senders.
+the schedule table or alarm that triggers it, then of whatever activates its OsTask, then the OsTaskPeriod, then of an
+event triggering of the timing extension. Other events have none of their own: the overlay may give one, or an event
+triggering, and data-received events inherit that of their senders. A process has the cycle of its deterministic client.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Diagnostic, Location
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.arrivals import compare, report_sporadic
 from halpipe.importers.arxml.dataflow import item_at
 from halpipe.importers.arxml.ecuc import symbolic_values
 from halpipe.importers.arxml.numbers import is_symbolic, parse_number, parse_seconds
@@ -42,13 +44,14 @@ _NO_PERIOD = {
     "BSW-MODE-SWITCH-EVENT": "mode switches have no period",
     "TIMING-EVENT": "no usable period, and no OS trigger with one",
     "BSW-TIMING-EVENT": "no usable period, and no OS trigger with one",
+    "PROCESS": "its manifest states no period",
 }
 _DATA_RECEIVED = "DATA-RECEIVED-EVENT"
 
 
 @dataclass(frozen=True, slots=True)
 class Recurrence:
-    """A period with the offset of its first occurrence, and the OS elements that it comes from."""
+    """A period with the offset of its first occurrence, and the elements that it comes from."""
 
     period: Duration
     offset: Duration
@@ -67,6 +70,10 @@ def decide_periods(
     decided = [found for activation in activations for found in periods.of(activation)]
     if overlay is not None:
         decided = _from_overlay(decided, overlay)
+    decided = _from_arrivals(decided)
+    for activation in decided:
+        compare(activation, tree.findings)
+    report_sporadic(decided, tree.findings)
     decided = _inherited(decided, dataflow, tree.findings)
     return [a if a.period is not None else replace(a, reason=a.reason or _reason(a.kind)) for a in decided]
 
@@ -93,7 +100,9 @@ class Periods:
     def of(self, activation: Activation) -> list[Activation]:
         """Return the activation once for every way it recurs; unchanged if it does not."""
         event = activation.event
-        if event is None:
+        if activation.process is not None:
+            found = self._of_process(activation)
+        elif event is None:
             found = self._of_os_task(activation)
         elif event.is_timing:
             found = self._of_timing_event(activation, event)
@@ -112,7 +121,7 @@ class Periods:
         period = self._evaluate(event, stated)
         if isinstance(period, Duration):
             return [Recurrence(period, ZERO, ())]
-        found = self._of_mapping(activation) or self._of_os_task(activation)
+        found = self._of_mapping(activation) or self._of_os_task(activation) or of_arrival(activation)
         if not found:
             self._report(period)
         for recurrence in found:
@@ -125,6 +134,23 @@ class Periods:
                 )
             )
         return found
+
+    def _of_process(self, activation: Activation) -> list[Recurrence]:
+        cycle = activation.process.cycle if activation.process else None
+        if cycle is None:
+            return []
+        period = parse_seconds(cycle.text)
+        if not period:
+            self._report(
+                codes.BAD_PERIOD(
+                    f'CYCLE-TIME-VALUE "{cycle.text}" is not a positive number of seconds',
+                    at=cycle.at,
+                    path=f'PROCESS "{activation.place.path}"',
+                    help=_PERIOD_HELP,
+                )
+            )
+            return []
+        return [Recurrence(period, ZERO, ())]
 
     def _evaluate(self, event: Event, stated: Stated | None) -> Duration | Diagnostic:
         """Return a stated period, or what is wrong with it: absent, an unknown name, or no positive time."""
@@ -276,6 +302,28 @@ def _from_overlay(activations: list[Activation], overlay: Supplement) -> list[Ac
         for index in indices:
             result[index] = replace(result[index], reason="the overlay states when its runnable starts")
         result[chosen] = replace(result[chosen], period=period, reason="")
+    return result
+
+
+def of_arrival(activation: Activation) -> list[Recurrence]:
+    """Return how an activation recurs by the timing extension, once for every offset of a concrete pattern."""
+    arrival = activation.arrival
+    if arrival is None:
+        return []
+    return [Recurrence(arrival.period, offset, (arrival.place,)) for offset in arrival.offsets or (ZERO,)]
+
+
+def _from_arrivals(activations: list[Activation]) -> list[Activation]:
+    """Give runnables that nothing starts periodically the period of their event triggering."""
+    periodic = {a.actor for a in activations if a.period is not None}
+    result = []
+    for activation in activations:
+        found = of_arrival(activation) if activation.actor not in periodic and not activation.reason else []
+        if not found:
+            result.append(activation)
+            continue
+        periodic.add(activation.actor)
+        result += [replace(activation, period=r.period, offset=r.offset % r.period or None, used=r.used) for r in found]
     return result
 
 

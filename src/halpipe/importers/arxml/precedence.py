@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.periods import senders_of
+from halpipe.models import Anchor
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -18,30 +19,53 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.importers.arxml.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.grouping import Draft
-    from halpipe.importers.arxml.system import Place, System
+    from halpipe.importers.arxml.requirements import Spacing
+    from halpipe.importers.arxml.system import Ordered, Place, System
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """`first` before `second` (task names), because of the element at `cause`."""
+    """`first` before `second` (task names), because of the element at `cause`.
+
+    `spacing` states the window where an offset constraint does; `also` are elements that state the same order.
+    """
 
     first: str
     second: str
     cause: Place
+    spacing: Spacing | None = None
+    also: tuple[Place, ...] = ()
+
+    @property
+    def anchor(self) -> Anchor:
+        """What of the first task the window counts from."""
+        return self.spacing.anchor if self.spacing else Anchor.END
 
 
-def find_edges(system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> list[Edge]:
+def find_edges(
+    system: System, drafts: Sequence[Draft], dataflow: DataFlow, spacings: Sequence[Spacing], findings: Findings
+) -> list[Edge]:
     """Return the precedence between tasks, strongest source first, each pair once, free of cycles."""
     edges = [
+        *(Edge(spacing.first, spacing.second, spacing.cause, spacing) for spacing in spacings),
         *_from_constraints(system, drafts, findings),
         *_from_positions(drafts),
         *_from_received_data(drafts, dataflow),
     ]
-    unique: dict[tuple[str, str], Edge] = {}
+    alike: dict[tuple[str, str], list[Edge]] = {}
     for edge in edges:
         if edge.first != edge.second:
-            unique.setdefault((edge.first, edge.second), edge)
-    return without_cycles(list(unique.values()), findings)
+            alike.setdefault((edge.first, edge.second), []).append(edge)
+    unique = [e for found in alike.values() for e in _joined(found)]
+    return without_cycles(unique, findings)
+
+
+def _joined(alike: list[Edge]) -> Iterator[Edge]:
+    """Yield every window between two tasks, or the strongest order if no window is stated; others are noted in it."""
+    windows = [edge for edge in alike if edge.spacing] or alike[:1]
+    also = tuple(dict.fromkeys(edge.cause for edge in alike if edge not in windows))
+    yield replace(windows[0], also=also)
+    yield from windows[1:]
 
 
 # ------------------------------------------------------------------------------------------------- sources
@@ -57,18 +81,27 @@ def _from_constraints(system: System, drafts: Sequence[Draft], findings: Finding
                 by_path.setdefault(path, []).append((draft, member.context))
     _report_lost(system, by_path.keys(), findings)
     for order in system.orders:
-        same_type = order.first.rpartition("/")[0] == order.second.rpartition("/")[0]
-        for first, first_context in by_path.get(order.first, ()):
-            for second, second_context in by_path.get(order.second, ()):
-                if first_context == second_context or not same_type:
+        same_type = order.first.path.rpartition("/")[0] == order.second.path.rpartition("/")[0]
+        for first, first_context in _in_context(by_path, order.first):
+            for second, second_context in _in_context(by_path, order.second):
+                if first_context == second_context or not same_type or order.first.prototype or order.second.prototype:
                     yield Edge(first.name, second.name, order.place)
+
+
+def _in_context(
+    by_path: dict[str, list[tuple[Draft, tuple[str, ...]]]], end: Ordered
+) -> Iterator[tuple[Draft, tuple[str, ...]]]:
+    """Yield the tasks of what an order names, with their instances; those of the named prototype if it names one."""
+    for draft, context in by_path.get(end.path, ()):
+        if end.prototype is None or end.prototype in context:
+            yield draft, context
 
 
 def _report_lost(system: System, known: Collection[str], findings: Findings) -> None:
     """Report, once per constraint, what it orders that is no task."""
     lost: dict[Place, dict[str, None]] = {}
     for order in system.orders:
-        for path in (order.first, order.second):
+        for path in (order.first.path, order.second.path):
             if path not in known:
                 lost.setdefault(order.place, {})[path] = None
     for place, paths in lost.items():
@@ -84,7 +117,7 @@ def _report_lost(system: System, known: Collection[str], findings: Findings) -> 
 
 def _from_positions(drafts: Sequence[Draft]) -> Iterator[Edge]:
     """RtePositionInTask orders what one OsTask runs with one period and offset; equal positions are not ordered."""
-    hosted: dict[tuple[str, Duration, Duration | None], dict[int, list[Draft]]] = {}
+    hosted: dict[tuple[str, Duration | None, Duration | None], dict[int, list[Draft]]] = {}
     for draft in drafts:
         position = draft.position
         if draft.os_task is not None and position is not None:
@@ -101,7 +134,7 @@ def _from_positions(drafts: Sequence[Draft]) -> Iterator[Edge]:
 
 def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
     """A task that data starts comes after the tasks of the same period that send the data."""
-    senders: dict[tuple[Actor, Duration], list[Draft]] = {}
+    senders: dict[tuple[Actor, Duration | None], list[Draft]] = {}
     for draft in drafts:
         for member in draft.members:
             senders.setdefault((member.actor, draft.period), []).append(draft)

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.compositions import find_instances, read_compositions, read_ecus
-from halpipe.importers.arxml.constraints import read_execution_times, read_orders, report_ignored
+from halpipe.importers.arxml.adaptive import ADAPTIVE, read_function_groups, read_machines, read_processes
+from halpipe.importers.arxml.compositions import find_instances, read_compositions, read_ecus, read_hardware
+from halpipe.importers.arxml.constraints import read_orders
 from halpipe.importers.arxml.ecuc import read_configuration
+from halpipe.importers.arxml.execution_times import read_execution_times
 from halpipe.importers.arxml.modes import read_mode_groups
 from halpipe.importers.arxml.sniff import load
 from halpipe.importers.arxml.swc import is_component_type, place_of, read_components, read_twins
 from halpipe.importers.arxml.system import System
+from halpipe.importers.arxml.timing import read_timing, report_not_read
 from halpipe.importers.arxml.tree import Tree
 
 if TYPE_CHECKING:
@@ -20,23 +23,11 @@ if TYPE_CHECKING:
 
     from halpipe.importers.arxml.system import Place
 
-_ADAPTIVE = (
-    "ADAPTIVE-APPLICATION-SW-COMPONENT-TYPE",
-    "EXECUTABLE",
-    "FUNCTION-GROUP-SET",
-    "MACHINE",
-    "MACHINE-DESIGN",
-    "PROCESS",
-    "PROCESS-TO-MACHINE-MAPPING-SET",
-    "SOFTWARE-CLUSTER",
-    "STARTUP-CONFIG",
-    "STARTUP-CONFIG-SET",
-)
 _CLASSIC = ("COMPOSITION-SW-COMPONENT-TYPE", "ECUC-MODULE-CONFIGURATION-VALUES", "ECU-INSTANCE")
 
 
 def read_tree(paths: Sequence[str], findings: Findings) -> Tree:
-    """Parse and merge all files; raise `HalpipeError` if there is nothing of AUTOSAR Classic R4 in them."""
+    """Parse and merge all files; raise `HalpipeError` if nothing in them could be a task."""
     tree = Tree(load(paths, findings), findings)
     _check_platform(tree)
     return tree
@@ -48,7 +39,8 @@ def read_system(tree: Tree) -> System:
     compositions = read_compositions(tree)
     configuration = read_configuration(tree)
     instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
-    report_ignored(tree)
+    machines, groups = read_machines(tree), read_function_groups(tree)
+    report_not_read(tree)
     return System(
         place=_place(tree),
         components=components,
@@ -56,34 +48,31 @@ def read_system(tree: Tree) -> System:
         instances=instances.items,
         copies=instances.copies,
         configuration=configuration,
-        mode_groups=read_mode_groups(tree),
+        mode_groups=(*read_mode_groups(tree), *groups),
         orders=read_orders(tree),
         twins=read_twins(tree),
         execution_times=read_execution_times(tree),
         ecus=read_ecus(tree),
+        hardware=read_hardware(tree),
+        timing=read_timing(tree),
+        machines=machines,
+        processes=read_processes(tree, machines, groups),
     )
 
 
 def _check_platform(tree: Tree) -> None:
-    first = next((node for node in tree.nodes() if node.tag in _ADAPTIVE), None)
-    if first is None:
+    """Raise `HalpipeError` if the files are of the Adaptive Platform only and have no process that could be a task."""
+    first = next((node for tag in ADAPTIVE for node in tree.tagged(tag)), None)
+    if first is None or tree.tagged("PROCESS"):
         return
-    counts = ", ".join(f"{len(found)} {tag}" for tag in _ADAPTIVE if (found := tree.tagged(tag)))
-    classic = any(node.tag in _CLASSIC or _is_classic_type(node.tag) for node in tree.nodes())
-    if classic:
-        tree.findings.add(
-            codes.ADAPTIVE_PART(
-                f"Adaptive elements are not imported: {counts}",
-                at=first.at,
-                help="describe what they run in the overlay",
-            )
-        )
+    if any(node.tag in _CLASSIC or _is_classic_type(node.tag) for node in tree.nodes()):
         return
+    counts = ", ".join(f"{len(found)} {tag}" for tag in ADAPTIVE if (found := tree.tagged(tag)))
     tree.findings.add(
         codes.ADAPTIVE_ONLY(
-            f"holds only Adaptive elements: {counts}",
+            f"holds only Adaptive elements, and no PROCESS: {counts}",
             at=first.at,
-            help="write a task model by hand, or import the ARXML of the Classic side",
+            help="add the execution manifest that has the processes",
         )
     )
     raise HalpipeError(*tree.findings.items)
@@ -94,8 +83,14 @@ def _is_classic_type(tag: str) -> bool:
 
 
 def _place(tree: Tree) -> Place | None:
-    """Return what the system is named after: its only ECU, root composition, SYSTEM or composition."""
-    for tag in ("ECU-INSTANCE", "ROOT-SW-COMPOSITION-PROTOTYPE", "SYSTEM", "COMPOSITION-SW-COMPONENT-TYPE"):
+    """Return what the system is named after: its only ECU, root composition, SYSTEM, composition or machine."""
+    for tag in (
+        "ECU-INSTANCE",
+        "ROOT-SW-COMPOSITION-PROTOTYPE",
+        "SYSTEM",
+        "COMPOSITION-SW-COMPONENT-TYPE",
+        "MACHINE",
+    ):
         found = tree.tagged(tag)
         if len(found) == 1:
             return place_of(found[0])

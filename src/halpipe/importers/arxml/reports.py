@@ -26,7 +26,9 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
     """Report events that make no task, one finding for each kind and reason; timing events have theirs already."""
     groups: dict[tuple[str, str], list[Activation]] = {}
     for activation in activations:
-        if activation.period is None and not (activation.event and activation.event.is_timing):
+        if activation.process is not None or (activation.event and activation.event.is_timing):
+            continue
+        if activation.period is None:
             groups.setdefault((activation.kind, activation.reason), []).append(activation)
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
@@ -40,6 +42,19 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
         )
 
 
+def report_processes(drafts: Sequence[Draft], findings: Findings) -> None:
+    """Report processes without a period."""
+    found = [draft for draft in drafts if draft.period is None]
+    if found:
+        findings.add(
+            codes.PROCESS_WITHOUT_PERIOD(
+                f"{len(found)} processes have no period: {listed([draft.name for draft in found])}",
+                at=found[0].place.at,
+                help="give them a period in the overlay (tasks: period)",
+            )
+        )
+
+
 def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], findings: Findings) -> None:
     """Raise `HalpipeError` with everything found so far if there is no task at all."""
     if drafts:
@@ -49,16 +64,30 @@ def check_tasks(system: System, drafts: Sequence[Draft], paths: Sequence[str], f
         "events": len(system.events),
         "OS tasks": len(system.configuration.tasks),
         "event mappings": len(system.configuration.mappings),
+        "timing constraints": len(system.timing.limits) + len(system.timing.arrivals) + len(system.orders),
     }
     held = ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "nothing that runs"
     findings.add(
         codes.NO_TASKS(
             f"no periodic task in the input, which holds {held}",
             at=Location(paths[0]),
-            help="add the files with component types and their events, or the ECU configuration of Os and Rte",
+            help=_what_is_missing(system),
         )
     )
     raise HalpipeError(*findings.items)
+
+
+def _what_is_missing(system: System) -> str:
+    if system.events and not system.configuration.tasks:
+        return (
+            "add the ECU configuration of Os and Rte that triggers the events, or give periods in the overlay (sources)"
+        )
+    if system.configuration.tasks and not system.events:
+        return (
+            "add the files with component types and their events, or alarms and repeating schedule tables "
+            "with the tick of their counter, or give periods in the overlay (sources)"
+        )
+    return "add the files with component types and their events, or the ECU configuration of Os and Rte"
 
 
 def report_assumptions(
@@ -71,14 +100,14 @@ def report_assumptions(
 ) -> None:
     """Report and account for what the files do not state: units, bindings, execution times, windows."""
     at = Location(paths[0])
-    if platform.is_assumed:
-        names = ", ".join(unit.name for unit in model.units)
+    if platform.assumed:
+        names = ", ".join(platform.assumed)
         findings.add(
             codes.DEFAULT_UNIT(f"no core is configured; assumed {names}", at=at, help="name units in the overlay")
         )
-        for unit in model.units:
-            coverage.defaulted(f'unit "{unit.name}"', "unit", unit.name)
-    unbound = [draft for draft in drafts if platform.bound_unit(draft) is None]
+        for unit in platform.assumed:
+            coverage.defaulted(f'unit "{unit}"', "unit", unit)
+    unbound = [draft for draft in drafts if not platform.is_bound(draft)]
     if unbound and len(model.units) > 1:
         findings.add(
             codes.UNMAPPED(

@@ -8,7 +8,7 @@ from halpipe.importers.arxml.system import Component, DataItem, Event, Place, Ru
 from halpipe.importers.arxml.tree import local, qualified
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.importers.arxml.tree import Node, Text, Tree
 
@@ -21,12 +21,31 @@ _READS = (
     "DATA-RECEIVE-POINT-BY-VALUES",
     "READ-LOCAL-VARIABLES",
 )
+# How releases before 4 name the variables between runnables, by the list that they stand in since.
+_VARIABLE_REFS = {
+    "WRITTEN-LOCAL-VARIABLES": "WRITTEN-VARIABLE-REFS/WRITTEN-VARIABLE-REF",
+    "READ-LOCAL-VARIABLES": "READ-VARIABLE-REFS/READ-VARIABLE-REF",
+}
 
 
 def read_components(tree: Tree) -> tuple[Component, ...]:
     """Read every atomic component type and BSW module description that has an internal behaviour."""
-    components = (_component(tree, node) for node in tree.nodes() if is_component_type(node.tag))
+    detached = _detached_behaviors(tree)
+    components = (
+        _component(tree, node, detached.get(node.path, ())) for node in tree.nodes() if is_component_type(node.tag)
+    )
     return tuple(component for component in components if component.behaviors)
+
+
+def _detached_behaviors(tree: Tree) -> dict[str, list[Node]]:
+    """Return the behaviours that refer to their component type instead of being inside it, as before release 4."""
+    found: dict[str, list[Node]] = {}
+    for node in tree.tagged(*_BEHAVIORS):
+        ref = tree.ref(node, "COMPONENT-REF")
+        target = tree.find(ref, f'{node.tag} "{node.path}"') if ref else None
+        if target is not None:
+            found.setdefault(target.path, []).append(node)
+    return found
 
 
 def is_component_type(tag: str) -> bool:
@@ -63,8 +82,8 @@ def _twins(tree: Tree, node: Node) -> Iterator[Twin]:
             yield Twin(place_of(node), ends[0].path, ends[1].path)
 
 
-def _component(tree: Tree, node: Node) -> Component:
-    behaviors = list(node.inside(*_BEHAVIORS))
+def _component(tree: Tree, node: Node, detached: Iterable[Node]) -> Component:
+    behaviors = [*node.inside(*_BEHAVIORS), *detached]
     inner = [child for behavior in behaviors for child in behavior.inside()]
     return Component(
         place=place_of(node),
@@ -98,11 +117,12 @@ def _received_data(tree: Tree, node: Node) -> DataItem | None:
 
 
 def _disabled_in(tree: Tree, node: Node) -> Iterator[str]:
-    """Yield the paths of the mode declarations in which the event does not occur (SWC and BSW spellings)."""
+    """Yield the paths of the mode declarations in which the event does not occur (SWC, BSW, release 3)."""
     what = f'{node.tag} "{node.path}"'
     for path in (
         "DISABLED-MODE-IREFS/DISABLED-MODE-IREF/TARGET-MODE-DECLARATION-REF",
         "DISABLED-IN-MODE-IREFS/DISABLED-IN-MODE-IREF/TARGET-MODE-REF",
+        "MODE-DEPENDENCY/DEPENDENT-ON-MODE-IREFS/DEPENDENT-ON-MODE-IREF/MODE-DECLARATION-REF",
     ):
         for ref in tree.refs(node, path):
             mode = tree.find(ref, what, ("MODE-DECLARATION",))
@@ -112,6 +132,8 @@ def _disabled_in(tree: Tree, node: Node) -> Iterator[str]:
 
 def _runnable(tree: Tree, node: Node) -> Runnable:
     accesses = [(role, item) for access in node.inside("VARIABLE-ACCESS") for role, item in _access(tree, access)]
+    for role, path in _VARIABLE_REFS.items():
+        accesses += [(role, DataItem("", ref.path)) for ref in tree.refs(node, path)]
     return Runnable(
         place=place_of(node),
         writes=tuple(item for role, item in accesses if role in _WRITES),

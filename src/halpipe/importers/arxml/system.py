@@ -161,11 +161,15 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Core:
-    """A processor core; `place` is None for one that is only numbered (OsApplicationCoreAssignment)."""
+    """A processor core; `place` is None for one that is only numbered (OsApplicationCoreAssignment).
+
+    `hardware` is the HW-ELEMENT (path) that it is, or runs on, where that is stated.
+    """
 
     name: str
     id: int | None
     place: Place | None
+    hardware: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,20 +241,33 @@ class Configuration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeGroup:
-    """A MODE-DECLARATION-GROUP: its modes, the initial one first, and its transitions (exited, entered: paths)."""
+    """A MODE-DECLARATION-GROUP, or a function group of that type: its modes, the initial one first, and transitions.
+
+    Transitions have the paths of the modes exited and entered; `parts` are the elements that a function group's
+    modes are declared by.
+    """
 
     place: Place
     modes: tuple[Place, ...]
     transitions: tuple[tuple[Place, str, str], ...]
+    parts: tuple[Place, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """What an execution order names: a runnable or event (path), in one component prototype if that is stated."""
+
+    path: str
+    prototype: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """An order from an EXECUTION-ORDER-CONSTRAINT: `first` before `second`, paths of runnables or events."""
+    """An order from an EXECUTION-ORDER-CONSTRAINT or SYNCHRONIZATION-POINT-CONSTRAINT: `first` before `second`."""
 
     place: Place
-    first: str
-    second: str
+    first: Ordered
+    second: Ordered
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,20 +281,127 @@ class Twin:
 
 @dataclass(frozen=True, slots=True)
 class ExecutionTime:
-    """A worst-case execution time of a runnable (path)."""
+    """A worst-case execution time of a runnable (path) on a HW-ELEMENT (path, None: on any); the place has its kind."""
 
     place: Place
     runnable: str
     time: Duration
+    hardware: str | None = None
+
+
+# ------------------------------------------------------------------------------------------- timing extension
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observable:
+    """A timing description event: what happens (`activated`, `started`, `terminated`, `sent`, `received`), and to what.
+
+    `subject` is the runnable, or the data element (path) at `port`; `prototype` the component prototype, if stated.
+    """
+
+    place: Place
+    what: str
+    subject: str
+    port: str = ""
+    prototype: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EventChain:
+    """A TIMING-DESCRIPTION-EVENT-CHAIN: paths of its timing description events, and of the chains it consists of."""
+
+    place: Place
+    stimulus: str | None
+    response: str | None
+    segments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arrival:
+    """An event triggering: how often a timing description event (path) occurs.
+
+    `offsets` None: unforeseen, but not sooner than a `period` after the last; else at these offsets in each period.
+    """
+
+    place: Place
+    event: str
+    period: Duration
+    offsets: tuple[Duration, ...] | None
+    jitter: Duration | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """A LATENCY-TIMING-CONSTRAINT of a chain, or an AGE-CONSTRAINT of an event (path): at most `maximum`."""
+
+    place: Place
+    scope: str
+    maximum: Duration
+    is_age: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Distance:
+    """An OFFSET-TIMING-CONSTRAINT: the event `target` occurs `minimum` to `maximum` after `source` (paths)."""
+
+    place: Place
+    source: str
+    target: str
+    minimum: Duration | None
+    maximum: Duration | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Timing:
+    """What the timing extension states: what can be observed, and what is required of it."""
+
+    observables: tuple[Observable, ...] = ()
+    chains: tuple[EventChain, ...] = ()
+    arrivals: tuple[Arrival, ...] = ()
+    limits: tuple[Limit, ...] = ()
+    distances: tuple[Distance, ...] = ()
+
+
+# -------------------------------------------------------------------------------------------- adaptive platform
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """A MACHINE with its processor cores."""
+
+    place: Place
+    cores: tuple[Place, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Process:
+    """A PROCESS: the states (paths below their function group) in which it runs, and the cores that it may use.
+
+    `machine` is None if it is mapped to none. `cycle` and `workers` are those of its DETERMINISTIC-CLIENT; `parts`
+    are the elements without a name of their own that say all this.
+    """
+
+    place: Place
+    states: tuple[str, ...] = ()
+    disabled_in: tuple[str, ...] = ()
+    machine: str | None = None
+    cores: tuple[str, ...] = ()
+    cycle: Stated | None = None
+    workers: int = 1
+    parts: tuple[Place, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Ecu:
-    """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so."""
+    """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so.
+
+    `hardware` has the HW-ELEMENT (path) of those prototypes whose mapping names a processing unit.
+    """
 
     place: Place
     prototypes: tuple[str, ...]
     mappings: tuple[Place, ...]
+    hardware: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,6 +419,10 @@ class System:
     twins: tuple[Twin, ...] = ()
     execution_times: tuple[ExecutionTime, ...] = ()
     ecus: tuple[Ecu, ...] = ()
+    hardware: tuple[Place, ...] = ()
+    timing: Timing = field(default_factory=Timing)
+    machines: tuple[Machine, ...] = ()
+    processes: tuple[Process, ...] = ()
 
     @property
     def name(self) -> str:

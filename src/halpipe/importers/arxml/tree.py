@@ -14,6 +14,7 @@ from halpipe.diagnostics import Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.numbers import parse_double
 from halpipe.importers.arxml.sniff import NAMESPACE
+from halpipe.importers.arxml.spelling import NAMED
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterable, Iterator
@@ -139,6 +140,8 @@ class Tree:
         self.root = Node("", "", "", None)
         self._by_path: dict[str, list[Node]] = {}
         self._by_name: dict[str, list[str]] = {}
+        self._folded: dict[str, str] | None = None
+        self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
         self._bases: dict[str, dict[str, str]] = {}
         for document in documents:
@@ -154,19 +157,22 @@ class Tree:
                 continue
             name = "".join((short_name.text or "").split())
             if not name:
-                self.findings.add(
-                    codes.MALFORMED(
-                        "has an empty SHORT-NAME", at=place(short_name, document.name), help="give it a name"
-                    )
-                )
+                self._report_nameless(element, "has an empty SHORT-NAME", place(short_name, document.name))
                 continue
             ancestor = element.getparent()
             while ancestor is not None and ancestor not in owners:
                 ancestor = ancestor.getparent()
             owner = owners[ancestor] if ancestor is not None else self.root
             owners[element] = self._enter(owner, local(element), name, Part(element, document.name))
+        for element in document.root.iter(*(NS + tag for tag in NAMED)):
+            if element not in owners and element.find(NS + "SHORT-NAME") is None:
+                self._report_nameless(element, "has no SHORT-NAME", place(element, document.name))
         self._add_bases(document, owners)
         self._report_variants(document)
+
+    def _report_nameless(self, element: etree._Element, message: str, at: Location) -> None:
+        self.nameless.append((local(element), at))
+        self.findings.add(codes.MALFORMED(message, at=at, path=local(element), help="give it a name"))
 
     def _enter(self, owner: Node, tag: str, name: str, part: Part) -> Node:
         node = owner.children.get((tag, name))
@@ -212,6 +218,11 @@ class Tree:
     def tagged(self, *tags: str) -> list[Node]:
         """Return every node of the given tags, tag by tag, in order of first appearance."""
         return [node for tag in tags for node in self._by_tag.get(tag, [])]
+
+    @staticmethod
+    def at(element: etree._Element, file: str) -> Location:
+        """Return where an element of a node stands."""
+        return place(element, file)
 
     def text(self, node: Node, path: str) -> Text | None:
         """Return the text at a relative path; report a conflict if two parts of the node state it differently."""
@@ -264,7 +275,7 @@ class Tree:
 
         `what` names the referring element in messages.
         """
-        candidates = self._by_path.get(ref.path, [])
+        candidates = self._by_path.get(ref.path) or self._in_other_case(ref, what)
         fitting = [node for node in candidates if tags is None or node.tag in tags]
         if not fitting:
             self._report_dangling(ref, what, candidates)
@@ -280,6 +291,18 @@ class Tree:
                 )
             )
         return node
+
+    def _in_other_case(self, ref: Ref, what: str) -> list[Node]:
+        """Return the nodes of a path that differs in case only, which AUTOSAR forbids to be another element's."""
+        if self._folded is None:
+            self._folded = {path.casefold(): path for path in self._by_path}
+        path = self._folded.get(ref.path.casefold())
+        if path is None:
+            return []
+        self.findings.add(
+            codes.WRONG_CASE(f"refers to {ref.path}, taken for {path}", at=ref.at, path=what, help=f"write {path}")
+        )
+        return self._by_path[path]
 
     # ------------------------------------------------------------------------------------------ reporting
 

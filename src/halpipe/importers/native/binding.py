@@ -58,7 +58,7 @@ class Binder:
 
     def names(self, element: etree._Element, name: str) -> tuple[str, ...]:
         """Return an attribute's blank-separated names; only what is white space in XML separates them."""
-        return tuple(_ITEM.findall(self.text(element, name)))
+        return _items(self.text(element, name))
 
     def integer(self, element: etree._Element, name: str, default: int = 0) -> int:
         """Return an integer attribute."""
@@ -97,3 +97,9 @@ class Binder:
             tag = element.tag.removeprefix(self._prefix)
             self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
             return default
+
+
+@lru_cache(maxsize=4096)
+def _items(text: str) -> tuple[str, ...]:
+    """Split a list of names; in large models the same units stand in thousands of versions."""
+    return tuple(_ITEM.findall(text))

@@ -1,13 +1,16 @@
-"""Import of ROS graphs: CARET architecture.yaml, rqt_graph and hand-written DOT, periods from rosbag2 recordings.
+"""Import of ROS graphs: CARET architecture.yaml, rqt_graph and hand-written DOT, Autoware System Design.
 
-The steps, each in its own module: `sniff` tells files apart; `caret`, `dot` with `rqt`, and `rosbag` read them into
-the common `graph`; `drops` leaves out what is no application; `periods` and `activation` give callbacks their
-periods; `dataflow` cuts loops and derives precedence; `build` makes the task model.
+The steps, each in its own module: `sniff` tells files apart; `caret`, `dot` with `rqt`, `design`, and `rosbag` read
+them into the common `graph`; `drops` leaves out what is no application; `periods` and `activation` give callbacks their
+periods; `dataflow` cuts loops and derives precedence; `build` makes the task model; `calibrate` fills in WCETs from
+what `measured` reads. `executors` reads back what the exporter of the same name wrote.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+
+from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +22,26 @@ class RosFormat:
     """The door of the ROS importer (entry point ``halpipe.importers``)."""
 
     name = "ros"
-    summary = "ROS graphs: CARET architecture.yaml or rqt_graph DOT, with periods from rosbag2 metadata.yaml"
+    summary = "ROS: CARET architecture.yaml, rqt_graph DOT, Autoware System Design; rosbag2 metadata.yaml for periods"
+    extent = Extent(
+        {
+            "units": "compute units of a design; `units` of an executors file",
+            "resources": "mutually exclusive callback groups, with `--groups resources`",
+            "tasks": "timer and subscription callbacks, nodes of a DOT graph, processes of a design",
+            "timing": "`offset`, `slack` and `deadline` of an executors file",
+            "versions": "WCETs from measured durations (`--calibrate`); `versions` of an executors file",
+            "accesses": "of tasks in such groups: from start to end, wholly",
+            "precedence": "topics, from publisher to reader; `after` of an executors file",
+            "chains": "named paths, without limits; `chains` of an executors file",
+            "modes": "modes of a design or an executors file",
+            "transitions": "`transitions` of an executors file",
+            "origins": "file and line of node, callback or process",
+        },
+        (
+            "Service callbacks and executors have no place in the model and are counted as ignored.",
+            "No ROS graph states WCETs or memory phases, and only designs state modes; the overlay does.",
+        ),
+    )
 
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read one graph and any number of recordings; raise `HalpipeError` when no task is in them."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from halpipe.importers.ros.dataflow import DataFlow
     from halpipe.importers.ros.graph import Callback, Publication, Rate
 
-_ON_UNITS = "exclusion holds between tasks that share a unit; the model has no element for it"
-
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -29,13 +27,12 @@ class Result:
 
 
 def account(result: Result, rates: list[Rate], findings: Findings, coverage: Coverage) -> None:
-    """Account for nodes, callbacks, publications, subscriptions, topics, groups and recorded topics."""
+    """Account for nodes, callbacks, publications, subscriptions, topics and recorded topics."""
     _nodes(result, coverage)
     _callbacks(result, findings, coverage)
     _publications(result, coverage)
     _subscriptions(result, coverage)
     _topics(result, coverage)
-    _groups(result, findings, coverage)
     for rate in rates:
         if rate in result.activations.used_rates:
             coverage.mapped("bag_topic")
@@ -141,26 +138,3 @@ def _topics(result: Result, coverage: Coverage) -> None:
             coverage.mapped("topic")
         else:
             coverage.ignored("topic", topic, "orders no two tasks")
-
-
-def _groups(result: Result, findings: Findings, coverage: Coverage) -> None:
-    demands = {"callback_group": 0, "executor": 0}
-    at = None
-    for group in result.wiring.graph.groups:
-        tasks = [name for name in group.callbacks if name in result.activations.of]
-        if not group.exclusive or len(tasks) < 2:
-            reason = "no two of its callbacks that exclude each other are tasks"
-        else:
-            reason = _ON_UNITS
-            demands[group.kind] += 1
-            at = at or group.at
-        coverage.ignored(group.kind, group.name, reason, group.at)
-    if at is not None:
-        findings.add(
-            codes.EXCLUSION(
-                f"{demands['callback_group']} mutually exclusive callback groups and {demands['executor']} "
-                "single-threaded executors are not represented: only tasks on the same unit never overlap",
-                at=at,
-                help="in the overlay, give the tasks of such a group one and the same unit",
-            )
-        )

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.durations import ZERO, Duration
-from halpipe.importers.base import Coverage, Imported
+from halpipe.importers.base import RESOURCES, Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.account import Result, account
 from halpipe.importers.ros.activation import Wiring, activate
+from halpipe.importers.ros.calibrate import calibrate
 from halpipe.importers.ros.caret import read_caret
 from halpipe.importers.ros.chains import chains_of
 from halpipe.importers.ros.dataflow import Edge, order_by_data, report_unknown_publishers
+from halpipe.importers.ros.design.modes import ModeModel, merge_modes
+from halpipe.importers.ros.design.read import ModeGraph, read_design
 from halpipe.importers.ros.drops import prune
+from halpipe.importers.ros.exclusion import exclude
+from halpipe.importers.ros.executors import read_executors
+from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.names import Names, clean, task_names
 from halpipe.importers.ros.rosbag import read_bag
 from halpipe.importers.ros.rqt import read_dot
@@ -25,8 +31,9 @@ from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskMode
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from halpipe.diagnostics import Diagnostic
     from halpipe.importers.base import ImportOptions
-    from halpipe.importers.ros.graph import RosGraph
+    from halpipe.importers.ros.graph import Group, Rate
     from halpipe.importers.ros.sniff import Input
 
 UNIT = "core0"
@@ -35,47 +42,121 @@ MODE = "default"
 
 
 def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
-    """Import one graph with the recordings that go with it; raise `HalpipeError` when no task comes out."""
+    """Import one graph or design with the recordings that go with it; raise `HalpipeError` when no task comes out."""
     inputs = find(paths)
     findings, coverage = Findings(list(inputs.findings)), Coverage()
     for name in inputs.skipped:
         coverage.ignored("file", name, "is no graph and no recording")
-    source = inputs.graphs[0]
-    graph = _read(source, findings, coverage)
     rates = [r for bag in inputs.bags for r in read_bag(bag.content, bag.name, findings, coverage)]
-    coverage.mapped("file", 1 + len(inputs.bags))
-    findings.stop_on_errors()
-    names = task_names(graph, Names(findings))
-    wiring = Wiring.of(prune(graph, options.overlay, names, coverage))
-    activations = activate(wiring, [*rates, *graph.rates], options.overlay, names, findings)
+    if files := len(inputs.graphs) + len(inputs.bags):
+        coverage.mapped("file", files)
+    if inputs.designs:
+        system = _from_design(inputs.designs, rates, options, findings, coverage)
+    elif inputs.graphs[0].kind is FileKind.EXECUTORS:
+        system = _from_executors(inputs.graphs[0], rates, findings, coverage)
+    else:
+        system = _from_graph(inputs.graphs[0], rates, options, findings, coverage)
+    model = replace(system.model, name=options.name or system.model.name)
+    model = calibrate(model, system.tasks_of, options, findings, coverage)
+    as_resources = options.groups == RESOURCES
+    model = exclude(model, system.groups, system.tasks_of, as_resources, findings, coverage)
+    return _finish(model, findings, coverage, options.strict)
+
+
+@dataclass(frozen=True, slots=True)
+class _System:
+    """A model, the task of every callback by the callback's name in the source, and the groups of callbacks."""
+
+    model: TaskModel
+    tasks_of: Mapping[str, str]
+    groups: tuple[Group, ...] = ()
+
+
+def _from_graph(
+    source: Input, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+) -> _System:
+    if source.kind is FileKind.CARET:
+        graph = read_caret(source.content, source.name, findings, coverage)
+    else:
+        graph = read_dot(source.content, source.name, findings)
+    _stop_on_errors(findings)
+    system = _tasks(ModeGraph(MODE, graph, {}, Location(source.name)), rates, options, findings, coverage)
+    if system is None:
+        raise _no_tasks("graph", source.name, findings)
+    return replace(system, model=replace(system.model, name=_stem(source.name)))
+
+
+def _from_executors(source: Input, rates: list[Rate], findings: Findings, coverage: Coverage) -> _System:
+    model = read_executors(source.content, source.name, findings, coverage)
+    _stop_on_errors(findings)
+    for rate in rates:
+        coverage.ignored("bag_topic", rate.topic, "the executors file states every period", rate.at)
+    return _System(model, {})
+
+
+def _from_design(
+    sources: Sequence[Input], rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+) -> _System:
+    design = read_design([(source.name, source.content) for source in sources], findings, coverage)
+    _stop_on_errors(findings)
+    parts: list[ModeModel] = []
+    tasks_of: dict[str, str] = {}
+    groups: list[Group] = []
+    for mode in design.modes:
+        system = _tasks(mode, rates, options, findings, coverage)
+        if system is not None:
+            parts.append(ModeModel(clean(mode.mode), system.model, mode.at))
+            tasks_of = {**system.tasks_of, **tasks_of}
+            groups += system.groups
+        elif len(design.modes) > 1:
+            text = f'mode "{mode.mode}" is left out: nothing in it has a period'
+            findings.add(codes.NO_PERIOD(text, at=mode.at, help="state periods under sources: in an overlay"))
+    if not parts:
+        raise _no_tasks("design", sources[0].name, findings)
+    model = merge_modes(parts, findings)
+    name = clean(design.name) if design.name else _stem(sources[0].name)
+    return _System(replace(model, name=name), tasks_of, tuple(groups))
+
+
+def _tasks(
+    part: ModeGraph, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+) -> _System | None:
+    """Return the model of one graph; None if nothing in it has a period."""
+    names = task_names(part.graph, Names(findings))
+    wiring = Wiring.of(prune(part.graph, options.overlay, names, coverage))
+    activations = activate(wiring, [*rates, *part.graph.rates], options.overlay, names, findings)
     report_unknown_publishers(wiring, findings)
     flow = order_by_data(wiring, activations, findings)
     result = Result(wiring, activations, flow)
     account(result, rates, findings, coverage)
-    _stop_without_tasks(result, source.name, findings)
-    model = _model(result, names, options.name or _stem(source.name), findings, coverage)
-    return _finish(model, findings, coverage, options.strict)
-
-
-def _read(source: Input, findings: Findings, coverage: Coverage) -> RosGraph:
-    if source.kind is FileKind.CARET:
-        return read_caret(source.content, source.name, findings, coverage)
-    return read_dot(source.content, source.name, findings)
+    if not activations.of:
+        return None
+    model = _model(result, names, part.units, findings, coverage)
+    return _System(model, {callback: names[callback] for callback in activations.of}, wiring.graph.groups)
 
 
 def _stem(file: str) -> str:
     return clean(os.path.basename(file).split(".")[0] or "ros")
 
 
-def _stop_without_tasks(result: Result, file: str, findings: Findings) -> None:
-    if not result.activations.of:
-        help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
-        findings.add(codes.NO_TASKS("nothing in the graph has a period", at=Location(file), help=help))
-        raise HalpipeError(*sort_diagnostics(findings.items))
+def _no_tasks(what: str, file: str, findings: Findings) -> HalpipeError:
+    help = "state periods under sources: or tasks: in an overlay, or add a rosbag2 metadata.yaml"
+    findings.add(codes.NO_TASKS(f"nothing in the {what} has a period", at=Location(file), help=help))
+    return HalpipeError(*_unique(findings))
+
+
+def _stop_on_errors(findings: Findings) -> None:
+    if findings.has_errors:
+        raise HalpipeError(*_unique(findings))
+
+
+def _unique(findings: Findings) -> list[Diagnostic]:
+    """Return the findings in order, each once: what several modes share is said once."""
+    return list(dict.fromkeys(sort_diagnostics(findings.items)))
 
 
 def _finish(model: TaskModel, findings: Findings, coverage: Coverage, strict: bool) -> Imported:
-    found = sort_diagnostics(findings.items)
+    found = _unique(findings)
     losses = [d for d in found if d.severity is Severity.WARNING]
     if strict and losses:
         raised = (replace(d, severity=Severity.ERROR) if d.severity is Severity.WARNING else d for d in found)
@@ -86,27 +167,39 @@ def _finish(model: TaskModel, findings: Findings, coverage: Coverage, strict: bo
 # ---------------------------------------------------------------------------------------------------- model
 
 
-def _model(result: Result, names: Mapping[str, str], name: str, findings: Findings, coverage: Coverage) -> TaskModel:
+def _model(
+    result: Result, names: Mapping[str, str], placed: Mapping[str, str], findings: Findings, coverage: Coverage
+) -> TaskModel:
+    """Return the model of one mode, still without a name; `placed` is the compute unit of nodes that have one."""
     active = result.activations.of
     tasks_of = {callback: names[callback] for callback in result.wiring.callbacks if callback in active}
+    units = {callback: clean(placed.get(result.wiring.callbacks[callback].node, UNIT)) for callback in tasks_of}
     file = result.wiring.graph.file
     constraints = _precedences(result, tasks_of, coverage)
-    tasks = tuple(_task(callback, task, result, constraints, coverage) for callback, task in tasks_of.items())
-    _report_defaults(result, file, findings, coverage)
+    tasks = tuple(
+        _task(callback, task, units[callback], result, constraints, coverage) for callback, task in tasks_of.items()
+    )
+    _report_units(list(dict.fromkeys(units.values())), len(tasks), file, findings, coverage)
+    _report_windows(result, file, findings)
     chains = chains_of(result.wiring, result.activations, tasks_of, Names(findings), findings, coverage)
     mode = Mode(name=MODE, runs=tuple(Run(task=task.name, versions=(VERSION,)) for task in tasks))
-    origin = Origin(file)
-    return TaskModel(name=name, units=(Unit(name=UNIT),), tasks=tasks, chains=chains, modes=(mode,), origin=origin)
+    used = tuple(Unit(name=unit) for unit in dict.fromkeys(units.values()))
+    return TaskModel(name=MODE, units=used, tasks=tasks, chains=chains, modes=(mode,), origin=Origin(file))
 
 
 def _task(
-    callback: str, task: str, result: Result, constraints: Mapping[str, list[Precedence]], coverage: Coverage
+    callback: str,
+    task: str,
+    unit: str,
+    result: Result,
+    constraints: Mapping[str, list[Precedence]],
+    coverage: Coverage,
 ) -> Task:
     at = result.wiring.callbacks[callback].at
     activation = result.activations.of[callback]
     if result.wiring.callbacks[callback].period is None:
         coverage.defaulted(task, "period", f"{activation.period} from {activation.cause}", at)
-    version = Version(name=VERSION, units=(UNIT,), precedences=tuple(constraints.get(callback, ())))
+    version = Version(name=VERSION, units=(unit,), precedences=tuple(constraints.get(callback, ())))
     return Task(name=task, period=activation.period, versions=(version,), origin=Origin(at.file, at.line, callback))
 
 
@@ -143,11 +236,19 @@ def _window(result: Result, edge: Edge) -> Duration:
     return max(active[edge.publisher].period, active[edge.reader].period)
 
 
-def _report_defaults(result: Result, file: str, findings: Findings, coverage: Coverage) -> None:
-    count = len(result.activations.of)
-    coverage.defaulted("platform", "units", UNIT)
+def _report_units(units: list[str], count: int, file: str, findings: Findings, coverage: Coverage) -> None:
     help = "name the units of the computer under platform: in an overlay"
-    findings.add(codes.DEFAULT_UNIT(f"{count} tasks put on one unit, {UNIT}", at=Location(file), help=help))
+    stated = [unit for unit in units if unit != UNIT]
+    if UNIT in units:
+        coverage.defaulted("platform", "units", UNIT)
+        some = f"{count} tasks" if not stated else "tasks without a compute unit"
+        findings.add(codes.DEFAULT_UNIT(f"{some} put on one unit, {UNIT}", at=Location(file), help=help))
+    if stated:
+        text = f"{len(stated)} compute units are one execution unit each: {few(stated)}"
+        findings.add(codes.COMPUTE_UNITS(text, at=Location(file), help=help))
+
+
+def _report_windows(result: Result, file: str, findings: Findings) -> None:
     edges = {(edge.reader, edge.publisher) for edge in result.flow.edges}
     if edges:
         text = f"{len(edges)} precedence windows: 0 to the longer period after the predecessor's end"

@@ -127,3 +127,67 @@ BAG_CONFLICT = warning(
     "Recordings disagree",
     "Two recordings give different periods for a topic; the shorter one is taken.",
 )
+NO_MEASUREMENTS = error(
+    "HAL0640",
+    "File has no measured durations",
+    "The file for --calibrate is no table with callbacks and their durations, or their starts and ends.",
+)
+BAD_SAMPLE = error(
+    "HAL0641",
+    "Measured duration cannot be read",
+    "A row lacks a callback or a duration, or the duration is no number or negative. A WCET must not rest on rows that "
+    "were left out in silence.",
+)
+CALIBRATED = note(
+    "HAL0642",
+    "WCET was taken from measurements",
+    "It is the maximum or a quantile of the measured durations, with the margin asked for. It is what was seen, and "
+    "that may be less than the worst case.",
+)
+UNMEASURED = warning(
+    "HAL0643",
+    "Tasks without a measurement",
+    "Nothing usable was measured for a task, so its WCET has to come from elsewhere.",
+)
+MEASURED_STRANGER = warning(
+    "HAL0644",
+    "Measured callback is no task",
+    "The name of a measured callback is that of no task or callback of the graph; its durations are not used.",
+)
+FEW_SAMPLES = warning(
+    "HAL0645",
+    "WCET rests on few measurements",
+    "Fewer than 10 executions were measured, or too few for the quantile to differ from the maximum.",
+)
+DESIGN_VERSION = warning(
+    "HAL0632",
+    "Version of the design format is not known",
+    "Autoware System Design files are read up to version 0.4. A newer one may mean something else by the same keys.",
+)
+MISSING_ENTITY = warning(
+    "HAL0633",
+    "Entity is not among the files",
+    "A design file refers to a node, module or system whose file was not given. What is made of it is left out.",
+)
+LOOSE_CONNECTION = warning(
+    "HAL0634",
+    "Connection of a design leads nowhere",
+    "A connection, trigger or outcome names a port, instance or process that is not declared.",
+)
+NO_RATE = warning(
+    "HAL0635",
+    "Rate of a process cannot be read",
+    "A periodic trigger states a rate in Hz, as a number above 0 or as a parameter with such a value. Without it, the "
+    "process has only its other triggers.",
+)
+MODE_PERIOD = warning(
+    "HAL0636",
+    "Process runs at different rates in different modes",
+    "A task has one period. In modes where a process has another one, it is a task of its own, called task@mode.",
+)
+COMPUTE_UNITS = note(
+    "HAL0637",
+    "Compute units were taken as execution units",
+    "A compute unit of a design is a computer, which may have several cores; a design does not say how many. Each is "
+    "one execution unit of the model until an overlay names cores.",
+)

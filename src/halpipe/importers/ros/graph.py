@@ -21,6 +21,7 @@ class Kind(StrEnum):
     TIMER = "timer_callback"
     SUBSCRIPTION = "subscription_callback"
     SERVICE = "service_callback"
+    PROCESS = "process"
     NODE = "node"
 
 

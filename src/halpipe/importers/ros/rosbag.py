@@ -1,16 +1,21 @@
-"""Periods from rosbag2 recordings: duration / (messages - 1) of every topic in metadata.yaml, versions 4 to 9."""
+"""Periods from rosbag2 recordings: duration / (messages - 1) of every topic in metadata.yaml, versions 4 to 9.
+
+Where too few messages were recorded for a rate, a deadline that the publishers offered (QoS) stands in for it. The
+profiles are YAML within a text, or, in newer versions, plain lists.
+"""
 
 from __future__ import annotations
 
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Findings, Location
-from halpipe.durations import Duration
-from halpipe.files import YamlList, YamlMap
+from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.durations import ZERO, Duration, seconds
+from halpipe.files import YamlList, YamlMap, parse_yaml
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Rate
 from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.rqt import DEADLINE, NO_DEADLINE
 
 if TYPE_CHECKING:
     from halpipe.importers.base import Coverage
@@ -40,11 +45,30 @@ def read_bag(document: YamlMap, file: str, findings: Findings, coverage: Coverag
         if duration is None or count is None:
             continue
         at = Location(file, metadata.line_of("name") if metadata is not None else line)
-        if count < FEWEST_MESSAGES or duration == 0:
-            coverage.ignored("bag_topic", name, f"{count} messages in {Duration(duration)} make no rate", at)
-        else:
+        if count >= FEWEST_MESSAGES and duration:
             rates.append(Rate(topic=name, period=Duration(duration) / (count - 1), source=ROSBAG, at=at))
+        elif (deadline := _deadline(metadata.get("offered_qos_profiles"), file)) is not None:
+            rates.append(Rate(topic=name, period=deadline, source=DEADLINE, at=at))
+        else:
+            coverage.ignored("bag_topic", name, f"{count} messages in {Duration(duration)} make no rate", at)
     return rates
+
+
+def _deadline(profiles: Any, file: str) -> Duration | None:
+    """Return the shortest finite deadline among QoS profiles; whatever else stands there is of no use."""
+    if isinstance(profiles, str):
+        try:
+            profiles = parse_yaml(profiles.encode(), file)
+        except HalpipeError:
+            return None
+    found = []
+    for profile in profiles if isinstance(profiles, YamlList) else ():
+        stated = profile.get("deadline") if isinstance(profile, YamlMap) else None
+        sec, nsec = (str(stated.get(key)) for key in ("sec", "nsec")) if isinstance(stated, YamlMap) else ("", "")
+        if _WHOLE.fullmatch(sec) and _WHOLE.fullmatch(nsec):
+            deadline = seconds(int(sec)) + Duration(int(nsec))
+            found += [deadline] if ZERO < deadline < NO_DEADLINE else []
+    return min(found, default=None)
 
 
 class _BagReader:

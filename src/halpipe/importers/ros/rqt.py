@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _BOXES = ("box", "box3d", "rect", "rectangle")
 _RATE = re.compile(r"(?<![\w.])([0-9]{1,9}(?:\.[0-9]{1,9})?) ?Hz\b")
 _DEADLINE = re.compile(r"deadline: ?([0-9]{1,19}) ?ns")
-_NO_DEADLINE = seconds(365 * 24 * 3600)
+NO_DEADLINE = seconds(365 * 24 * 3600)
 """Middlewares state an infinite deadline as one of several values of centuries."""
 
 STATISTICS = "topic statistics"
@@ -123,7 +123,7 @@ def _link(edge: Edge, labels: dict[str, str], topics: dict[str, None], file: str
         links.rates[Rate(topic=topic, period=seconds(1 / Fraction(rate[1])), source=STATISTICS, at=at)] = None
     for found in _DEADLINE.finditer(edge.attributes.get("edgetooltip", "")):
         deadline = Duration(int(found[1]))
-        if deadline and deadline < _NO_DEADLINE:
+        if deadline and deadline < NO_DEADLINE:
             links.rates[Rate(topic=topic, period=deadline, source=DEADLINE, at=at)] = None
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, Severity
 from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
-from halpipe.importers.ros import codes
+from halpipe.importers.ros import codes, executors
+from halpipe.importers.ros.design.entities import FORMAT_KEY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,11 +21,10 @@ _DOT_START = re.compile(rb"\xef\xbb\xbf|\s+|//[^\n]*|#[^\n]*|/\*.*?\*/", re.DOTA
 _DOT_WORD = re.compile(rb"(strict|graph|digraph)\b(?!\s*:)", re.IGNORECASE)
 _PATH_KEYS = ("named_paths", "path_name_aliases")
 _OTHER_FORMATS = {
-    "autoware_system_design_format": "an Autoware System Design file",
     "ros__parameters": "a ROS parameter file",
     "services": "a compose file",
 }
-_READS = "the importer reads CARET's architecture.yaml, DOT graphs and rosbag2's metadata.yaml"
+_READS = "the importer reads CARET's architecture.yaml, DOT graphs, Autoware System Design and rosbag2's metadata.yaml"
 
 
 class FileKind(Enum):
@@ -33,6 +33,8 @@ class FileKind(Enum):
     CARET = "architecture.yaml"
     DOT = "DOT graph"
     BAG = "rosbag2 metadata"
+    DESIGN = "Autoware System Design"
+    EXECUTORS = "executors file of halpipe"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +48,17 @@ class Input:
 
 @dataclass(slots=True)
 class Inputs:
-    """What was found: at most one graph counts; `skipped` are files of directories that are nothing to us."""
+    """What was found: one graph or any number of design files count; `skipped` are files that are nothing to us."""
 
     graphs: list[Input] = field(default_factory=list)
+    designs: list[Input] = field(default_factory=list)
     bags: list[Input] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     findings: list[Diagnostic] = field(default_factory=list)
 
 
 def find(paths: Sequence[str]) -> Inputs:
-    """Recognise every file of `paths`; raise `HalpipeError` unless exactly one of them is a graph."""
+    """Recognise every file of `paths`; raise `HalpipeError` unless one of them is a graph, or some are a design."""
     inputs = Inputs()
     for name in dict.fromkeys(find_inputs(paths, _SUFFIXES)):
         try:
@@ -63,7 +66,7 @@ def find(paths: Sequence[str]) -> Inputs:
         except HalpipeError as failure:
             _refuse(inputs, name, failure, named=name in paths)
             continue
-        (inputs.bags if found.kind is FileKind.BAG else inputs.graphs).append(found)
+        {FileKind.BAG: inputs.bags, FileKind.DESIGN: inputs.designs}.get(found.kind, inputs.graphs).append(found)
     _check_graphs(inputs, paths)
     if any(finding.is_error for finding in inputs.findings):
         raise HalpipeError(*inputs.findings)
@@ -85,20 +88,19 @@ def _refuse(inputs: Inputs, name: str, failure: HalpipeError, named: bool) -> No
 
 
 def _check_graphs(inputs: Inputs, paths: Sequence[str]) -> None:
-    if len(inputs.graphs) > 1:
-        names = ", ".join(graph.name for graph in inputs.graphs)
+    graphs = [*inputs.graphs, *inputs.designs[:1]]
+    if len(graphs) > 1:
+        names = ", ".join(graph.name for graph in graphs)
         inputs.findings.extend(
-            codes.TWO_GRAPHS(
-                f"is one of {len(inputs.graphs)} graphs: {names}", at=Location(graph.name), help="name one"
-            )
-            for graph in inputs.graphs
+            codes.TWO_GRAPHS(f"is one of {len(graphs)} graphs: {names}", at=Location(graph.name), help="name one")
+            for graph in graphs
         )
-    if not inputs.graphs and not any(f.severity is Severity.ERROR for f in inputs.findings):
+    if not graphs and not any(f.severity is Severity.ERROR for f in inputs.findings):
         inputs.findings.append(
             codes.NO_GRAPH(
                 "holds no graph" if paths else "no input was named",
                 at=Location(paths[0] if paths else ""),
-                help="name an architecture.yaml (CARET) or a DOT file (rqt_graph)",
+                help="name an architecture.yaml (CARET), a DOT file (rqt_graph) or Autoware System Design files",
             )
         )
 
@@ -116,6 +118,10 @@ def recognise(name: str, data: bytes) -> Input:
         raise _unrecognised(name, 0, "is empty" if document is None else "is not a mapping of keys to values")
     if isinstance(document.get("rosbag2_bagfile_information"), YamlMap):
         return Input(name, FileKind.BAG, document)
+    if FORMAT_KEY in document:
+        return Input(name, FileKind.DESIGN, document)
+    if executors.KEY in document:
+        return Input(name, FileKind.EXECUTORS, document)
     if "nodes" in document and ("executors" in document or any(key in document for key in _PATH_KEYS)):
         return Input(name, FileKind.CARET, document)
     for key, what in _OTHER_FORMATS.items():

@@ -17,9 +17,12 @@ if TYPE_CHECKING:
 class Reader:
     """Reads values of one file and collects findings; what cannot be read comes back empty."""
 
-    def __init__(self, file: str, findings: Findings) -> None:
+    def __init__(
+        self, file: str, findings: Findings, help: str = "repair the file or export it again with CARET"
+    ) -> None:
         self.file = file
         self.findings = findings
+        self._help = help
 
     def at(self, element: YamlMap) -> Location:
         """Return the place of a mapping."""
@@ -27,8 +30,7 @@ class Reader:
 
     def malformed(self, text: str, line: int, path: str) -> None:
         """Report a value of the wrong form."""
-        help = "repair the file or export it again with CARET"
-        self.findings.add(codes.MALFORMED(text, at=Location(self.file, line), path=path, help=help))
+        self.findings.add(codes.MALFORMED(text, at=Location(self.file, line), path=path, help=self._help))
 
     def check_keys(self, element: YamlMap, path: str, known: Sequence[str]) -> None:
         """Report keys that nothing reads."""

@@ -1,0 +1,56 @@
+"""Import of AMALTHEA models (Eclipse APP4MC .amxmi), from ITEA 1.1.0 to APP4MC 3.3.0.
+
+The steps, each in its own module: `sniff` tells files apart; `xmi` makes one forest of items of them, in which
+references can be followed; `hardware`, `modes`, `graph` with `values`, `stimuli`, `mapping` and `memory` read what
+items say; `parts` makes drafts of tasks; `entities`, `timing` and `chains` read constraints; `versions`, `tasks` and
+`build` make the task model; `modefiles` puts models of single modes together; `properties` and `carried` read what
+halpipe's own export adds; `account` accounts for every element.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.extent import Extent
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.importers.base import Imported, ImportOptions
+
+
+class AmaltheaFormat:
+    """The door of the AMALTHEA importer (entry point ``halpipe.importers``)."""
+
+    name = "amalthea"
+    summary = "AMALTHEA models (APP4MC .amxmi), ITEA 1.1.0 to 3.3.0: tasks, stimuli, runnables, hardware, mapping"
+    extent = Extent(
+        {
+            "units": "ProcessingUnit with its definition, Core with its type",
+            "resources": "Memory that mapped labels are accessed in, with its peak data rate",
+            "tasks": "Task and ISR with their stimuli, cut where they wait for others",
+            "timing": "offset of the stimulus; ResponseTime and StartToStart limits",
+            "versions": "Ticks or instructions, for each kind of processing unit; affinity and schedulers",
+            "accesses": "LabelAccess, by sizes of labels, latencies and data rates",
+            "transfers": "the labels accessed",
+            "precedence": "DelayConstraint, RunnableSequencingConstraint, InterProcessTrigger, WaitEvent",
+            "chains": "EventChain with latency constraints, ProcessChain, DataAgeConstraint",
+            "modes": "ModeLabel that nothing sets, with the conditions on it",
+            "transitions": "custom property of the model",
+            "sources": "custom property of the runnable",
+            "origins": "file, line and name",
+        },
+        (
+            "Branches that data or probability choose count with the longest one.",
+            "Jitter, priorities, semaphores, tags and components are counted as ignored, with a reason.",
+        ),
+    )
+
+    def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
+        """Read the files of one model; raise `HalpipeError` when no task is in them."""
+        from halpipe.importers.amalthea.build import import_amalthea
+
+        return import_amalthea(paths, options)
+
+
+FORMAT = AmaltheaFormat()

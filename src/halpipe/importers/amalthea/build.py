@@ -1,0 +1,220 @@
+"""The whole import: files to items to drafts to the task model, with findings and account."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.importers.amalthea import carried, codes
+from halpipe.importers.amalthea.account import account
+from halpipe.importers.amalthea.graph import Evaluator
+from halpipe.importers.amalthea.hardware import read_hardware
+from halpipe.importers.amalthea.mapping import Mapping
+from halpipe.importers.amalthea.memory import Memories
+from halpipe.importers.amalthea.modefiles import is_list, merge, read_list
+from halpipe.importers.amalthea.modes import DEFAULT, read_modes
+from halpipe.importers.amalthea.names import Names, few, legal
+from halpipe.importers.amalthea.parts import make_drafts
+from halpipe.importers.amalthea.properties import text_of
+from halpipe.importers.amalthea.sniff import load
+from halpipe.importers.amalthea.tasks import TaskBuilder
+from halpipe.importers.amalthea.timing import read_timing
+from halpipe.importers.amalthea.values import STATISTICS
+from halpipe.importers.amalthea.versions import MEMORY_CHOICES, UNIT, VersionMaker
+from halpipe.importers.amalthea.xmi import Forest
+from halpipe.importers.base import Coverage, Imported
+from halpipe.models import Mode, Origin, Run, TaskModel, Unit
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.importers.amalthea.hardware import Hardware
+    from halpipe.importers.amalthea.modes import SystemMode
+    from halpipe.importers.amalthea.parts import Drafts
+    from halpipe.importers.amalthea.tasks import Built
+    from halpipe.importers.amalthea.xmi import Item
+    from halpipe.importers.base import ImportOptions
+    from halpipe.models import Chain
+
+MAPPING_CHOICES = ("stated", "free")
+
+
+def import_amalthea(paths: Sequence[str], options: ImportOptions) -> Imported:
+    """Read the files of one AMALTHEA model into one task model.
+
+    Raise `HalpipeError` with every finding if any is an error: unusable files, values of a wrong form, no task with a
+    period; under `options.strict` also every loss (warning), with the exit code for unsupported input.
+    """
+    _check_choices(options)
+    findings = Findings()
+    try:
+        imported = _import(paths, options, findings)
+        findings.stop_on_errors()
+    except HalpipeError as failure:
+        found = sort_diagnostics((*findings.items, *failure.diagnostics))
+        raise HalpipeError(*(map(_as_error, found) if options.strict else found), exit=failure.exit) from None
+    found = sort_diagnostics(findings.items)
+    if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
+        raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
+    return replace(imported, diagnostics=tuple(found))
+
+
+def _check_choices(options: ImportOptions) -> None:
+    for option, chosen, known in (
+        ("wcet", options.wcet, STATISTICS),
+        ("memory", options.memory, MEMORY_CHOICES),
+        ("mapping", options.mapping, MAPPING_CHOICES),
+    ):
+        if chosen not in known:
+            help = did_you_mean(chosen, known, f"use one of {', '.join(known)}")
+            raise HalpipeError(codes.CHOICE(f'--{option} "{chosen}" is unknown', help=help), exit=Exit.USAGE)
+
+
+def _as_error(found: Diagnostic) -> Diagnostic:
+    return replace(found, severity=Severity.ERROR) if found.severity is Severity.WARNING else found
+
+
+def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> Imported:
+    """Import one model, or one for each mode where the input is a list of modes."""
+    coverage = Coverage()
+    if not is_list(paths):
+        return Imported(model=_model(paths, options, findings, coverage), diagnostics=(), coverage=coverage)
+    listed = read_list(paths, findings)
+    coverage.mapped("file", sum(path.endswith((".modes", ".csv")) for path in paths))
+    modes = {found.mode: _model([found.file], options, findings, coverage) for found in listed.files}
+    merged = merge(modes, listed, findings)
+    model = replace(merged, name=legal(options.name)) if options.name else merged
+    return Imported(model=model, diagnostics=(), coverage=coverage)
+
+
+def _model(paths: Sequence[str], options: ImportOptions, findings: Findings, coverage: Coverage) -> TaskModel:
+    """Read files into a model; `coverage` accounts for every element."""
+    forest = Forest(load(paths, findings), findings)
+    hardware = read_hardware(forest)
+    units = _unit_names(forest, hardware)
+    modes = read_modes(forest)
+    evaluator = Evaluator(forest, options.wcet)
+    drafts = make_drafts(forest, modes, evaluator, options.overlay)
+    _stop_without_tasks(forest, drafts, findings)
+    memories = Memories(forest, hardware)
+    makers = VersionMaker(forest, evaluator, memories, units, modes=modes, memory=options.memory)
+    mapping = Mapping(forest) if options.mapping == "stated" else None
+    timing = read_timing(forest, drafts)
+    builder = TaskBuilder(
+        forest, hardware, units, mapping=mapping, versions=makers, memories=memories, coverage=coverage
+    )
+    built = builder.build(drafts, timing)
+    runs = _modes(forest, modes, built)
+    model = TaskModel(
+        name=legal(options.name or _name(forest, paths)),
+        units=_units(hardware, units, is_own=carried.is_own(forest)),
+        resources=memories.resources(built.resources),
+        tasks=built.tasks,
+        chains=_named(forest, built.chains),
+        modes=runs,
+        transitions=carried.transitions_of(forest, runs),
+        origin=Origin(forest.roots[0].file, 1),
+    )
+    makers.report()
+    memories.report()
+    _report(forest, model, evaluator, coverage)
+    account(forest, drafts, memories, evaluator.accesses, coverage)
+    return model
+
+
+def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> None:
+    if drafts.items:
+        return
+    count = len(drafts.without)
+    held = f"{count} tasks, none of them with a period" if count else "no task"
+    help = "state periods under tasks: in an overlay" if count else "name the file with the software model, too"
+    findings.add(codes.NO_TASKS(f"the model has {held}", at=Location(forest.roots[0].file), help=help))
+    raise HalpipeError(*findings.items)
+
+
+def _name(forest: Forest, paths: Sequence[str]) -> str:
+    """Return the name that halpipe wrote, else that of the first file or folder."""
+    stated = next((name for root in forest.roots if (name := text_of(root, "name"))), "")
+    return stated or os.path.basename(os.path.normpath(paths[0])).removesuffix(".amxmi") or "amalthea"
+
+
+# --------------------------------------------------------------------------------------------- platform
+
+
+def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:
+    names = Names(forest.findings)
+    return {unit.item: names.unique(unit.item.name, "processing unit", unit.item.at) for unit in hardware.units}
+
+
+def _units(hardware: Hardware, names: dict[Item, str], *, is_own: bool) -> tuple[Unit, ...]:
+    found = []
+    for unit in hardware.units:
+        unit.item.use()
+        kind = ""
+        if unit.type is not None:
+            unit.type.use()
+            stated = text_of(unit.type, "type")
+            kind = legal(unit.type.name if stated is None else stated) if stated != "" else ""
+        at = unit.item.at
+        found.append(Unit(name=names[unit.item], type=kind, origin=Origin(at.file, at.line, unit.item.name)))
+    return tuple(found) or (() if is_own else (Unit(name=UNIT),))
+
+
+def _named(forest: Forest, chains: Sequence[Chain]) -> tuple[Chain, ...]:
+    names = Names(forest.findings)
+    return tuple(
+        replace(chain, name=names.unique(chain.name, "chain", chain.origin.location if chain.origin else Location()))
+        for chain in chains
+    )
+
+
+def _modes(forest: Forest, modes: Sequence[SystemMode], built: Built) -> tuple[Mode, ...]:
+    """Return the modes, each with the tasks and versions that its stimuli and branches choose.
+
+    Modes that make no difference to any task are one.
+    """
+    active = {mode.name: [name for name, by in built.by_mode.items() if mode.name in by] for mode in modes}
+    stated = carried.modes_of(forest, modes, active, built.tasks)
+    if stated is not None:
+        return stated
+    found = []
+    for mode in modes:
+        runs = [
+            Run(task=name, versions=tuple(by[mode.name])) for name, by in built.by_mode.items() if by.get(mode.name)
+        ]
+        at = mode.origin.at if mode.origin else None
+        origin = None if at is None or mode.origin is None else Origin(at.file, at.line, mode.origin.name)
+        found.append(Mode(name=mode.name, runs=tuple(runs), origin=origin))
+    if all(mode.runs == found[0].runs for mode in found):
+        return (Mode(name=DEFAULT, runs=found[0].runs),)
+    for mode in modes:
+        for label in mode.literals:
+            label.use()
+        if mode.origin is not None:
+            mode.origin.use()
+    return tuple(found)
+
+
+# ---------------------------------------------------------------------------------------------- reports
+
+
+def _report(forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Coverage) -> None:
+    help = "state the WCET in an overlay, if no job takes the longest branch of all"
+    forest.report_each(codes.BRANCHES, "switches choose at run time", list(evaluator.branched), help)
+    help = "state the WCET in an overlay"
+    forest.report_each(codes.LOOP, "loops are counted once", list(evaluator.loops), help)
+    file = Location(forest.roots[0].file)
+    lacking = [task for task in model.tasks if any(version.wcet is None for version in task.versions)]
+    if lacking:
+        at = lacking[0].origin.location if lacking[0].origin else file
+        names = few([task.name for task in lacking])
+        message = f"{len(lacking)} of {len(model.tasks)} tasks have no execution time: {names}"
+        forest.findings.add(codes.NO_WCET(message, at=at, help="give them in an overlay (tasks: wcet)"))
+    if model.units == (Unit(name=UNIT),):
+        coverage.defaulted("platform", "units", UNIT)
+        help = "add the file with the hardware model, or name units under platform: in an overlay"
+        forest.findings.add(codes.DEFAULT_UNIT(f"no processing unit is defined; assumed {UNIT}", at=file, help=help))

@@ -1,0 +1,215 @@
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1249."""
+
+from halpipe.diagnostics import error, note, warning
+
+NOT_AMALTHEA = error(
+    "HAL1201",
+    "File is not an AMALTHEA model",
+    "The importer reads the XML of Eclipse APP4MC (.amxmi) from ITEA 1.1.0 to 3.3.0. Other XML, metamodels "
+    "(.ecore) and compressed models are not read; unpack a compressed model first.",
+)
+NO_INPUT = error(
+    "HAL1202",
+    "No AMALTHEA model in the input",
+    "No file was named, or a named directory holds no usable .amxmi file.",
+)
+SKIPPED_FILE = warning(
+    "HAL1203",
+    "File of a directory was skipped",
+    "An .amxmi file found while searching a directory is malformed or no AMALTHEA model. Named directly, such a "
+    "file is an error.",
+)
+MIXED_VERSIONS = error(
+    "HAL1204",
+    "Files of different AMALTHEA versions",
+    "References between files name classes, and classes were renamed from version to version. Migrate all files to one "
+    "version with APP4MC, or import them one by one.",
+)
+UNKNOWN_VERSION = warning(
+    "HAL1205",
+    "AMALTHEA version is unknown",
+    "The version in the namespace is none that the importer was made for. The file is read as the nearest known one.",
+)
+CHOICE = error(
+    "HAL1206",
+    "Option of the import is unknown",
+    "`--wcet` is upper, average or lower; `--memory` is within, added or none; `--mapping` is stated or free.",
+)
+BAD_MODE_LIST = error(
+    "HAL1207",
+    "List of modes is malformed",
+    "A .modes file has lines time;mode;file, a .csv file beside it lines from,to,100ms with the limits of switches "
+    "between those modes. Other files do not go with them: the list names the models.",
+)
+MODES_DIFFER = note(
+    "HAL1208",
+    "Tasks with another timing in each mode",
+    "Tasks of one name in the models of several modes have different periods, offsets, slacks or deadlines, which a "
+    "task of the model cannot have. Each mode has a task of its own.",
+)
+BAD_VALUE = error(
+    "HAL1210",
+    "Value has the wrong form",
+    "A time, frequency, size, data rate or count is no number, has an unknown unit, or is negative.",
+)
+DANGLING = warning(
+    "HAL1211",
+    "Reference to nothing",
+    "The element that is referred to is in none of the files given. What depends on it is left out.",
+)
+DUPLICATE = error(
+    "HAL1212",
+    "Element is defined in two files",
+    "Elements are known by name and class, so the files are probably two models, or two states of one.",
+)
+REPEATED = warning(
+    "HAL1213",
+    "Name is used twice",
+    "References by name reach the first of several elements of the same name and class.",
+)
+RECURSION = error(
+    "HAL1214",
+    "Runnables call each other without end",
+    "A runnable that calls itself, directly or through others, has no execution time; neither have calls that nest "
+    "deeper than 100.",
+)
+NO_TASKS = error(
+    "HAL1220",
+    "No task in the model",
+    "The files define no task, or none that is activated periodically or by one that is, so there is nothing to "
+    "schedule.",
+)
+NO_PERIOD = warning(
+    "HAL1221",
+    "Tasks without a period are left out",
+    "Nothing activates the task, or only stimuli without a period: single, variable rate, custom, an arrival curve "
+    "without a shortest distance. State a period in an overlay, under tasks: or, for the stimulus, under sources:.",
+)
+SPORADIC = note(
+    "HAL1222",
+    "Sporadic activation is taken at its shortest distance",
+    "A schedule that serves the densest arrivals serves all others, too.",
+)
+SEVERAL_TRIGGERS = warning(
+    "HAL1223",
+    "Several triggers of one task",
+    "The task takes the shortest period among those that trigger it. If they do not coincide, it is activated "
+    "more often than that; state its period in an overlay.",
+)
+SEVERAL_ACTIVATIONS = note(
+    "HAL1224",
+    "Task with several activations became several",
+    "A task of the model has one period and one offset, so a task with several makes one task for each.",
+)
+JITTER = warning(
+    "HAL1225",
+    "Jitter of an activation is not imported",
+    "The schedule decides when a job starts, so the release has no jitter in the model.",
+)
+FEEDBACK = warning(
+    "HAL1226",
+    "Activation in a loop",
+    "Precedence must be free of cycles. Where tasks activate each other in a loop, it is cut at the task whose "
+    "period is known.",
+)
+WAITING = note(
+    "HAL1227",
+    "Task that waits became several tasks",
+    "A task that starts work elsewhere and waits for its end is cut at the wait: each part is a task, with "
+    "precedence between them, and the response time of the whole is the largest data age of a chain. While it "
+    "waits, its unit is free for others, also where the wait is active, since the schedule starts a part no "
+    "earlier than what it waits for ends.",
+)
+UNUSED_WAIT = warning(
+    "HAL1228",
+    "Wait has no effect",
+    "No task sets the event that is waited for, or the wait stands inside of a branch or a runnable, so the task "
+    "is not cut there.",
+)
+NO_WCET = warning(
+    "HAL1230",
+    "Tasks without an execution time",
+    "Their runnables state no ticks or instructions, or a number of them without an upper bound. State WCETs in an "
+    "overlay.",
+)
+NO_FREQUENCY = warning(
+    "HAL1231",
+    "Processing units without a frequency",
+    "Ticks become time by the frequency of the unit (older models: of the quartz, through the prescaler). State "
+    "WCETs in an overlay.",
+)
+BRANCHES = note(
+    "HAL1232",
+    "Longest branch is taken",
+    "Branches that data or probability choose at run time cannot be known when the table is made. The longest one "
+    "counts, for every kind of unit on its own.",
+)
+LOOP = warning(
+    "HAL1233",
+    "Loop is counted once",
+    "The model does not say how often the loop runs; its body is taken once. State the WCET in an overlay.",
+)
+TOO_LONG_ACCESSES = warning(
+    "HAL1234",
+    "Accesses to memory take longer than the stated execution time",
+    "With `--memory within` the stated time is taken to contain the accesses. Where it cannot, the WCET was raised to "
+    "the time of the accesses.",
+)
+DEFAULT_BOUND = note(
+    "HAL1235",
+    "Share of a memory was assumed",
+    "The peak data rate of the memory or of an access to it is not stated, so an access takes all of it.",
+)
+DEFAULT_UNIT = note(
+    "HAL1240",
+    "Execution unit was assumed",
+    "The files define no processing unit. All tasks are put on one unit, core0, until an overlay names units.",
+)
+UNMAPPED = note(
+    "HAL1241",
+    "Tasks are bound to no unit",
+    "No scheduler or affinity is stated for them, so they may run on every unit for which they state a time.",
+)
+AFFINITY = warning(
+    "HAL1242",
+    "Affinity contradicts the scheduler",
+    "The cores of the affinity are none of the scheduler's. The scheduler's cores are taken.",
+)
+IMPOSSIBLE_UNIT = warning(
+    "HAL1243",
+    "Task states no time for the units it is bound to",
+    "Its runnables state ticks for other kinds of processing units only.",
+)
+NOT_IMPORTED = warning(
+    "HAL1244",
+    "Constraint is not imported",
+    "The task model has nothing for it: pairing or separation without target cores, synchronisation, repetition, "
+    "limits of other metrics than response time, lower limits of latencies.",
+)
+BAD_CHAIN = warning(
+    "HAL1245",
+    "Event chain or constraint names no tasks",
+    "The events of a chain or constraint must be events of tasks, or of runnables that one task calls.",
+)
+TOO_MANY_MODES = warning(
+    "HAL1246",
+    "Mode labels are not imported as modes",
+    "The combinations of the mode labels that nothing in the model sets are more than 64.",
+)
+EDITED = warning(
+    "HAL1247",
+    "Property of halpipe does not fit the element",
+    "The export of halpipe adds exact values as custom properties. This one differs from the standard element "
+    "beside it, which was edited since; the standard element counts.",
+)
+DEFAULT_WINDOW = note(
+    "HAL1248",
+    "Precedence windows were assumed",
+    "The model states an order, but no times. A task starts between 0 and the longer of both periods after the "
+    "end of its predecessor.",
+)
+RENAMED = note(
+    "HAL1249",
+    "Name was adapted",
+    "Names of model elements have no white space and no glob characters; other characters were replaced by _.",
+)

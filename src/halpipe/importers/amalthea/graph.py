@@ -1,0 +1,228 @@
+"""What the activity graphs of tasks and runnables come to: cycles and accesses, in one mode, on one kind of unit.
+
+The same graph is a ``callGraph`` with ``graphEntries`` and ``calls`` and flat ``runnableItems`` until 0.9.4, a
+``callGraph`` with ``items`` in 0.9.5 and an ``activityGraph`` from 0.9.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, NoReturn
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.modes import Conditions
+from halpipe.importers.amalthea.values import TIMED, cycles
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from halpipe.importers.amalthea.hardware import Pu
+    from halpipe.importers.amalthea.modes import SystemMode
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+_STEPS = ("graphEntries", "items", "calls", "runnableItems")
+_GRAPHS = ("activityGraph", "callGraph")
+GROUPS = ("Group", "CallSequence", "WhileLoop")
+SWITCHES = ("ModeSwitch", "Switch", "RunnableModeSwitch", "ProbabilitySwitch", "RunnableProbabilitySwitch")
+CALLS = {"RunnableCall": "runnable", "TaskRunnableCall": "runnable", "SynchronousServerCall": "serverRunnable"}
+_MOST_LEVELS = 100
+
+
+def steps(item: Item) -> list[Item]:
+    """Return what a task, runnable, group or branch does, in order."""
+    found = []
+    for child in item.children:
+        if child.tag in _GRAPHS:
+            found += steps(child)
+        elif child.tag in _STEPS:
+            found.append(child)
+    return found
+
+
+def branches(switch: Item) -> list[Item]:
+    """Return the entries of a switch, the default entry last."""
+    return [*switch.all("entries"), *switch.all("defaultEntry")]
+
+
+def everything(forest: Forest, found: Iterable[Item]) -> Iterator[Item]:
+    """Yield some steps and all within them, in order: in groups, in branches and in the runnables that they call."""
+    seen: set[Item] = set()
+    rest = list(reversed(list(found)))
+    while rest:
+        step = rest.pop()
+        yield step
+        inner: list[Item] = []
+        if step.kind in SWITCHES:
+            inner = [item for entry in branches(step) for item in steps(entry)]
+        elif step.kind in CALLS:
+            called = forest.ref(step, CALLS[step.kind])
+            if called is not None and called not in seen:
+                seen.add(called)
+                inner = steps(called)
+        else:
+            inner = steps(step)
+        rest += reversed(inner)
+
+
+@dataclass(frozen=True, slots=True)
+class Amount:
+    """What some steps come to: cycles of the unit, and how often each label is read and written.
+
+    `is_timed`: at least one of them states a time; `is_known`: none states a time without an upper bound;
+    `is_possible`: none states a time for other kinds of units only.
+    """
+
+    cycles: Fraction = Fraction(0)
+    is_timed: bool = False
+    is_known: bool = True
+    is_possible: bool = True
+    reads: dict[Item, Fraction] = field(default_factory=dict)
+    writes: dict[Item, Fraction] = field(default_factory=dict)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the steps do nothing that the model knows of."""
+        return not (self.is_timed or self.reads or self.writes)
+
+
+_NOTHING = Amount()
+
+
+def _sum(amounts: Sequence[Amount]) -> Amount:
+    """Return what several steps come to, one after another."""
+    return _joined(sum((a.cycles for a in amounts), Fraction(0)), amounts, lambda one, other: one + other)
+
+
+def _largest(amounts: Sequence[Amount]) -> Amount:
+    """Return the upper bound of several branches: most cycles, and of every label the most accesses."""
+    return _joined(max((a.cycles for a in amounts), default=Fraction(0)), amounts, max)
+
+
+def _joined(total: Fraction, amounts: Sequence[Amount], join: Callable[[Fraction, Fraction], Fraction]) -> Amount:
+    reads: dict[Item, Fraction] = {}
+    writes: dict[Item, Fraction] = {}
+    for amount in amounts:
+        for into, found in ((reads, amount.reads), (writes, amount.writes)):
+            for label, count in found.items():
+                into[label] = join(into[label], count) if label in into else count
+    return Amount(
+        total,
+        any(amount.is_timed for amount in amounts),
+        all(amount.is_known for amount in amounts),
+        all(amount.is_possible for amount in amounts),
+        reads,
+        writes,
+    )
+
+
+class Evaluator:
+    """Adds up graphs; remembers what runnables come to, and which branches and loops it met."""
+
+    def __init__(self, forest: Forest, statistic: str) -> None:
+        self._forest = forest
+        self._statistic = statistic
+        self._conditions: dict[str, Conditions] = {}
+        self._known: dict[tuple[Item, str, Item], Amount] = {}
+        self._calling: dict[Item, None] = {}
+        self._depth = 0
+        self.branched: dict[Item, None] = {}
+        self.loops: dict[Item, None] = {}
+        self.accesses: dict[Item, Item] = {}
+
+    def conditions(self, mode: SystemMode) -> Conditions:
+        """Return the conditions of a mode."""
+        return self._conditions.setdefault(mode.name, Conditions(self._forest, mode))
+
+    def amount(self, found: Sequence[Item], mode: SystemMode, unit: Pu) -> Amount:
+        """Return what steps come to in a mode on a kind of unit."""
+        self._depth += 1
+        total = _sum([self._step(step, mode, unit) for step in found])
+        self._depth -= 1
+        return total
+
+    def _step(self, step: Item, mode: SystemMode, unit: Pu) -> Amount:
+        if step.kind in TIMED:
+            return self._time(step, unit)
+        if step.kind == "LabelAccess":
+            return self._access(step)
+        if step.kind in CALLS:
+            called = self._forest.ref(step, CALLS[step.kind])
+            step.use()
+            return _NOTHING if called is None else self._call(called, mode, unit)
+        if step.kind in SWITCHES:
+            return self._switch(step, mode, unit)
+        if step.kind in GROUPS:
+            step.use()
+            if step.kind == "WhileLoop":
+                self.loops[step] = None
+            if self._depth > _MOST_LEVELS:
+                self._stop(step)
+            return self.amount(steps(step), mode, unit)
+        return _NOTHING
+
+    def _time(self, step: Item, unit: Pu) -> Amount:
+        value = cycles(self._forest, step, unit, self._statistic)
+        if value is None:
+            others = any(step.all("extended")) and step.one("default") is None
+            return Amount(is_timed=True, is_known=False, is_possible=not others)
+        step.use_all()
+        return Amount(cycles=value, is_timed=True)
+
+    def _access(self, step: Item) -> Amount:
+        label = self._forest.ref(step, "data")
+        if label is None:
+            return _NOTHING
+        self.accesses[step] = label
+        writes = step.get("access") == "write"  # what is not stated is a read, as in ITEA
+        statistic = step.one("statistic")
+        counted = None if statistic is None else statistic.one("write" if writes else "read")
+        stated = None if counted is None else self._forest.number(counted, "value")
+        count = {label: Fraction(1) if stated is None else stated}
+        return Amount(writes=count) if writes else Amount(reads=count)
+
+    def _call(self, runnable: Item, mode: SystemMode, unit: Pu) -> Amount:
+        key = (runnable, mode.name, unit.item)
+        if key in self._known:
+            return self._known[key]
+        if runnable in self._calling or self._depth > _MOST_LEVELS:
+            self._stop(runnable)
+        runnable.use()
+        self._calling[runnable] = None
+        allowed = self.conditions(mode).allows(runnable)
+        amount = self.amount(steps(runnable), mode, unit) if allowed else _NOTHING
+        del self._calling[runnable]
+        self._known[key] = amount
+        return amount
+
+    def _stop(self, item: Item) -> NoReturn:
+        calls = list(self._calling)
+        cycle = calls[calls.index(item) :] if item in self._calling else calls[-3:]
+        names = " -> ".join(called.name for called in (*cycle, item))
+        what = "calls itself" if item in self._calling else f"stands below more than {_MOST_LEVELS} calls and groups"
+        help = "remove one of the calls"
+        found = codes.RECURSION(f"{what}: {names}", at=item.at, path=item.path, help=help)
+        raise HalpipeError(*self._forest.findings.items, found)
+
+    def _switch(self, switch: Item, mode: SystemMode, unit: Pu) -> Amount:
+        switch.use()
+        if self._depth > _MOST_LEVELS:
+            self._stop(switch)
+        conditions = self.conditions(mode)
+        candidates: list[Item] = []
+        decided = False
+        for entry in switch.all("entries"):
+            holds = None if "Probability" in switch.kind else conditions.branch(switch, entry)
+            if holds is not False:
+                candidates.append(entry)
+            if holds:
+                decided = True
+                break
+        if not decided:
+            candidates += switch.all("defaultEntry")
+        if len(candidates) > 1:
+            self.branched[switch] = None
+        for entry in candidates:
+            entry.use()
+        return _largest([self.amount(steps(entry), mode, unit) for entry in candidates])

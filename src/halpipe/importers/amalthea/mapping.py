@@ -1,0 +1,136 @@
+"""Which units may run a task: schedulers and what they are responsible for, affinities, target cores of constraints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.graph import CALLS, everything, steps
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+_PROCESS = {"TaskAllocation": "task", "ProcessAllocation": "process", "ISRAllocation": "isr"}
+_AFFINITIES = ("affinity", "coreAffinity")
+_MOST_LEVELS = 20  # of schedulers above schedulers
+
+
+class Mapping:
+    """The mapping model, by task and by scheduler."""
+
+    def __init__(self, forest: Forest) -> None:
+        self._forest = forest
+        self._cores: dict[Item, list[Item]] = {}
+        self._allocations: dict[Item, list[Item]] = {}
+        self._of_runnable: dict[Item, list[Item]] = {}
+        for item in forest.kinds("SchedulerAllocation", "CoreAllocation"):
+            self._add_scheduler(item)
+        for kind, feature in _PROCESS.items():
+            for item in forest.kinds(kind):
+                if (task := forest.ref(item, feature)) is not None:
+                    self._allocations.setdefault(task, []).append(item)
+        for item in forest.kinds("RunnableAllocation"):
+            if (runnable := forest.ref(item, "entity")) is not None:
+                self._of_runnable.setdefault(runnable, []).append(item)
+        self._targets = _targets(forest, self)
+
+    def _add_scheduler(self, item: Item) -> None:
+        scheduler = self._forest.ref(item, "scheduler")
+        cores = [core for name in ("responsibility", "core") for core in self._forest.refs(item, name)]
+        if not cores:
+            cores = [core for name in ("executingPU", "executingCore") for core in self._forest.refs(item, name)]
+        if scheduler is not None and cores:
+            item.use()
+            self._cores.setdefault(scheduler, []).extend(cores)
+
+    def units(self, task: Item) -> list[Item] | None:
+        """Return the units that a task is bound to, None if to none in particular."""
+        bound = [self._allocated(item) for item in self._allocations.get(task, ())]
+        if not any(bound):
+            bound = [self._by_runnables(task)]
+        units = [unit for found in bound for unit in found or ()]
+        for targets, separates in self._targets.get(task, ()):
+            all_units = units or self._forest.kinds("ProcessingUnit", "Core")
+            kept = [unit for unit in all_units if (unit in targets) is not separates]
+            units = kept or units
+        return list(dict.fromkeys(units)) or None
+
+    def _allocated(self, item: Item) -> list[Item]:
+        """Return the units of an allocation: those of the affinity, as far as the scheduler is responsible for them."""
+        scheduler = self._forest.ref(item, "scheduler") or self._forest.ref(item, "controller")
+        cores = [] if scheduler is None else self.responsible(scheduler)
+        affinity = [unit for name in _AFFINITIES for unit in self._forest.refs(item, name)]
+        if cores or affinity:
+            item.use()
+        if not affinity or not cores:
+            return affinity or cores
+        both = [unit for unit in affinity if unit in cores]
+        if not both and scheduler is not None:
+            names = ", ".join(unit.name for unit in affinity)
+            message = f'the affinity to {names} is not among the units of scheduler "{scheduler.name}"'
+            task = self._forest.ref(item, _PROCESS[item.kind])
+            path = item.path if task is None else task.path
+            help = "correct the affinity or the scheduler, or state units in an overlay"
+            self._forest.findings.add(codes.AFFINITY(message, at=item.at, path=path, help=help))
+        return both or cores
+
+    def responsible(self, scheduler: Item) -> list[Item]:
+        """Return the units of a scheduler; one without takes those of the scheduler above it."""
+        current: Item | None = scheduler
+        for _ in range(_MOST_LEVELS):
+            if current is None or current in self._cores:
+                break
+            association = current.one("parentAssociation")
+            current = None if association is None else self._forest.ref(association, "parent")
+        if current is None or current not in self._cores:
+            return []
+        scheduler.use()
+        current.use()
+        return self._cores[current]
+
+    def _by_runnables(self, task: Item) -> list[Item]:
+        """Return the units that all allocated runnables of a task have in common."""
+        if not self._of_runnable:
+            return []
+        common: list[Item] | None = None
+        for step in everything(self._forest, steps(task)):
+            runnable = self._forest.ref(step, CALLS[step.kind]) if step.kind in CALLS else None
+            for item in self._of_runnable.get(runnable, ()) if runnable is not None else ():
+                scheduler = self._forest.ref(item, "scheduler")
+                cores = [] if scheduler is None else self.responsible(scheduler)
+                if cores:
+                    item.use()
+                    common = cores if common is None else [core for core in common if core in cores]
+        return common or []
+
+
+def _targets(forest: Forest, mapping: Mapping) -> dict[Item, list[tuple[list[Item], bool]]]:
+    """Return for tasks the target units of pairing and separation constraints, and whether they are to be avoided."""
+    found: dict[Item, list[tuple[list[Item], bool]]] = {}
+    unmapped = []
+    for item in forest.within("ConstraintsModel", "affinityConstraints"):
+        units = _target_units(forest, item, mapping)
+        tasks = [task for group in item.all("group", "groups") for task in _processes(forest, group)]
+        if not units or not tasks:
+            unmapped.append(item)
+            continue
+        item.use_all()
+        for task in tasks:
+            found.setdefault(task, []).append((units, "Separation" in item.kind))
+    help = "state units in an overlay, if they matter"
+    forest.report_each(codes.NOT_IMPORTED, "affinity constraints without processes or target units", unmapped, help)
+    return found
+
+
+def _target_units(forest: Forest, item: Item, mapping: Mapping) -> list[Item]:
+    units = []
+    for target in item.all("target"):
+        units += forest.refs(target, "cores")
+        units += [unit for s in forest.refs(target, "schedulers") for unit in mapping.responsible(s)]
+    return units
+
+
+def _processes(forest: Forest, group: Item) -> Iterable[Item]:
+    return [task for task in forest.refs(group, "processes") if task.kind in ("Task", "ISR")]

@@ -1,0 +1,129 @@
+"""What activates tasks, and how often: each stimulus as the densest periodic activations that it allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.importers.amalthea import codes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.durations import Duration
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+PERIODIC = ("PeriodicStimulus", "Periodic")
+SYNTHETIC = ("PeriodicSyntheticStimulus", "PeriodicSynthetic")
+BURST = ("PeriodicBurstStimulus", "PeriodicBurst")
+SPORADIC = ("RelativePeriodicStimulus", "SporadicStimulus", "Sporadic")
+CURVE = ("ArrivalCurveStimulus", "ArrivalCurve")
+TRIGGERED = ("InterProcessStimulus", "InterProcess", "EventStimulus")
+_MOST_OCCURRENCES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Activation:
+    """A periodic activation; `offset` is None where the stimulus states none."""
+
+    period: Duration
+    offset: Duration | None
+    stimulus: Item | None
+
+
+def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
+    """Return the periodic activations that cover what a stimulus does; none where it has no period."""
+    if stimulus.kind in PERIODIC:
+        found = _periodic(forest, stimulus)
+    elif stimulus.kind in SYNTHETIC:
+        found = _synthetic(forest, stimulus)
+    elif stimulus.kind in BURST:
+        found = _burst(forest, stimulus)
+    elif stimulus.kind in SPORADIC:
+        found = _densest(forest, stimulus, _shortest(forest, stimulus.one("nextOccurrence", "stimulusDeviation")))
+    elif stimulus.kind in CURVE:
+        found = _densest(forest, stimulus, _curve(forest, stimulus))
+    else:
+        found = []
+    if found:
+        stimulus.use()
+    return found
+
+
+def _time(forest: Forest, item: Item, *tags: str) -> Duration | None:
+    child = item.one(*tags)
+    return None if child is None else forest.time(child)
+
+
+def _recurrence(forest: Forest, stimulus: Item) -> Duration | None:
+    return _time(forest, stimulus, "recurrence") or None
+
+
+def _periodic(forest: Forest, stimulus: Item) -> list[Activation]:
+    period = _recurrence(forest, stimulus)
+    jitter = stimulus.one("jitter", "stimulusDeviation")
+    if jitter is not None:
+        help = "state slack in an overlay, if starts may vary"
+        forest.report(codes.JITTER, "states a jitter, which is not imported", stimulus, help)
+    return [Activation(period, _time(forest, stimulus, "offset"), stimulus)] if period else []
+
+
+def _synthetic(forest: Forest, stimulus: Item) -> list[Activation]:
+    """One activation for each occurrence in the recurrence, or one in all if they are equally far apart."""
+    period = _recurrence(forest, stimulus)
+    times = [forest.time(item) for item in stimulus.all("occurrenceTimes")]
+    if not period or not times or len(times) > _MOST_OCCURRENCES:
+        return []
+    first = _time(forest, stimulus, "offset") or ZERO
+    return _spread(period, [first + time for time in times if time is not None], stimulus)
+
+
+def _burst(forest: Forest, stimulus: Item) -> list[Activation]:
+    """A burst is so many occurrences at their least distance, at the start of every recurrence."""
+    period, first = _recurrence(forest, stimulus), _time(forest, stimulus, "offset") or ZERO
+    stated = forest.number(stimulus, "occurrenceCount")
+    count = 1 if stated is None else int(stated)
+    if not period or not 0 < count <= _MOST_OCCURRENCES:
+        return []
+    length = _time(forest, stimulus, "burstLength") or ZERO
+    distance = _time(forest, stimulus, "occurrenceMinDistance") or (length / count)
+    return _spread(period, [first + distance * index for index in range(count)], stimulus)
+
+
+def _spread(period: Duration, times: Sequence[Duration], stimulus: Item) -> list[Activation]:
+    offsets = sorted({time % period for time in times})
+    if not offsets:
+        return []
+    step = period / len(offsets)
+    if all(offset == offsets[0] + step * index for index, offset in enumerate(offsets)):
+        return [Activation(step, offsets[0], stimulus)]
+    return [Activation(period, offset, stimulus) for offset in offsets]
+
+
+def _densest(forest: Forest, stimulus: Item, period: Duration | None) -> list[Activation]:
+    if not period:
+        return []
+    help = "state another period in an overlay, if arrivals so dense cannot be"
+    forest.report(codes.SPORADIC, f"is taken as periodic with {period}, its shortest distance", stimulus, help)
+    return [Activation(period, None, stimulus)]
+
+
+def _shortest(forest: Forest, deviation: Item | None) -> Duration | None:
+    """Return the least time of a constant or a distribution of times."""
+    if deviation is None:
+        return None
+    for tag in ("lowerBound", "value"):
+        if (found := deviation.one(tag)) is not None:
+            return forest.time(found)
+    entries = [_shortest(forest, entry) for entry in deviation.all("entries")]
+    known = [entry for entry in entries if entry is not None]
+    return min(known) if known else None
+
+
+def _curve(forest: Forest, stimulus: Item) -> Duration | None:
+    """Return the least distance of two occurrences."""
+    for entry in stimulus.all("entries", "arrivalCurveEntries"):
+        if forest.number(entry, "numberOfOccurrences") == 2:
+            return _time(forest, entry, "lowerTimeBorder")
+    return None

@@ -1,0 +1,254 @@
+"""From drafts, versions and constraints to the tasks and chains of the model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.importers.amalthea import carried, codes
+from halpipe.importers.amalthea.names import legal
+from halpipe.importers.amalthea.properties import text_of
+from halpipe.importers.amalthea.timing import Window
+from halpipe.models import Anchor, Chain, Origin, Precedence, Task
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping as Map
+    from collections.abc import Sequence
+
+    from halpipe.importers.amalthea.hardware import Hardware, Pu
+    from halpipe.importers.amalthea.mapping import Mapping
+    from halpipe.importers.amalthea.memory import Memories
+    from halpipe.importers.amalthea.parts import Draft, Drafts
+    from halpipe.importers.amalthea.timing import Timing
+    from halpipe.importers.amalthea.versions import VersionMaker
+    from halpipe.importers.amalthea.xmi import Forest, Item
+    from halpipe.importers.base import Coverage
+    from halpipe.models import Version
+
+_MICROSECOND = Duration(1000)
+FREE = Fraction(1)
+"""The slack of an imported task: a job may start any time after its activation, within its deadline."""
+
+
+@dataclass(slots=True)
+class Built:
+    """The tasks and chains, the versions of each task by mode, and the memories that are used."""
+
+    tasks: tuple[Task, ...]
+    chains: tuple[Chain, ...]
+    by_mode: dict[str, Map[str, Sequence[str]]]
+    resources: list[str]
+
+
+@dataclass(slots=True)
+class _Limits:
+    """What limits a draft: slack, deadline, and of a task that waits, the age of the whole."""
+
+    slack: Fraction
+    deadline: Duration | None = None
+
+
+@dataclass(slots=True)
+class _State:
+    versions: dict[Draft, tuple[Version, ...]] = field(default_factory=dict)
+    runnables: dict[Item, tuple[Draft, int]] = field(default_factory=dict)
+    by_mode: dict[str, Map[str, Sequence[str]]] = field(default_factory=dict)
+    resources: dict[str, None] = field(default_factory=dict)
+    unbound: list[Item] = field(default_factory=list)
+
+
+class TaskBuilder:
+    """Builds tasks; every value that no file states goes to the account as a default."""
+
+    def __init__(
+        self,
+        forest: Forest,
+        hardware: Hardware,
+        units: Map[Item, str],
+        *,
+        mapping: Mapping | None,
+        versions: VersionMaker,
+        memories: Memories,
+        coverage: Coverage,
+    ) -> None:
+        self._forest = forest
+        self._hardware = hardware
+        self._mapping = mapping
+        self._maker = versions
+        self._coverage = coverage
+        carried_memories = [m for m in hardware.memories if text_of(m, "resource") is not None]
+        self._state = _State(resources={memories.name(memory): None for memory in carried_memories})
+        frequencies = {unit.item: unit.frequency for unit in hardware.units}
+        self._platform = carried.Platform(units, [memories.name(m) for m in hardware.memories], frequencies)
+
+    def build(self, drafts: Drafts, timing: Timing) -> Built:
+        """Return the tasks in the order of the drafts, and the chains."""
+        for draft in drafts.items:
+            self._versions(draft)
+        self._report_unbound(len(drafts.items))
+        chains = [
+            self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age) for chain in timing.chains
+        ]
+        limits: dict[Draft, _Limits] = {}
+        for draft in drafts.items:
+            first = draft.part.index == 0
+            limits[draft] = self._limits(draft, drafts, timing, chains) if first else _Limits(FREE)
+        precedences = self._precedences(drafts, timing)
+        tasks = tuple(self._task(draft, limits[draft], precedences) for draft in drafts.items)
+        return Built(tasks, tuple(chains), self._state.by_mode, list(self._state.resources))
+
+    # --------------------------------------------------------------------------------------- versions
+
+    def _versions(self, draft: Draft) -> None:
+        bound = None if self._mapping is None else self._mapping.units(draft.task)
+        state = self._state
+        if carried.is_carried(draft.task):
+            found = carried.versions_of(self._forest, draft.task, self._platform, bound)
+            state.versions[draft] = tuple(found.values())
+            for index, runnable in enumerate(found):
+                state.runnables[runnable] = (draft, index)
+            names = [version.name for version in found.values()]
+            state.by_mode[draft.name] = dict.fromkeys(sorted(draft.modes), names)
+        else:
+            candidates = self._candidates(draft, bound)
+            made = self._maker.make(draft, candidates)
+            state.versions[draft] = tuple(made.items)
+            state.by_mode[draft.name] = made.by_mode
+        state.resources |= {a.resource: None for v in state.versions[draft] for a in v.accesses}
+
+    def _candidates(self, draft: Draft, bound: Sequence[Item] | None) -> list[Pu]:
+        if bound is not None:
+            return [unit for unit in self._hardware.units if unit.item in bound]
+        if draft.part.index == 0:
+            self._state.unbound.append(draft.task)
+        return list(self._hardware.units)
+
+    def _report_unbound(self, count: int) -> None:
+        if self._mapping is not None and len(self._hardware.units) > 1:
+            what = f"of {count} tasks are bound to no unit"
+            help = "bind them under units: in an overlay, or leave the choice to the scheduler"
+            self._forest.report_each(codes.UNMAPPED, what, self._state.unbound, help)
+
+    # ------------------------------------------------------------------------------------------ limits
+
+    def _limits(self, draft: Draft, drafts: Drafts, timing: Timing, chains: list[Chain]) -> _Limits:
+        """Return the limits of a task, or of the first part of a task that waits."""
+        deadline = timing.deadlines.get(draft.task)
+        if carried.is_carried(draft.task):
+            return _Limits(carried.slack_of(self._forest, draft.task), deadline)
+        if draft.activation is None:
+            return _Limits(Fraction(0))
+        period = draft.activation.period
+        whole = self._whole(draft, drafts)
+        if len(whole) > 1:
+            return self._waiting(draft, whole, deadline, chains)
+        slack = FREE
+        most = timing.most_between_starts.get(draft.task)
+        if most is not None:
+            slack = min(FREE, max(Fraction(0), most / period - 1))
+        else:
+            at = draft.task.at
+            self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
+        return _Limits(slack, deadline)
+
+    def _whole(self, first: Draft, drafts: Drafts) -> list[Draft]:
+        """Return the parts of a task from its first on, each after what it waits for."""
+        path, last = [first], first
+        for draft in drafts.of(first.task):
+            if draft.part.index and last in draft.after:
+                path += [source for source in draft.after if source not in path]
+                path.append(draft)
+                last = draft
+        return path
+
+    def _waiting(self, draft: Draft, whole: Sequence[Draft], deadline: Duration | None, chains: list[Chain]) -> _Limits:
+        """Limit a task that waits: its first part starts within its slack, and the age of the whole takes the rest.
+
+        Half of the time that is not spent working, in whole microseconds, is the slack of the first part, so that the
+        response time of the whole, from activation to the end of the last part, is at most the deadline.
+        """
+        assert draft.activation is not None
+        name = f"{draft.name}.response"
+        if deadline is None:
+            chains.append(self._chain(name, whole, draft.task, None, None))
+            return _Limits(FREE)
+        longest = [max((v.wcet or ZERO for v in self._state.versions[d]), default=ZERO) for d in whole]
+        spare = _MICROSECOND * (max(ZERO, deadline - sum(longest, ZERO)) / 2 // _MICROSECOND)
+        chains.append(self._chain(name, whole, draft.task, None, deadline - spare))
+        what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
+        self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
+        return _Limits(min(FREE, spare / draft.activation.period))
+
+    def _chain(
+        self, name: str, drafts: Sequence[Draft], item: Item, reaction: Duration | None, age: Duration | None
+    ) -> Chain:
+        origin = Origin(item.at.file, item.at.line, item.name)
+        return Chain(name=name, tasks=tuple(d.name for d in drafts), max_reaction=reaction, max_age=age, origin=origin)
+
+    # -------------------------------------------------------------------------------------- precedence
+
+    def _precedences(self, drafts: Drafts, timing: Timing) -> dict[Draft, list[Window]]:
+        found: dict[Draft, list[Window]] = {draft: [] for draft in drafts.items}
+        for draft in drafts.items:
+            found[draft] += [Window(source, draft, cause) for source, cause in draft.after.items()]
+        for window in timing.windows:
+            found[window.later].append(window)
+        assumed = [window for windows in found.values() for window in windows if window.high is None]
+        if assumed:
+            at = assumed[0].cause.at
+            message = f"{len(assumed)} precedence constraints have windows of one period"
+            help = "state tighter windows under precedence: in an overlay"
+            self._forest.findings.add(codes.DEFAULT_WINDOW(message, at=at, help=help))
+        for window in assumed:
+            value = f"from the end of {window.earlier.name}: {window.low} to {_high(window)}"
+            self._coverage.defaulted(f'task "{window.later.name}"', "precedence window", value, window.cause.at)
+        return found
+
+    def _with(self, version: Version, index: int, draft: Draft, windows: Sequence[Window]) -> Version:
+        """Return a version with the constraints that hold for it."""
+        kept = []
+        for window in windows:
+            home = None if window.runnable is None else self._state.runnables.get(window.runnable)
+            if home is not None and home != (draft, index):
+                continue
+            kept.append(_precedence(window, version))
+        return replace(version, precedences=tuple(kept))
+
+    def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
+        at = draft.task.at
+        versions = tuple(
+            self._with(version, index, draft, windows[draft])
+            for index, version in enumerate(self._state.versions[draft])
+        )
+        return Task(
+            name=draft.name,
+            period=None if draft.activation is None else draft.activation.period,
+            slack=limits.slack,
+            offset=None if draft.activation is None else draft.activation.offset,
+            deadline=limits.deadline,
+            versions=versions,
+            origin=Origin(at.file, at.line, legal(draft.task.name)),
+        )
+
+
+def _high(window: Window) -> Duration:
+    """Return the end of a window; where none is stated, the longer of both periods after its beginning."""
+    if window.high is not None:
+        return window.high
+    periods = [d.activation.period for d in (window.earlier, window.later) if d.activation is not None]
+    return window.low + max(periods, default=ZERO)
+
+
+def _precedence(window: Window, version: Version) -> Precedence:
+    """Return a window as a constraint of a version; one that is stated for the end is moved by the WCET."""
+    shift = version.wcet or ZERO if window.shifted else ZERO
+    at = window.cause.at
+    return Precedence(
+        task=window.earlier.name,
+        min=max(ZERO, window.low - shift),
+        max=max(ZERO, _high(window) - shift),
+        anchor=window.anchor if window.high is not None else Anchor.END,
+        origin=Origin(at.file, at.line, legal(window.cause.name or window.cause.kind)),
+    )

@@ -1,0 +1,172 @@
+"""What constraints say of tasks: deadlines, slack, precedence windows, orders of runnables, event chains, data ages."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.chains import Chained, read_chains
+from halpipe.importers.amalthea.entities import Entities, Place
+from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
+from halpipe.models import Anchor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.importers.amalthea.parts import Draft, Drafts
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+_TASK_KINDS = ("Task", "ISR")
+_UNREAD = (
+    "EventSynchronizationConstraint",
+    "EventChainSynchronizationConstraint",
+    "SynchronisationConstraint",
+    "RepetitionConstraint",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """The start of `later` lies `low` to `high` after the start or end of `earlier`; `high` None: not stated.
+
+    `shifted`: the window is stated for the end of `later`. `runnable`: it holds where that runnable runs only.
+    """
+
+    earlier: Draft
+    later: Draft
+    cause: Item
+    low: Duration = ZERO
+    high: Duration | None = None
+    anchor: Anchor = Anchor.END
+    shifted: bool = False
+    runnable: Item | None = None
+
+
+@dataclass(slots=True)
+class Timing:
+    """All constraints, as far as the task model has something for them."""
+
+    deadlines: dict[Item, Duration] = field(default_factory=dict)
+    most_between_starts: dict[Item, Duration] = field(default_factory=dict)
+    windows: list[Window] = field(default_factory=list)
+    chains: list[Chained] = field(default_factory=list)
+
+
+def read_timing(forest: Forest, drafts: Drafts) -> Timing:
+    """Read the constraints; report those that the task model has nothing for."""
+    entities = Entities(forest, drafts)
+    timing = Timing()
+    _deadlines(forest, entities, timing)
+    _delays(forest, entities, timing)
+    _sequences(forest, entities, timing)
+    timing.chains += read_chains(forest, entities)
+    unread = [c for c in forest.within("ConstraintsModel", "timingConstraints") if c.kind in _UNREAD]
+    help = "state what matters of them as precedence or chains in an overlay"
+    forest.report_each(codes.NOT_IMPORTED, "timing constraints of other kinds", unread, help)
+    return timing
+
+
+def limit_of(forest: Forest, item: Item, tag: str, key: str) -> Duration | None:
+    """Return a time in a child element, or the exact one that a property of halpipe gives for it."""
+    child = item.one(tag)
+    standard = None if child is None else forest.time(child)
+    exact = value_of(forest, item, key, optional_duration)
+    return exact if exact is not None and agrees(exact, standard) else standard
+
+
+# ---------------------------------------------------------------------------------------- requirements
+
+
+def _deadlines(forest: Forest, entities: Entities, timing: Timing) -> None:
+    unread = []
+    for item in forest.within("ConstraintsModel", "requirements"):
+        if item.kind == "ProcessChainRequirement":
+            continue
+        task = forest.ref(item, "process") if item.kind == "ProcessRequirement" else None
+        limit = item.one("limit")
+        if task is None or task.kind not in _TASK_KINDS or limit is None or not _deadline(forest, item, task, timing):
+            unread.append(item)
+        elif entities.of(task):
+            item.use_all()
+    for task in forest.within("SWModel", "tasks", "isrs"):  # ITEA
+        stated = task.one("deadline")
+        time = None if stated is None else forest.time(stated)
+        if time and stated is not None:
+            stated.use()
+            _least(timing.deadlines, task, time)
+    help = "only upper limits of response times and of distances between starts of tasks are imported"
+    forest.report_each(codes.NOT_IMPORTED, "requirements", unread, help)
+
+
+def _deadline(forest: Forest, item: Item, task: Item, timing: Timing) -> bool:
+    """Take a limit of a process; return whether there is something for it."""
+    limit = item.one("limit")
+    assert limit is not None
+    exact = value_of(forest, item, "limit", optional_duration)
+    stated = limit.one("limitValue")
+    standard = None if stated is None else forest.time(stated)
+    time = exact if exact is not None and agrees(exact, standard) else standard
+    if time is None or limit.get("limitType") not in ("UpperLimit", ""):
+        return False
+    if limit.get("metric") == "ResponseTime":
+        _least(timing.deadlines, task, time)
+        return True
+    if limit.get("metric") == "StartToStart":
+        _least(timing.most_between_starts, task, time)
+        return True
+    return False
+
+
+def _least(limits: dict[Item, Duration], task: Item, time: Duration) -> None:
+    limits[task] = min(time, limits.get(task, time))
+
+
+# ----------------------------------------------------------------------------------- delays and orders
+
+
+def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
+    bad = []
+    for item in forest.kinds("DelayConstraint"):
+        source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
+        low, high = limit_of(forest, item, "lower", "lower"), limit_of(forest, item, "upper", "upper")
+        pairs = _pairs(source, target)
+        if source is None or target is None or not pairs:
+            bad.append(item)
+            continue
+        item.use_all()
+        anchor = Anchor.END if source.is_end else Anchor.START
+        runnable = target.runnable if target.runnable is not None and not target.is_end else None
+        timing.windows += [
+            Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable) for earlier, later in pairs
+        ]
+    help = "let it connect events of tasks"
+    forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two tasks", bad, help)
+
+
+def _pairs(source: Place | None, target: Place | None) -> list[tuple[Draft, Draft]]:
+    if source is None or target is None:
+        return []
+    return [(a, b) for a in source.drafts for b in target.drafts if a is not b]
+
+
+def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
+    """Order tasks whose runnables a sequencing constraint orders; runnables of one task have their order already."""
+    bad = []
+    for item in forest.kinds("RunnableSequencingConstraint"):
+        groups = [forest.refs(group, "runnables") for group in item.all("runnableGroups")]
+        callers = [[draft for runnable in group for draft in entities.callers(runnable)] for group in groups]
+        if len(callers) < 2 or not all(callers):
+            bad.append(item)
+            continue
+        item.use_all()
+        for earlier, later in itertools.pairwise(callers):
+            timing.windows += _ordered(earlier, later, item)
+    help = "let it name runnables that tasks call"
+    forest.report_each(codes.BAD_CHAIN, "sequencing constraints order no tasks", bad, help)
+
+
+def _ordered(earlier: Sequence[Draft], later: Sequence[Draft], item: Item) -> list[Window]:
+    return [Window(a, b, item) for a in dict.fromkeys(earlier) for b in dict.fromkeys(later) if a.task is not b.task]

@@ -1,0 +1,145 @@
+"""Versions of tasks: one for each kind of unit that may run the task, and for each amount of work that modes choose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.durations import seconds
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.memory import length_of, placed
+from halpipe.importers.amalthea.names import legal
+from halpipe.models import Version
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from fractions import Fraction
+
+    from halpipe.durations import Duration
+    from halpipe.importers.amalthea.graph import Amount, Evaluator
+    from halpipe.importers.amalthea.hardware import Pu
+    from halpipe.importers.amalthea.memory import Memories, Phase
+    from halpipe.importers.amalthea.modes import SystemMode
+    from halpipe.importers.amalthea.parts import Draft
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+UNIT = "core0"
+VERSION = "default"
+MEMORY_CHOICES = ("within", "added", "none")
+
+
+@dataclass(slots=True)
+class Versions:
+    """The versions of one task, and the names of those available in each mode."""
+
+    items: list[Version] = field(default_factory=list)
+    by_mode: dict[str, list[str]] = field(default_factory=dict)
+
+
+class VersionMaker:
+    """Makes versions; remembers what to report of all tasks together."""
+
+    def __init__(
+        self,
+        forest: Forest,
+        evaluator: Evaluator,
+        memories: Memories,
+        units: Mapping[Item, str],
+        *,
+        modes: Sequence[SystemMode],
+        memory: str,
+    ) -> None:
+        self._forest = forest
+        self._evaluator = evaluator
+        self._memories = memories
+        self._units = units
+        self._modes = modes
+        self._memory = memory
+        self.too_long: dict[Item, None] = {}
+        self.impossible: dict[Item, None] = {}
+
+    def make(self, draft: Draft, candidates: Sequence[Pu]) -> Versions:
+        """Return the versions of a draft on the units that may run it."""
+        modes = [mode for mode in self._modes if mode.name in draft.modes]
+        result = Versions(by_mode={mode.name: [] for mode in modes})
+        works = []
+        for group in _groups(candidates):
+            amounts = {mode.name: self._evaluator.amount(draft.part.steps, mode, group[0]) for mode in modes}
+            works.append((group, amounts))
+        runs = [m.name for m in modes if any(not a[m.name].is_empty for _, a in works)] or [m.name for m in modes]
+        is_timed = any(amount.is_timed for _, amounts in works for amount in amounts.values())
+        if not is_timed:
+            self._unstated(result, [unit for group, _ in works for unit in group], runs)
+            return result
+        for group, amounts in works:
+            self._of_group(draft, group, {name: amounts[name] for name in runs}, result)
+        if not result.items:
+            self.impossible[draft.task] = None
+            self._unstated(result, candidates, runs)
+        return result
+
+    def _unstated(self, result: Versions, units: Sequence[Pu], runs: Sequence[str]) -> None:
+        """Make one version without a WCET."""
+        names = tuple(self._units[unit.item] for unit in units) or (UNIT,)
+        result.items.append(Version(name=VERSION, units=names))
+        for name in runs:
+            result.by_mode[name].append(VERSION)
+
+    def _of_group(self, draft: Draft, group: Sequence[Pu], amounts: Mapping[str, Amount], result: Versions) -> None:
+        """Make the versions on one kind of unit: one, or several where modes choose different work."""
+        works: dict[tuple[Duration | None, tuple[Phase, ...]], list[str]] = {}
+        for mode, amount in amounts.items():
+            if amount.is_possible:
+                works.setdefault(self._work(draft, amount, group[0]), []).append(mode)
+        base = _unique(legal(group[0].type.name) if group[0].type else VERSION, result.items)
+        for (wcet, phases), modes in works.items():
+            name = base if len(works) == 1 else _unique(f"{base}:{modes[0]}", result.items)
+            result.items.append(
+                Version(
+                    name=name,
+                    wcet=wcet,
+                    units=tuple(self._units[unit.item] for unit in group),
+                    accesses=placed(phases, wcet) if wcet is not None else (),
+                )
+            )
+            for mode in modes:
+                result.by_mode[mode].append(name)
+
+    def _work(self, draft: Draft, amount: Amount, unit: Pu) -> tuple[Duration | None, tuple[Phase, ...]]:
+        """Return the WCET and the access phases of some work on a unit."""
+        if not unit.frequency or not amount.is_known:
+            return None, ()
+        stated = seconds(amount.cycles / unit.frequency)
+        phases = () if self._memory == "none" else tuple(self._memories.phases(amount, unit))
+        accesses = length_of(phases)
+        if self._memory == "added":
+            return stated + accesses, phases
+        if accesses > stated:
+            self.too_long[draft.task] = None
+        return max(stated, accesses), phases
+
+    def report(self) -> None:
+        """Report what concerns all tasks."""
+        help = "state their units or their ticks for those units, or WCETs in an overlay"
+        message = "tasks state times for other kinds of units only than they are bound to"
+        self._forest.report_each(codes.IMPOSSIBLE_UNIT, message, list(self.impossible), help)
+        help = "use --memory added, if the ticks do not contain the accesses"
+        message = "tasks access memory for longer than the time they state"
+        self._forest.report_each(codes.TOO_LONG_ACCESSES, message, list(self.too_long), help)
+
+
+def _groups(units: Sequence[Pu]) -> list[list[Pu]]:
+    """Group units of one type and frequency, between which a task makes no difference."""
+    groups: dict[tuple[Item | None, Fraction | None, tuple[object, ...]], list[Pu]] = {}
+    for unit in units:
+        paths = tuple((memory, path) for memory, path in unit.paths.items())
+        groups.setdefault((unit.type, unit.frequency, paths), []).append(unit)
+    return list(groups.values())
+
+
+def _unique(name: str, versions: Sequence[Version]) -> str:
+    taken = {version.name for version in versions}
+    chosen, number = name, 2
+    while chosen in taken:
+        chosen, number = f"{name}~{number}", number + 1
+    return chosen

@@ -1,0 +1,329 @@
+"""All files as one forest of items: every element with its class, its place and its references, by name or by id.
+
+References are ``encoded+name?type=Class`` (several, blank-separated), opaque ids (ITEA), or child elements with an
+``href`` (to other files, whatever their name). All are looked up in all files together.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+from urllib.parse import unquote_plus
+
+from halpipe.diagnostics import Location
+from halpipe.durations import Duration
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.names import few
+from halpipe.importers.amalthea.numbers import BYTES, HERTZ, RATES, TIME_NS, parse_number
+from halpipe.quantities import quoted
+from halpipe.schemas import line_of
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from lxml import etree
+
+    from halpipe.diagnostics import Code, Findings
+    from halpipe.importers.amalthea.sniff import Document
+
+_XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"
+_XMI_ID = "{http://www.omg.org/XMI}id"
+
+# Classes of elements that need no xsi:type, since their place says it.
+_CLASSES = {
+    "commonElements": "CommonElements",
+    "swModel": "SWModel",
+    "hwModel": "HWModel",
+    "osModel": "OSModel",
+    "stimuliModel": "StimuliModel",
+    "eventModel": "EventModel",
+    "constraintsModel": "ConstraintsModel",
+    "propertyConstraintsModel": "PropertyConstraintsModel",
+    "mappingModel": "MappingModel",
+    "componentsModel": "ComponentsModel",
+    "configModel": "ConfigModel",
+    "measurementModel": "MeasurementModel",
+    "tasks": "Task",
+    "isrs": "ISR",
+    "runnables": "Runnable",
+    "labels": "Label",
+    "modeLabels": "ModeLabel",
+    "modes": "Mode",
+    "literals": "ModeLiteral",
+    "processPrototypes": "ProcessPrototype",
+    "processChains": "ProcessChain",
+    "structures": "HwStructure",
+    "featureCategories": "HwFeatureCategory",
+    "features": "HwFeature",
+    "caches": "Cache",
+    "coreTypes": "CoreType",
+    "cores": "Core",
+    "ecus": "ECU",
+    "microcontrollers": "Microcontroller",
+    "quartzes": "Quartz",
+    "memories": "Memory",
+    "operatingSystems": "OperatingSystem",
+    "taskSchedulers": "TaskScheduler",
+    "interruptControllers": "InterruptController",
+    "scheduler": "TaskScheduler",
+    "eventChains": "EventChain",
+    "runnableSequencingConstraints": "RunnableSequencingConstraint",
+    "dataAgeConstraints": "DataAgeConstraint",
+    "schedulerAllocation": "SchedulerAllocation",
+    "coreAllocation": "CoreAllocation",
+    "taskAllocation": "TaskAllocation",
+    "isrAllocation": "ISRAllocation",
+    "runnableAllocation": "RunnableAllocation",
+    "memoryMapping": "MemoryMapping",
+    "tags": "Tag",
+    "semaphores": "Semaphore",
+    "customProperties": "CustomProperty",
+}
+_QUALIFIED = ("HwFeature", "HwPort", "ModeLiteral")  # referred to as owner/name
+_ALIASES = {"Periodic": "PeriodicStimulus", "Core": "ProcessingUnit", "Mode": "EnumMode"}
+_TOO_LONG_NS = 10**39
+_UNIQUE = ("Task", "ISR", "Runnable", "Label", "ProcessingUnit", "Core", "Memory", "ModeLabel", "EventChain")
+
+
+class Item:
+    """One element: `kind` is its class, `tag` the feature of its owner that holds it."""
+
+    __slots__ = ("children", "element", "file", "is_used", "kind", "owner", "tag")
+
+    def __init__(self, element: etree._Element, tag: str, file: str, owner: Item | None) -> None:
+        self.element = element
+        self.tag = tag
+        self.file = file
+        self.owner = owner
+        self.children: list[Item] = []
+        self.is_used = False
+        stated = element.get(_XSI_TYPE)
+        self.kind = stated.rpartition(":")[2] if stated else _CLASSES.get(tag, tag)
+        if not stated and tag == "events" and owner is not None and owner.kind == "SWModel":
+            self.kind = "OsEvent"
+
+    @property
+    def name(self) -> str:
+        """The name as written."""
+        return self.element.get("name") or ""
+
+    @property
+    def at(self) -> Location:
+        """Where the element stands."""
+        return Location(self.file, line_of(self.element))
+
+    @property
+    def path(self) -> str:
+        """What a message calls the element."""
+        owner = self.owner
+        while not self.name and owner is not None and not owner.name:
+            owner = owner.owner
+        if self.name or owner is None:
+            return f'{self.kind} "{self.name}"' if self.name else self.kind
+        return f'{self.kind} in {owner.kind} "{owner.name}"'
+
+    def get(self, attribute: str) -> str:
+        """Return the text of an attribute, empty when absent."""
+        return self.element.get(attribute) or ""
+
+    def all(self, *tags: str) -> Iterator[Item]:
+        """Yield the children of the given tags, in order."""
+        return (child for child in self.children if child.tag in tags)
+
+    def one(self, *tags: str) -> Item | None:
+        """Return the first child of the given tags."""
+        return next(self.all(*tags), None)
+
+    def use(self) -> None:
+        """Note that the element, and with it whatever holds it, shapes the model."""
+        item: Item | None = self
+        while item is not None and not item.is_used:
+            item.is_used = True
+            item = item.owner
+
+    def use_all(self) -> None:
+        """Note that the element shapes the model with everything in it."""
+        self.use()
+        for inner in self.walk():
+            inner.is_used = True
+
+    def walk(self) -> Iterator[Item]:
+        """Yield the element and all within, in document order."""
+        rest = [self]
+        while rest:
+            item = rest.pop()
+            yield item
+            rest.extend(reversed(item.children))
+
+    def within(self, kind: str) -> bool:
+        """Return whether the element stands in one of a class."""
+        owner = self.owner
+        while owner is not None and owner.kind != kind:
+            owner = owner.owner
+        return owner is not None
+
+
+class Forest:
+    """The items of all files; `findings` collects what is wrong with them as it is noticed."""
+
+    def __init__(self, documents: Sequence[Document], findings: Findings) -> None:
+        self.findings = findings
+        self.roots: list[Item] = []
+        self._kinds: dict[str, list[Item]] = {}
+        self._by_id: dict[str, Item] = {}
+        self._by_name: dict[tuple[str, str], Item] = {}
+        self._dangling: set[tuple[str, str]] = set()
+        for document in documents:
+            self._enter(document)
+        self._report_repeated()
+
+    def _enter(self, document: Document) -> None:
+        tag = str(document.root.tag).rpartition("}")[2]
+        root = Item(document.root, tag, document.name, None)
+        self.roots.append(root)
+        rest = [root]
+        while rest:
+            item = rest.pop()
+            self._index(item)
+            for element in item.element.iterchildren("{*}*"):
+                item.children.append(Item(element, str(element.tag).rpartition("}")[2], document.name, item))
+            rest.extend(reversed(item.children))
+
+    def _index(self, item: Item) -> None:
+        self._kinds.setdefault(item.kind, []).append(item)
+        if (id := item.element.get(_XMI_ID)) is not None:
+            self._by_id.setdefault(id, item)
+        if item.name:
+            kind = _ALIASES.get(item.kind, item.kind)
+            self._by_name.setdefault((item.name, kind), item)
+            if item.kind in _QUALIFIED and item.owner is not None:
+                self._by_name.setdefault((f"{item.owner.name}/{item.name}", kind), item)
+
+    def _report_repeated(self) -> None:
+        for item in self.kinds(*_UNIQUE):
+            first = self._by_name.get((item.name, _ALIASES.get(item.kind, item.kind)), item)
+            if first is item or self._by_id.get(item.get(_XMI_ID)) is item:
+                continue
+            if first.file != item.file:
+                help = "import the files of one model only"
+                self.findings.add(
+                    codes.DUPLICATE(f"is also defined at {first.at}", at=item.at, path=item.path, help=help)
+                )
+            else:
+                help = "rename one of them"
+                message = f"has the name of another, at line {first.at.line}"
+                self.findings.add(codes.REPEATED(message, at=item.at, path=item.path, help=help))
+
+    # -------------------------------------------------------------------------------------------- items
+
+    def kinds(self, *kinds: str) -> list[Item]:
+        """Return the items of some classes, class by class, in document order."""
+        return [item for kind in kinds for item in self._kinds.get(kind, ())]
+
+    def within(self, model: str, *tags: str) -> list[Item]:
+        """Return the elements of some tags directly in a model such as ``SWModel``, in document order."""
+        return [child for item in self.kinds(model) for child in item.all(*tags)]
+
+    # --------------------------------------------------------------------------------------- references
+
+    def refs(self, item: Item, feature: str) -> list[Item]:
+        """Return what a feature refers to; what cannot be found is reported once and left out."""
+        tokens = [(token, item) for token in item.get(feature).split()]
+        tokens += [(child.get("href").rpartition("#")[2], child) for child in item.all(feature) if child.get("href")]
+        found = []
+        for token, holder in tokens:
+            target = self._find(token)
+            if target is None:
+                self._report_dangling(token, feature, item, holder)
+            else:
+                found.append(target)
+        return found
+
+    def ref(self, item: Item, feature: str) -> Item | None:
+        """Return what a feature with one value refers to."""
+        return next(iter(self.refs(item, feature)), None)
+
+    def _find(self, token: str) -> Item | None:
+        if token in self._by_id:
+            return self._by_id[token]
+        if "?type=" not in token:
+            token = unquote_plus(token) if "%3Ftype%3D" in token else token
+        if token in self._by_id:
+            return self._by_id[token]
+        encoded, _, kind = token.rpartition("?type=")
+        return self._by_name.get((unquote_plus(encoded), _ALIASES.get(kind, kind)))
+
+    def _report_dangling(self, token: str, feature: str, item: Item, holder: Item) -> None:
+        if (token, feature) in self._dangling:
+            return
+        self._dangling.add((token, feature))
+        encoded, _, kind = token.rpartition("?type=")
+        name = unquote_plus(encoded)
+        known = [n for n, k in self._by_name if k == _ALIASES.get(kind, kind)]
+        otherwise = "name all files of the model, or the directory that holds them"
+        what = f'{kind} "{name}"' if encoded else quoted(token)
+        help = did_you_mean(name, known, otherwise)
+        self.findings.add(
+            codes.DANGLING(f"{feature} refers to {what}, which is not there", at=holder.at, path=item.path, help=help)
+        )
+
+    # --------------------------------------------------------------------------------------- quantities
+
+    def number(self, item: Item, attribute: str) -> Fraction | None:
+        """Return a number; None when absent. What is none, or is negative, is an error."""
+        text = item.element.get(attribute)
+        if text is None:
+            return None
+        value = parse_number(text)
+        if value is None or value < 0:
+            what = "is negative" if value is not None else "is not a number"
+            self._bad(item, f"{attribute}={quoted(text)} {what}", "write it as 12 or 1.5")
+            return None
+        return value
+
+    def _quantity(self, item: Item, units: Mapping[str, Fraction | int], default: str) -> Fraction | None:
+        """Return ``value`` times ``unit``: an absent value is 0, as APP4MC omits it, an absent unit the `default`."""
+        value = self.number(item, "value") if item.element.get("value") is not None else Fraction(0)
+        unit = item.get("unit") or default
+        if unit not in units:
+            stated = f"unit={quoted(unit)} is unknown" if unit else "has no unit"
+            self._bad(item, stated, did_you_mean(unit, units, "use one of " + ", ".join(units)))
+            return None
+        return None if value is None else value * units[unit]
+
+    def time(self, item: Item) -> Duration | None:
+        """Return a time."""
+        value = self._quantity(item, TIME_NS, "" if item.element.get("value", "0") != "0" else "ns")
+        if value is not None and value >= _TOO_LONG_NS:
+            self._bad(item, "is longer than a task model can state", "state a time below 1E30 s")
+            return None
+        return None if value is None else Duration(value)
+
+    def hertz(self, item: Item) -> Fraction | None:
+        """Return a frequency; Hz where older versions state no unit."""
+        return self._quantity(item, HERTZ, "Hz")
+
+    def size(self, item: Item) -> Fraction | None:
+        """Return a size in bytes; until 0.7.0 sizes are ``numberBits``."""
+        if item.element.get("numberBits") is not None:
+            bits = self.number(item, "numberBits")
+            return None if bits is None else bits / 8
+        return self._quantity(item, BYTES, "bit")
+
+    def rate(self, item: Item) -> Fraction | None:
+        """Return a data rate in bytes per second."""
+        return self._quantity(item, RATES, "")
+
+    def _bad(self, item: Item, message: str, help: str) -> None:
+        self.findings.add(codes.BAD_VALUE(message, at=item.at, path=item.path, help=help))
+
+    def report(self, code: Code, message: str, item: Item, help: str) -> None:
+        """Collect a finding about one item."""
+        self.findings.add(code(message, at=item.at, path=item.path, help=help))
+
+    def report_each(self, code: Code, what: str, items: Sequence[Item], help: str) -> None:
+        """Collect one finding about several items: how many, which, and where the first stands."""
+        if items:
+            names = few([item.name or item.path for item in items])
+            self.findings.add(code(f"{len(items)} {what}: {names}", at=items[0].at, help=help))

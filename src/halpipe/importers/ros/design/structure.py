@@ -1,0 +1,254 @@
+"""From a system to its node instances, and to the ports that each of their ports is connected to.
+
+A connection joins two ports, in either order: ``instance.publisher.port`` or, at the edge of a module,
+``publisher.port`` and ``subscriber.port``. ``*`` and ``^`` stand for any text, the same on both sides. Ports of modules
+hand on what they get. Connections of services are no flow of data and are left out.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+from halpipe.diagnostics import Location
+from halpipe.files import YamlList, YamlMap
+from halpipe.importers.ros import codes
+from halpipe.importers.ros.names import printable
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.importers.ros.design.entities import Catalogue, Entity
+
+PUBLISHER, SUBSCRIBER = "publisher", "subscriber"
+MOST_INSTANCES = 20_000
+_LISTS = {PUBLISHER: ("publishers", "outputs"), SUBSCRIBER: ("subscribers", "inputs")}
+_SIDES = {"publisher": PUBLISHER, "output": PUBLISHER, "subscriber": SUBSCRIBER, "input": SUBSCRIBER}
+_WILD = re.compile(r"[*^]")
+
+
+class Port(NamedTuple):
+    """A port of the instance at `path`: `side` is publisher or subscriber, as seen from the instance."""
+
+    path: str
+    side: str
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A node of the running system: its `path` in ROS, the compute unit (or none) and values of its parameters."""
+
+    path: str
+    body: YamlMap
+    unit: str
+    at: Location
+
+
+@dataclass(slots=True)
+class _Scope:
+    """A system or module while its connections are read: ports of its own and of its instances, by instance name."""
+
+    path: str
+    label: str
+    own: dict[str, dict[str, None]]
+    inner: dict[str, tuple[str, dict[str, dict[str, None]]]] = field(default_factory=dict)
+    absent: dict[str, None] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Structure:
+    """What one mode of a system consists of."""
+
+    catalogue: Catalogue
+    instances: list[Instance] = field(default_factory=list)
+    sources: dict[Port, dict[Port, None]] = field(default_factory=dict)
+    globals: dict[Port, str] = field(default_factory=dict)
+    services: int = 0
+
+    def expand(self, body: YamlMap, label: str, removed: Iterable[str] = ()) -> None:
+        """Add all that the components of a system make; connections may name the ones that a mode `removed`."""
+        scope = _Scope("", label, {PUBLISHER: {}, SUBSCRIBER: {}}, absent=dict.fromkeys(removed))
+        reader = self.catalogue.reader(body)
+        for component in reader.entries(body, "components", label):
+            name = reader.text(component, "name", label)
+            unit = reader.optional(component, "compute_unit", label) or ""
+            self._instantiate(component, name, _path_of(component, name), unit, scope, ())
+        self._connect(body, scope)
+
+    def expand_alone(self, entity: Entity) -> None:
+        """Add an entity that no system uses, under its own name."""
+        path = "/" + entity.name.rpartition(".")[0]
+        self._enter(entity, path, "", ())
+
+    # ------------------------------------------------------------------------------------------- instances
+
+    def _instantiate(
+        self, element: YamlMap, name: str, path: str, unit: str, scope: _Scope, above: tuple[str, ...]
+    ) -> None:
+        reader = self.catalogue.reader(element)
+        where = f'{scope.label} instance "{name}"'
+        wanted = reader.text(element, "entity", where)
+        if not name or not wanted:
+            return
+        if name in scope.inner:
+            text, help = "is declared again", "rename one of the two"
+            self.catalogue.findings.add(codes.DUPLICATE(text, at=self.catalogue.at(element), path=where, help=help))
+            return
+        if wanted in above:
+            reader.malformed(f'"{wanted}" contains itself', element.line_of("entity"), where)
+            return
+        entity = self.catalogue.get(wanted, Location(reader.file, element.line_of("entity")), where)
+        if entity is None:
+            scope.absent[name] = None
+            return
+        scope.inner[name] = (path, self._enter(entity, path, unit, above))
+
+    def _enter(self, entity: Entity, path: str, unit: str, above: tuple[str, ...]) -> dict[str, dict[str, None]]:
+        """Add an instance of `entity` at `path`; return the names of its ports by side."""
+        body = self.catalogue.resolve(entity, ())
+        reader = self.catalogue.reader(body)
+        label = f'entity "{entity.name}"'
+        ports: dict[str, dict[str, None]] = {}
+        for side, keys in _LISTS.items():
+            key = next((key for key in keys if key in body), keys[0])
+            ports[side] = {}
+            for port in reader.entries(body, key, label):
+                name = reader.text(port, "name", label)
+                ports[side][name] = None
+                if (everywhere := reader.optional(port, "global", label)) is not None:
+                    self.globals[Port(path, side, name)] = everywhere
+        if entity.kind == "node":
+            if len(self.instances) == MOST_INSTANCES:
+                reader.malformed(f"the system has more than {MOST_INSTANCES} nodes", body.line, label)
+            if len(self.instances) <= MOST_INSTANCES:
+                self.instances.append(Instance(path, body, unit, self.catalogue.at(body)))
+        elif entity.kind == "module" and len(self.instances) <= MOST_INSTANCES:
+            scope = _Scope(path, label, ports)
+            for element in reader.entries(body, "instances", label):
+                name = reader.text(element, "name", label)
+                self._instantiate(element, name, f"{path}/{name}", unit, scope, (*above, entity.name))
+            self._connect(body, scope)
+        return ports
+
+    # ----------------------------------------------------------------------------------------- connections
+
+    def _connect(self, body: YamlMap, scope: _Scope) -> None:
+        pairs = body.get("connections")
+        if pairs is None:
+            return
+        reader = self.catalogue.reader(body)
+        if not isinstance(pairs, YamlList):
+            reader.malformed("connections is not a list", body.line_of("connections"), scope.label)
+            return
+        for pair, line in zip(pairs, pairs.lines, strict=True):
+            ends = list(pair.values()) if isinstance(pair, YamlMap) else pair
+            if not isinstance(ends, list) or len(ends) != 2 or not all(isinstance(end, str) for end in ends):
+                reader.malformed("a connection is no pair of ports", line, scope.label)
+                continue
+            if all(_is_service(end) for end in ends):
+                self.services += 1
+            else:
+                self._join([printable(end) for end in ends], scope, Location(reader.file, line))
+
+    def _join(self, ends: list[str], scope: _Scope, at: Location) -> None:
+        found = [self._ports(end, scope, at) for end in ends]
+        if None in found:
+            return
+        joined = False
+        for (first, wild), (second, other) in product(found[0] or (), found[1] or ()):
+            if wild is not None and other is not None and wild != other:
+                continue
+            giver, taker = (first, second) if self._gives(first, scope) else (second, first)
+            if self._gives(giver, scope) and not self._gives(taker, scope):
+                self.sources.setdefault(taker, {})[giver] = None
+                joined = True
+        if not joined:
+            text = f'"{ends[0]}" and "{ends[1]}" have no ports that fit each other'
+            help = "join a publisher with a subscriber, and write wildcards that match the same on both sides"
+            self.catalogue.findings.add(codes.LOOSE_CONNECTION(text, at=at, path=scope.label, help=help))
+
+    def _gives(self, port: Port, scope: _Scope) -> bool:
+        """Return whether data comes from a port, seen from inside of `scope`."""
+        return (port.side == SUBSCRIBER) == (port.path == scope.path)
+
+    def _ports(self, end: str, scope: _Scope, at: Location) -> list[tuple[Port, str | None]] | None:
+        """Return the ports that one end means, with what its wildcard stands for; None where a file is missing."""
+        owner, side, name = _split(end)
+        if side and not owner:
+            path, ports = scope.path, scope.own
+        elif side and owner in scope.inner:
+            path, ports = scope.inner[owner]
+        elif side and owner in scope.absent:
+            return None
+        else:
+            help = did_you_mean(owner, scope.inner, "write instance.publisher.port or instance.subscriber.port")
+            text = f'"{end}" is no port of an instance'
+            self.catalogue.findings.add(codes.LOOSE_CONNECTION(text, at=at, path=scope.label, help=help))
+            return None
+        return [(Port(path, side, port), wild) for port, wild in _matching(name, ports[side])]
+
+    # ---------------------------------------------------------------------------------------------- topics
+
+    def topics(self, port: Port) -> list[str]:
+        """Return the topics that reach a subscriber's port of a node: named after the publishing ports.
+
+        A port that nothing is connected to reads a topic named after where the connections begin.
+        """
+        if port in self.globals:
+            return [self.globals[port]]
+        found: dict[str, None] = {}
+        seen, waiting = {port}, [port]
+        while waiting:
+            here = waiting.pop(0)
+            given = self.sources.get(here, {})
+            if not given:
+                found[self.topic(here)] = None
+            for giver in given:
+                if giver not in seen:
+                    seen.add(giver)
+                    waiting.append(giver)
+        return list(found)
+
+    def topic(self, port: Port) -> str:
+        """Return the name of the topic that begins at a port; what comes from outside is called an input."""
+        inner = f"{port.path}/{port.name}" if port.side == PUBLISHER else f"{port.path}/input/{port.name}"
+        return self.globals.get(port, inner)
+
+
+def _path_of(component: YamlMap, name: str) -> str:
+    """Return the ROS name of a component: its ``path``; the ``namespace`` of older files lacks the name of a node."""
+    for key in ("path", "namespace"):
+        stated = component.get(key)
+        if isinstance(stated, str) and stated.strip("/"):
+            is_node = str(component.get("entity")).endswith(".node")
+            return "/" + printable(stated.strip("/")) + (f"/{name}" if key == "namespace" and is_node else "")
+    return f"/{name}"
+
+
+def _split(end: str) -> tuple[str, str, str]:
+    """Return instance, side and port of ``instance.side.port``; the side is empty if it is none."""
+    head, _, rest = end.partition(".")
+    if head in _SIDES:
+        return "", _SIDES[head], rest
+    side, _, name = rest.partition(".")
+    return head, _SIDES.get(side, ""), name
+
+
+def _is_service(end: str) -> bool:
+    """Return whether one end of a connection is a server or a client of a service."""
+    return any(part in ("server", "client") for part in end.split(".")[:2])
+
+
+def _matching(name: str, ports: dict[str, None]) -> Iterator[tuple[str, str | None]]:
+    if not _WILD.search(name):
+        if name in ports:
+            yield name, None
+        return
+    before, after = _WILD.split(name, maxsplit=1)
+    for port in ports:
+        if port.startswith(before) and port.endswith(after) and len(port) >= len(before) + len(after):
+            yield port, port[len(before) : len(port) - len(after) if after else None]

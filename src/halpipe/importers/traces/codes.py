@@ -1,0 +1,36 @@
+"""The diagnostics of reading traces."""
+
+from __future__ import annotations
+
+from halpipe.diagnostics import error, note, warning
+
+UNKNOWN_TRACE = error(
+    "HAL1120",
+    "File is no trace",
+    "Traces are CSV with a header that has task, start and end; BTF; or JSON in the Trace Event Format.",
+)
+BROKEN_ROW = error(
+    "HAL1121",
+    "Row of a trace cannot be read",
+    "A column is missing, or a time or a number is none. Nothing is compared while rows cannot be read.",
+)
+NO_EXECUTIONS = error(
+    "HAL1122",
+    "Trace has no executions",
+    "The file is a trace, but nothing in it says that a task ran.",
+)
+ODD_SEQUENCE = warning(
+    "HAL1123",
+    "Events of a trace contradict each other",
+    "A job ends that never began, or begins twice; most often the recorder lost events. These events are left out.",
+)
+UNFINISHED = note(
+    "HAL1124",
+    "Trace ends while a job runs",
+    "Its end is not known, so only its start is compared.",
+)
+LEFT_OUT = note(
+    "HAL1125",
+    "Events of a trace are of no use for a comparison",
+    "They tell of other things than tasks, or of pieces of jobs that lie across the edge of the picture.",
+)

@@ -1,0 +1,118 @@
+"""The Trace Event Format (JSON) of Perfetto and Chrome: complete slices (``X``) on threads, which are the units.
+
+Each process is a line of time of its own. What halpipe's own traces say in the arguments of a slice (table, cycle, job)
+is used; slices that lie across the edge of the picture are left out.
+"""
+
+from __future__ import annotations
+
+import json
+from decimal import Decimal
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.durations import Duration
+from halpipe.importers.traces import codes
+from halpipe.importers.traces.numbers import SCALES_NS
+from halpipe.models import Execution, Trace
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Findings
+
+_MAX_EXPONENT = 30
+
+
+def read(text: str, file: str, findings: Findings) -> list[Trace]:
+    """Return one line of time for each process, in their order."""
+    try:
+        document = json.loads(text, parse_float=Decimal)
+    except (ValueError, RecursionError, ArithmeticError) as failure:
+        line = getattr(failure, "lineno", 1)
+        message = f"it is no JSON: {failure}"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help="record it again")) from None
+    events = document.get("traceEvents") if isinstance(document, dict) else document
+    if not isinstance(events, list):
+        raise HalpipeError(codes.UNKNOWN_TRACE("it has no list traceEvents", at=Location(file), help="record it again"))
+    return _Reader(file, findings).traces([event for event in events if isinstance(event, dict)])
+
+
+class _Reader:
+    """Collects slices by process; one job is one slice on each of its units."""
+
+    def __init__(self, file: str, findings: Findings) -> None:
+        self.file = file
+        self.findings = findings
+        self.processes: dict[Any, str] = {}
+        self.threads: dict[tuple[Any, Any], str] = {}
+        self.left_out = 0
+
+    def traces(self, events: list[dict[str, Any]]) -> list[Trace]:
+        """Return the lines of all processes."""
+        for event in events:
+            if event.get("ph") == "M":
+                self._name(event)
+        jobs: dict[Any, dict[Any, Execution]] = {}
+        for number, event in enumerate(events):
+            if event.get("ph") == "X":
+                self._slice(event, number, jobs.setdefault(_key(event.get("pid")), {}))
+        if self.left_out:
+            message = f"{self.left_out} slices lie across the edge of the picture"
+            self.findings.add(codes.LEFT_OUT(message, at=Location(self.file)))
+        return [
+            Trace(
+                name=self.processes.get(process, str(process)),
+                executions=tuple(sorted(found.values(), key=lambda execution: execution.start.ns)),
+            )
+            for process, found in jobs.items()
+        ]
+
+    def _name(self, event: dict[str, Any]) -> None:
+        arguments = event.get("args")
+        name = arguments.get("name") if isinstance(arguments, dict) else None
+        if isinstance(name, str) and event.get("name") == "process_name":
+            self.processes[_key(event.get("pid"))] = name
+        elif isinstance(name, str) and event.get("name") == "thread_name":
+            self.threads[_key(event.get("pid")), _key(event.get("tid"))] = name
+
+    def _slice(self, event: dict[str, Any], number: int, jobs: dict[Any, Execution]) -> None:
+        stated = event.get("args")
+        arguments: dict[str, Any] = stated if isinstance(stated, dict) else {}
+        if "began" in arguments or "ends" in arguments:
+            self.left_out += 1
+            return
+        start, length = _microseconds(event.get("ts")), _microseconds(event.get("dur"))
+        task = event.get("name")
+        if start is None or length is None or not isinstance(task, str) or not task:
+            message = f"event {number} has no name, ts or dur that can be read"
+            self.findings.add(codes.BROKEN_ROW(message, at=Location(self.file), help="record it again"))
+            return
+        process, thread = _key(event.get("pid")), _key(event.get("tid"))
+        unit = self.threads.get((process, thread), str(thread))
+        job, table = arguments.get("job"), arguments.get("table")
+        cycle = arguments.get("played", arguments.get("cycle"))
+        key = (task, start.ns, job, cycle)
+        units = (*jobs[key].units, unit) if key in jobs and job is not None else (unit,)
+        jobs[key if job is not None else (*key, number)] = Execution(
+            task=task,
+            units=units,
+            start=start,
+            end=start + length,
+            table=table if isinstance(table, str) else "",
+            cycle=cycle if isinstance(cycle, int) else None,
+            job=job if isinstance(job, int) else None,
+            at=Location(self.file),
+        )
+
+
+def _key(value: Any) -> Any:
+    """Return an identifier that can be looked up, whatever the JSON has."""
+    return value if isinstance(value, int | str) else str(value)
+
+
+def _microseconds(value: Any) -> Duration | None:
+    if isinstance(value, bool) or not isinstance(value, int | Decimal):
+        return None
+    if isinstance(value, Decimal) and (not value.is_finite() or abs(value.adjusted()) > _MAX_EXPONENT):
+        return None
+    return Duration(Fraction(value) * SCALES_NS["us"])

@@ -1,0 +1,32 @@
+"""Exact numbers as traces write them."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+
+from halpipe.durations import Duration
+
+_NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,15}|/[0-9]{1,18})?")
+_WHOLE = re.compile(r"-?[0-9]{1,18}")
+
+SCALES_NS: dict[str, int | Fraction] = {"ps": Fraction(1, 1000), "ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
+"""Units of time by the name that traces give them, in nanoseconds."""
+
+
+def instant(text: str, scale_ns: int | Fraction) -> Duration:
+    """Return an instant stated in units of `scale_ns`; raise ``ValueError`` if `text` is no exact number."""
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"{text[:40]!r} is no time")
+    try:
+        value = Fraction(text) if "." in text or "/" in text else int(text)
+    except ZeroDivisionError:
+        raise ValueError(f"{text[:40]!r} is no time") from None
+    return Duration(value * scale_ns)
+
+
+def whole(text: str) -> int:
+    """Return a whole number; raise ``ValueError`` if `text` is none."""
+    if not _WHOLE.fullmatch(text):
+        raise ValueError(f"{text[:40]!r} is no whole number")
+    return int(text)

@@ -1,0 +1,63 @@
+"""Tell the forms of traces apart, and read one into executions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.files import read_bytes
+from halpipe.importers.traces import codes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Trace
+
+FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """The lines of time of one file, and what to tell the user about reading it."""
+
+    traces: tuple[Trace, ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def read_traces(path: str) -> Recording:
+    """Read the trace file `path`; raise `HalpipeError` with every row that cannot be read."""
+    return parse_traces(read_bytes(path), path)
+
+
+def parse_traces(data: bytes, file: str) -> Recording:
+    """Read a trace from bytes; `file` names it in diagnostics."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as failure:
+        line = data[: failure.start].count(b"\n") + 1
+        message = f"byte {failure.start} is no UTF-8"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, line), help=FORMS)) from None
+    findings = Findings()
+    traces = _reader(text, file)(text, file, findings)
+    findings.stop_on_errors()
+    if not any(trace.executions for trace in traces):
+        help = "record the start and the end of every job"
+        raise HalpipeError(*findings.items, codes.NO_EXECUTIONS("no task runs in it", at=Location(file), help=help))
+    return Recording(tuple(trace for trace in traces if trace.executions), tuple(findings.items))
+
+
+def _reader(text: str, file: str) -> Callable[[str, str, Findings], list[Trace]]:
+    """Return the function that reads what `text` begins like."""
+    from halpipe.importers.traces import btf, events, table
+
+    first = next((line.strip() for line in text.splitlines() if line.strip()), "")
+    if first.startswith(("{", "[")):
+        return events.read
+    if first.startswith("#") or btf.is_event(first):
+        return btf.read
+    if table.is_header(first):
+        return table.read
+    shown = first if len(first) <= 60 else first[:60] + "..."
+    raise HalpipeError(codes.UNKNOWN_TRACE(f"it begins with {shown!r}", at=Location(file, 1), help=FORMS))
