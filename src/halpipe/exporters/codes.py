@@ -29,6 +29,11 @@ DOT_MISSING = error(
     "Graphviz is not installed",
     "The graph is written as DOT without any tool; drawing it as SVG needs the program `dot` of Graphviz.",
 )
+NO_IMPORT_REPORT = error(
+    "HAL0807",
+    "File is no import report",
+    "The account of an import is a JSON file that `halpipe import --report` writes.",
+)
 DOT_FAILED = error(
     "HAL0806",
     "Graphviz cannot draw the graph",

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.exporters.base import ExportOptions, specific
+from halpipe.extent import Extent
+
 if TYPE_CHECKING:
-    from halpipe.exporters.base import ExportOptions
+    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GraphOptions(ExportOptions):
+    """`cluster`: one box per mode instead of one graph of all tasks."""
+
+    cluster: bool = False
 
 
 class GraphExporter:
@@ -14,8 +25,25 @@ class GraphExporter:
 
     name = "graph"
     summary = "dependency graph (DOT): tasks, precedence windows, chains, coloured by unit"
+    extent = Extent(
+        {
+            "tasks": "boxes",
+            "versions": "lines in the boxes",
+            "precedence": "edges with their windows",
+            "chains": "coloured edges",
+            "modes": "one box each with --cluster",
+            "schedule": "colours by unit",
+        },
+        ("It is a picture and is not read back.",),
+    )
     needs_schedule = False
     suffix = ".dot"
+    keys = ("cluster",)
+
+    def options(self, common: ExportOptions, fields: Fields, base: str) -> GraphOptions:
+        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
+        cluster = fields.flag("cluster")
+        return GraphOptions(title=common.title, mode=common.mode, cluster=cluster is not None and cluster.value)
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the graph as one DOT document; see `halpipe.exporters.base.Exporter`."""
@@ -25,7 +53,7 @@ class GraphExporter:
         if options.mode:
             require_mode(options.mode, (mode.name for mode in model.modes))
         chosen = None if schedule is None else select(model, schedule, options.mode, self.name)
-        return {"": format_graph(model, chosen, options).encode()}
+        return {"": format_graph(model, chosen, specific(GraphOptions, options)).encode()}
 
 
 FORMAT = GraphExporter()

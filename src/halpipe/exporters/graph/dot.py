@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     import graphviz
 
-    from halpipe.exporters.base import ExportOptions
+    from halpipe.exporters.graph import GraphOptions
     from halpipe.models import Mode, Precedence, Schedule, Task, TaskModel, Version
 
 FONT = "Helvetica,Arial,sans-serif"
@@ -29,7 +29,7 @@ class _Part:
     versions: dict[str, tuple[Version, ...]]
 
 
-def format_graph(model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> str:
+def format_graph(model: TaskModel, schedule: Schedule | None, options: GraphOptions) -> str:
     """Return the graph of the whole model, of one mode, or of every mode in a box of its own."""
     import graphviz
 

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import os
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.exporters.base import ExportOptions, specific
+from halpipe.extent import Extent
+
 if TYPE_CHECKING:
-    from halpipe.exporters.base import ExportOptions
+    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportOptions(ExportOptions):
+    """`import_report`: the file in which the import of the model gave its account; empty: none."""
+
+    import_report: str = ""
 
 
 class ReportExporter:
@@ -14,8 +26,29 @@ class ReportExporter:
 
     name = "report"
     summary = "HTML page for people: Gantt charts, loads, chain latencies, tables of jobs and tasks"
+    extent = Extent(
+        {
+            "units": "rows of the charts, with their loads",
+            "resources": "rows of the charts, with peak and mean",
+            "tasks": "table of tasks",
+            "timing": "table of tasks",
+            "versions": "table of tasks",
+            "chains": "table of latencies against limits",
+            "modes": "one section each",
+            "schedule": "Gantt chart and table of jobs",
+            "tables": "Gantt chart and table of jobs",
+        },
+        ("It is a page for people and is not read back.",),
+    )
     needs_schedule = True
     suffix = ".html"
+    keys = ("import-report",)
+
+    def options(self, common: ExportOptions, fields: Fields, base: str) -> ReportOptions:
+        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
+        named = fields.value("import-report", str, "")
+        report = os.path.join(base, named) if named else ""
+        return ReportOptions(title=common.title, mode=common.mode, import_report=report)
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the page; see `halpipe.exporters.base.Exporter`."""
@@ -23,7 +56,7 @@ class ReportExporter:
         from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
-        return {"": format_page(model, chosen, options.title).encode()}
+        return {"": format_page(model, chosen, specific(ReportOptions, options)).encode()}
 
 
 FORMAT = ReportExporter()

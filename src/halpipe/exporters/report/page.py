@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
+from halpipe.exporters.regulator.picture import draw_bounds
+from halpipe.exporters.report.account import build_account
+from halpipe.exporters.report.chains import path_chart, worst_age, worst_reaction
 from halpipe.exporters.report.chart import (
     BASE_WIDTH,
     GRID,
@@ -23,6 +26,7 @@ from halpipe.exporters.report.chart import (
     build_chart,
     region,
 )
+from halpipe.exporters.report.modegraph import build_mode_graph
 from halpipe.exporters.report.numbers import approximate, decimal, percent
 from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.models import Anchor, Status
@@ -32,8 +36,20 @@ if TYPE_CHECKING:
     import jinja2
 
     from halpipe.durations import Duration
+    from halpipe.exporters.report import ReportOptions
+    from halpipe.exporters.report.chains import PathChart
     from halpipe.exporters.timeline import Link
-    from halpipe.models import Chain, CostTerms, ModeSchedule, Schedule, Task, TaskModel, TransitionTable, Version
+    from halpipe.models import (
+        Chain,
+        ChainLatency,
+        CostTerms,
+        ModeSchedule,
+        Schedule,
+        Task,
+        TaskModel,
+        TransitionTable,
+        Version,
+    )
 
 _TERMS = (
     ("overlap", "time in which two jobs share a unit, in ticks"),
@@ -42,6 +58,23 @@ _TERMS = (
     ("unit", "jobs on a unit that their version does not allow"),
     ("occupancy", "share of units left empty, a bonus"),
     ("timeliness", "how near jobs keep to their release, a bonus; 1 is exactly on time"),
+)
+
+GLOSSARY = (
+    ("task", "a piece of software that runs again and again; each run is a job"),
+    ("unit", "what runs jobs, one at a time: a core, or an accelerator"),
+    ("mode", "a way of working of the whole system, with its own set of tasks"),
+    ("hyperperiod", "the length of the cycle of a mode: after it, everything repeats"),
+    ("WCET", "worst-case execution time: no job of the version runs longer"),
+    ("version", "one of several ways to run a task, such as on another kind of unit or with less quality"),
+    ("slack", "the share of its period by which a start may be moved"),
+    ("resource", "what jobs share while they run, such as the memory; their shares never exceed 100 %"),
+    ("chain", "tasks that pass data on, from a sensor to an actuator"),
+    ("reaction time", "from an event that was just missed to the result that takes it into account, at worst"),
+    ("data age", "how old the data behind a result can be when the result is ready"),
+    ("transition table", "jobs that are run once between two modes, so that no rule is broken on the way"),
+    ("worst latency", "of a switch: the wait for the end of the cycle, and the transition table"),
+    ("valid", "an independent check of every rule has found no violation"),
 )
 
 
@@ -77,6 +110,7 @@ class ChainRow:
     name: str
     path: str
     gauges: tuple[Gauge, ...]
+    ways: tuple[PathChart, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,22 +173,26 @@ class TaskRow:
     versions: tuple[VersionRow, ...]
 
 
-def format_page(model: TaskModel, schedule: Schedule, title: str) -> str:
+def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) -> str:
     """Return the HTML page of a schedule that fits `model` (see `select`)."""
     context = shows_context(schedule)
     shown = {table.name for table in schedule.modes}
     return _template().render(
-        title=title or f"{model.name} schedule",
+        title=options.title or f"{model.name} schedule",
         model=model,
         schedule=schedule,
         missing=[mode.name for mode in model.modes if mode.name not in shown],
         facts=_facts(model, schedule),
+        graph=build_mode_graph(model, schedule),
+        bandwidths=list(draw_bounds(model, schedule).values()),
+        account=build_account(model, options.import_report),
         modes=[_mode(model, table, f"mode-{n}") for n, table in enumerate(schedule.modes, 1)],
         transitions=[
             _transition(model, schedule, table, f"switch-{n}", context)
             for n, table in enumerate(schedule.transitions, 1)
         ],
         tasks=_tasks(model, schedule),
+        glossary=GLOSSARY,
     )
 
 
@@ -233,7 +271,7 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
         cost="" if table.cost is None else approximate(table.cost.total),
         terms=() if table.cost is None else _terms(table.cost),
         chart=build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
-        chains=_chains(model, table),
+        chains=_chains(model, table, id),
         unit_loads=_unit_loads(table),
         resource_loads=_resource_loads(table),
         jobs=_jobs(model, table),
@@ -264,17 +302,28 @@ def _width(share: Fraction) -> str:
     return decimal(min(share, Fraction(1)) * 100, 2)
 
 
-def _chains(model: TaskModel, table: ModeSchedule) -> tuple[ChainRow, ...]:
+def _chains(model: TaskModel, table: ModeSchedule, id: str) -> tuple[ChainRow, ...]:
     chains = {chain.name: chain for chain in model.chains}
-    return tuple(_chain(chains[found.name], found.reaction, found.age) for found in table.chains)
-
-
-def _chain(chain: Chain, reaction: Duration | None, age: Duration | None) -> ChainRow:
-    gauges = (
-        _latency("reaction time", reaction, chain.max_reaction),
-        _latency("data age", age, chain.max_age),
+    return tuple(
+        _chain(model, table, chains[found.name], found, f"{id}-chain-{n}") for n, found in enumerate(table.chains, 1)
     )
-    return ChainRow(chain.name, " → ".join(chain.tasks), gauges)
+
+
+def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLatency, id: str) -> ChainRow:
+    gauges = (
+        _latency("reaction time", found.reaction, chain.max_reaction),
+        _latency("data age", found.age, chain.max_age),
+    )
+    ways = []
+    if reaction := worst_reaction(chain, table):
+        length = reaction[-1].end - reaction[0].start
+        title = f"A stimulus that comes just too late for one job of {chain.tasks[0]}: answered {length} later"
+        ways.append(path_chart(model, f"{id}-reaction", title, reaction, chain.max_reaction, missed=True))
+    if age := worst_age(chain, table):
+        length = age[-1].end - age[0].start
+        title = f"The oldest data behind a result of {chain.tasks[-1]}: {length} old"
+        ways.append(path_chart(model, f"{id}-age", title, age, chain.max_age, missed=False))
+    return ChainRow(chain.name, " → ".join(chain.tasks), gauges, tuple(ways))
 
 
 def _latency(name: str, value: Duration | None, limit: Duration | None) -> Gauge:

@@ -4,16 +4,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.exporters.base import PlainExporter
+from halpipe.extent import Extent
+
 if TYPE_CHECKING:
     from halpipe.exporters.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
-class TraceExporter:
+class TraceExporter(PlainExporter):
     """Writes the schedule as a trace: modes are processes, units are threads, jobs are slices."""
 
     name = "trace"
     summary = "Chrome/Perfetto trace (JSON): jobs as slices, precedence as flows, resources as counters"
+    extent = Extent(
+        {
+            "units": "threads",
+            "resources": "counters",
+            "precedence": "flows between slices",
+            "modes": "processes",
+            "schedule": "one slice per job and unit",
+        },
+        ("Instants that no decimal of a microsecond can state are rounded to 1 ns, and counted.",),
+    )
     needs_schedule = True
     suffix = ".json"
 

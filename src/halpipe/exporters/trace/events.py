@@ -107,7 +107,7 @@ class _TraceWriter:
         self._process(f"switch {table.source} to {table.target}")
         self._instant(f"switch from {table.source}", ZERO - window.start)
         self._instant(f"start of {table.target}", table.length - window.start)
-        self._slices(placements, window)
+        self._slices(placements, window, f"{table.source}->{table.target}")
         self._counters(placements, window)
 
     def _process(self, name: str) -> None:
@@ -124,12 +124,14 @@ class _TraceWriter:
     def _instant(self, name: str, at: Duration) -> None:
         self.events.append({"name": name, "ph": "i", "s": "p", "ts": self._us(at), "pid": self.process, "tid": 0})
 
-    def _slices(self, placements: Iterable[Placement], window: Window) -> None:
+    def _slices(self, placements: Iterable[Placement], window: Window, switch: str | None = None) -> None:
+        """Write the slices of a line; `switch` names the table between two modes, where there is one."""
         for placement in placements:
             if not window.shows(placement):
                 continue
             begin, end = max(placement.start, window.start), min(placement.end, window.end)
             ts, dur = self._span(begin - window.start, end - window.start)
+            played = placement.cycle if switch is None else _number_at_switch(placement)
             for unit in placement.job.units:
                 self.events.append(
                     {
@@ -140,7 +142,7 @@ class _TraceWriter:
                         "dur": dur,
                         "pid": self.process,
                         "tid": self.threads[unit],
-                        "args": _arguments(placement, begin, end),
+                        "args": _arguments(placement, placement.part or switch or "", played, begin, end),
                     }
                 )
 
@@ -183,10 +185,21 @@ class _TraceWriter:
         return _Number(text)
 
 
-def _arguments(placement: Placement, begin: Duration, end: Duration) -> dict[str, Any]:
-    """Return what the viewer shows for a slice; start and end are the job's own, in its mode or table."""
+def _number_at_switch(placement: Placement) -> int:
+    """Count the tables around a switch: the source's cycles -2 and -1 are 0 and 1, the table 2, the target's 0 is 3."""
+    if not placement.part:
+        return 2
+    return placement.cycle + (2 if placement.cycle < 0 else 3)
+
+
+def _arguments(placement: Placement, table: str, played: int, begin: Duration, end: Duration) -> dict[str, Any]:
+    """Return what the viewer shows for a slice; start and end are the job's own, in its mode or table.
+
+    `table` and `played`, the number of the table on this line, tell a comparison which job it is.
+    """
     job = placement.job
     args: dict[str, Any] = {"job": job.index, "version": job.version, "start": str(job.start), "end": str(job.end)}
+    args |= {"table": table, "played": played}
     if placement.part:
         args |= {"cycle": placement.cycle}
     if begin > placement.start:

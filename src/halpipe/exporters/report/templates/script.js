@@ -1,6 +1,6 @@
 "use strict";
 // Comfort only: zoom, quick tooltips, and the jobs of one task at a time. The page is complete without it.
-for (const plot of document.querySelectorAll("svg.plot")) {
+for (const plot of document.querySelectorAll("svg.plot:not(.way)")) {
   const scroll = plot.parentElement, bar = document.createElement("div");
   const levels = Number(document.body.dataset.zoomLevels);
   let level = 0;

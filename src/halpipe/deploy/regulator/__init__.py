@@ -1,0 +1,109 @@
+"""The check of regulator bundles: exact arithmetic on the tables, then simulation of the Verilog that plays them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from halpipe.deploy.base import Checked, CheckOptions, Target
+    from halpipe.deploy.regulator.reading import Tables
+    from halpipe.deploy.regulator.simulate import Played
+    from halpipe.diagnostics import Diagnostic
+
+ARITHMETIC = "arithmetic"
+
+
+class RegulatorDeployment:
+    """Checks what `halpipe export regulator` wrote; of other back-ends than the generic unit, the tables only."""
+
+    name = "regulator"
+    summary = "budgets of memory regulators: exact arithmetic, and simulation of the generic unit"
+    engines = ("auto", ARITHMETIC, "verilator", "icarus")
+
+    def check(self, target: Target, options: CheckOptions) -> Checked:
+        """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
+        from halpipe.deploy.base import Checked
+        from halpipe.deploy.regulator.arithmetic import Arithmetic
+        from halpipe.deploy.regulator.forms import check_forms
+        from halpipe.deploy.regulator.reading import read_tables
+        from halpipe.diagnostics import sort_diagnostics
+
+        _refuse_unknown(options.engine)
+        tables = read_tables(target.bundle)
+        arithmetic = Arithmetic(target, tables)
+        findings = list(arithmetic.findings())
+        if tables.backend == "table":
+            findings += check_forms(target.bundle, tables)
+        wrong = f"{len(findings)} findings" if findings else "exact"
+        text = f"{len(tables.tables)} tables of {len(tables.units)} units, {arithmetic.budgets} budgets"
+        lines = [f"arithmetic: {wrong}; {text}, {arithmetic.windows} sums against {tables.capacity_bytes} B a window"]
+        if findings and options.engine == "auto":
+            lines.append("no simulation: the tables are wrong (name an --engine to play them all the same)")
+        else:
+            found, told = _simulate(target, tables, options)
+            findings += found
+            lines += told
+        return Checked(diagnostics=tuple(sort_diagnostics(findings)), lines=tuple(lines))
+
+
+def _refuse_unknown(engine: str) -> None:
+    from halpipe.deploy.regulator.codes import NO_ENGINE
+    from halpipe.diagnostics import Exit, HalpipeError
+    from halpipe.suggest import did_you_mean
+
+    known = RegulatorDeployment.engines
+    if engine not in known:
+        help = did_you_mean(engine, known, "engines: " + ", ".join(known))
+        raise HalpipeError(NO_ENGINE(f'there is no engine "{engine}" for regulators', help=help), exit=Exit.USAGE)
+
+
+def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
+    """Play the tables where they are those of the generic unit and a simulator is there."""
+    from halpipe.deploy.regulator.simulate import choose_engine, simulate
+
+    if options.engine == ARITHMETIC:
+        return [], []
+    if tables.backend != "table":
+        return [], [f'no simulation: the back-end is "{tables.backend}", the bench has the generic unit (table)']
+    engine, told = choose_engine(options.engine)
+    if engine is None:
+        return [], [told]
+    runs = list(simulate(target.bundle, tables, engine, seed=options.seed, cycles=options.cycles))
+    findings = [found for played in runs for found in played.verdict.findings]
+    return findings, [f"simulation: {told}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
+
+
+def _unplayed(tables: Tables, runs: list[Played]) -> list[str]:
+    """Say which tables no run played to their end, because that takes longer than people want to wait."""
+    ended = {e.table for played in runs for e in played.run.expected if e.window + 1 == tables.tables[e.table].windows}
+    names = [f'"{table.name}"' for table in tables.tables if table.index not in ended]
+    return [f"  not played to the end: {', '.join(names)}; --cycles 1 plays all"] if names else []
+
+
+_COLUMNS = ("traffic", "windows", "tables", "switches", "used of granted", "largest sum", "carried over", "violations")
+
+
+def _table(tables: Tables, runs: list[Played]) -> list[str]:
+    """Return one line for each run, in columns."""
+    rows = [_COLUMNS]
+    for played in runs:
+        verdict, seen = played.verdict, {e.table for e in played.run.expected if e.running}
+        share = 100 * verdict.used // verdict.granted if verdict.granted else 100
+        rows.append(
+            (
+                played.run.traffic.name,
+                str(verdict.windows),
+                f"{len(seen)} of {len(tables.tables)}",
+                str(verdict.switches),
+                f"{share} %",
+                f"{verdict.largest_sum} of {tables.capacity_bytes} B",
+                str(verdict.carried),
+                str(len(verdict.findings)),
+            )
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(_COLUMNS))]
+    padded = ([cell.ljust(width) for cell, width in zip(row, widths, strict=True)] for row in rows)
+    return ["  " + "  ".join(cells).rstrip() for cells in padded]
+
+
+DEPLOYMENT = RegulatorDeployment()

@@ -1,0 +1,110 @@
+"""The diagnostics of the check of regulator bundles: HAL1010 to HAL1029."""
+
+from halpipe.diagnostics import error
+
+UNUSABLE_TABLES = error(
+    "HAL1010",
+    "Tables of a regulator bundle cannot be used",
+    "tables.json is missing, is no JSON, or lacks what the documented form demands; nothing else can be checked.",
+)
+OTHER_SCHEDULE = error(
+    "HAL1011",
+    "Tables belong to another schedule",
+    "tables.json (or a form of it) states the hash of a schedule or model that is not the one in the bundle.",
+)
+WRONG_FACTS = error(
+    "HAL1012",
+    "Derived figures of the tables are wrong",
+    "The length of a window, the bytes promised in it or its capacity do not follow from clock, window and bandwidth; "
+    "the capacity is more than the bus can carry; or two units share a manager.",
+)
+UNREGULATED_UNIT = error(
+    "HAL1013",
+    "Unit uses the memory without a regulator",
+    "Jobs of the schedule have access phases on the regulated resource on a unit for which there are no tables.",
+)
+WRONG_TABLE = error(
+    "HAL1014",
+    "Tables do not fit the modes and switches of the schedule",
+    "A mode or a switch has no table, has it twice, or its table is not as long as the hyperperiod or the switch.",
+)
+WRONG_SUCCESSOR = error(
+    "HAL1015",
+    "Table is followed by the wrong one",
+    "A mode is followed by itself until software requests a switch; a switch by the mode that it leads to.",
+)
+WRONG_SWITCH = error(
+    "HAL1016",
+    "Switch requests the wrong table",
+    "To switch, software requests the table of the transition, or of the new mode where the transition needs none.",
+)
+WRONG_BUDGET = error(
+    "HAL1017",
+    "Budget of a window is not the one promised",
+    "With whole bursts, each window has for every unit and direction the bytes promised in it, rounded up to bursts.",
+)
+NOT_KEPT_UP = error(
+    "HAL1018",
+    "Budgets run behind or ahead of the promise",
+    "At the end of every window the bursts granted so far must be the promised volume, rounded down or up: then no "
+    "unit is ever a whole burst behind, and a phase of whole bursts is served exactly.",
+)
+OVER_CAPACITY = error(
+    "HAL1019",
+    "Budgets of a window exceed the capacity",
+    "The budgets of all units in one window, with the overshoot of the back-end, are more than the memory guarantees.",
+)
+UNSAFE_DEFAULT = error(
+    "HAL1020",
+    "Default budgets are not safe",
+    "The budgets that hold before the tables are played must fit the capacity together and let every unit that is "
+    "used make progress, one burst at least.",
+)
+FORMS_DIFFER = error(
+    "HAL1021",
+    "Forms of the tables differ",
+    "The memory images, the binary and the C header must say what tables.json says, entry by entry.",
+)
+TOO_DEEP = error(
+    "HAL1022",
+    "Tables do not fit the unit's memory",
+    "A unit has more entries, with the terminator, than its table memory, or there are more than 255 tables.",
+)
+NO_ENGINE = error(
+    "HAL1023",
+    "Simulator is not installed",
+    "The engine that was asked for is a program that this machine lacks.",
+)
+ENGINE_FAILED = error(
+    "HAL1024",
+    "Simulator failed",
+    "The simulator did not accept the Verilog of the bundle, or did not come to its end.",
+)
+SPENT_TOO_MUCH = error(
+    "HAL1025",
+    "Unit got more than its budget in simulation",
+    "The monitor behind the regulator counted more bytes in a window than its budget; a burst that was shown before "
+    "the window began and taken in it is charged to both, and is accepted.",
+)
+GOT_TOO_LITTLE = error(
+    "HAL1026",
+    "Unit got less than its budget in simulation",
+    "A master that always asks must get the whole budget of every window.",
+)
+SHARED_TOO_MUCH = error(
+    "HAL1027",
+    "Units together got more than the capacity in simulation",
+    "The bytes that all units got in one window are more than the memory guarantees.",
+)
+PLAYED_WRONG = error(
+    "HAL1028",
+    "Wrong table or window in simulation",
+    "At every end of a table the units must go, all together, to the table requested in time, otherwise to the "
+    "successor; and a table must not be left before its end.",
+)
+BROKE_PROTOCOL = error(
+    "HAL1029",
+    "Regulator broke a rule of the bus in simulation",
+    "A burst was shown and withdrawn or changed, passed on one side only, data was shown before its address, or a "
+    "register did not hold what it should.",
+)

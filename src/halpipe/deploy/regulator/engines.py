@@ -1,0 +1,186 @@
+"""The programs that play the regulator: Verilator where it is installed, Icarus Verilog as the second choice.
+
+A bench that Verilator has compiled is kept in the user's cache, by the hash of everything it was made of, so that the
+next check of a bundle with as many units starts at once.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import ENGINE_FAILED
+from halpipe.diagnostics import HalpipeError
+from halpipe.files import sha256
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+
+TOP = "bench"
+BUILD_SECONDS = 600
+RUN_SECONDS = 1800
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """What an engine compiles: Verilog files by name, what only Verilator and only Icarus need, and parameters."""
+
+    sources: Mapping[str, bytes]
+    for_verilator: Mapping[str, bytes]
+    for_icarus: Mapping[str, bytes]
+    parameters: Mapping[str, int]
+
+    def digest(self, engine: str, *tools: str) -> str:
+        """Return a name for what `engine` makes of this design with `tools`."""
+        extra = self.for_verilator if engine == "verilator" else self.for_icarus
+        parts = [engine, os.uname().machine, *tools, *(f"{name}={self.parameters[name]}" for name in self.parameters)]
+        for name, content in sorted({**self.sources, **extra}.items()):
+            parts += [name, sha256(content)]
+        return sha256("\n".join(parts).encode())
+
+
+@dataclass(frozen=True, slots=True)
+class Player:
+    """A compiled bench: the command that runs it, in a folder that holds the files it reads."""
+
+    command: tuple[str, ...]
+    folder: str = ""
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+    def run(self, folder: str, *arguments: str) -> None:
+        """Run the bench in `folder`; raise `HalpipeError` when it does not come to its end."""
+        _call([*self.command, *arguments], folder, RUN_SECONDS)
+
+
+class Verilator:
+    """Compiles the design to a native program: millions of cycles a second, after a build of some seconds."""
+
+    name = "verilator"
+
+    def missing(self) -> str:
+        """Return why this engine cannot be used here, empty if it can."""
+        lacking = [tool for tool in ("verilator", "g++", "make") if shutil.which(tool) is None]
+        return f"{', '.join(lacking)} not installed" if lacking else ""
+
+    def build(self, design: Design, folder: str) -> Player:
+        """Compile, or take what an earlier check compiled."""
+        versions = [_version([tool, "--version"]) for tool in ("verilator", "g++")]
+        name = design.digest(self.name, *versions)
+        kept = _cache()
+        if kept is not None and _is_ours(kept / name):
+            return Player((str(kept / name),))
+        program = _verilate(design, folder)
+        if kept is None:
+            return Player((str(program),))
+        return Player((str(_keep(program, kept / name)),))
+
+
+class Icarus:
+    """Interprets the design: starts at once, some ten thousand cycles a second."""
+
+    name = "icarus"
+
+    def missing(self) -> str:
+        """Return why this engine cannot be used here, empty if it can."""
+        lacking = [tool for tool in ("iverilog", "vvp") if shutil.which(tool) is None]
+        return f"{', '.join(lacking)} not installed" if lacking else ""
+
+    def build(self, design: Design, folder: str) -> Player:
+        """Compile to the interpreter's form."""
+        names = _write(folder, {**design.sources, **design.for_icarus})
+        sources = [name for name in names if name.endswith(".v")]
+        parameters = [f"-P{_ICARUS_TOP}.{name}={value}" for name, value in design.parameters.items()]
+        command = ["iverilog", "-g2005-sv", "-s", _ICARUS_TOP, *parameters, "-o", "bench.vvp", *sources]
+        _call(command, folder, BUILD_SECONDS)
+        return Player(("vvp", "-n", os.path.join(folder, "bench.vvp")))
+
+
+_ICARUS_TOP = "clocked"
+Engine = Verilator | Icarus
+ENGINES = (Verilator(), Icarus())
+
+
+def _verilate(design: Design, folder: str) -> Path:
+    names = _write(folder, {**design.sources, **design.for_verilator})
+    parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
+    flags = ["--cc", "--exe", "--build", "-j", "1", "-O3", "--x-assign", "fast", "--noassert", "-CFLAGS", "-O2"]
+    quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
+    _call(["verilator", *flags, *quiet, *parameters, *names], folder, BUILD_SECONDS)
+    return Path(folder, "made", TOP)
+
+
+def _write(folder: str, contents: Mapping[str, bytes]) -> list[str]:
+    for name, content in contents.items():
+        Path(folder, name).write_bytes(content)
+    return [name for name in sorted(contents) if not name.endswith(".h")]
+
+
+def _version(command: Sequence[str]) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+
+
+def _call(command: Sequence[str], folder: str, seconds: int) -> None:
+    """Run a tool; its own last words are the message when it fails."""
+    tool = os.path.basename(command[0])
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=seconds, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as failure:
+        reason = f"took more than {seconds} s" if isinstance(failure, subprocess.TimeoutExpired) else str(failure)
+        raise HalpipeError(_failed(f"{tool}: {reason}")) from None
+    if done.returncode != 0:
+        said = [line.strip() for line in (done.stderr + done.stdout).splitlines() if line.strip()]
+        telling = [line for line in said if "rror" in line] or said
+        raise HalpipeError(_failed(f"{tool} ended with {done.returncode}: {' | '.join(telling[:3])[:400]}"))
+
+
+# ------------------------------------------------------------------------------------------------ cache
+
+
+def _cache() -> Path | None:
+    """Return the folder of compiled benches, None where the user's cache cannot hold one that only they can write."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(home, "halpipe", "regulator")
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return folder if _is_private(folder) else None
+    except OSError:
+        return None
+
+
+def _is_private(path: Path) -> bool:
+    facts = path.lstat()
+    return facts.st_uid == os.getuid() and not facts.st_mode & 0o022
+
+
+def _is_ours(program: Path) -> bool:
+    """Return whether a kept program is there and nobody else could have put it there."""
+    try:
+        return program.is_file() and not program.is_symlink() and _is_private(program) and os.access(program, os.X_OK)
+    except OSError:
+        return False
+
+
+def _keep(program: Path, place: Path) -> Path:
+    """Move a compiled bench into the cache in one step; another check may be doing the same."""
+    try:
+        with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as stream:
+            stream.write(program.read_bytes())
+        os.chmod(stream.name, 0o700)
+        os.replace(stream.name, place)
+    except OSError:
+        return program
+    return place
+
+
+def _failed(message: str) -> Diagnostic:
+    help = "look at the message of the tool; --engine arithmetic checks without simulation, another --engine may work"
+    return ENGINE_FAILED(message, help=help)

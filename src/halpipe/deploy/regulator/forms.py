@@ -1,0 +1,200 @@
+"""Holds the forms that hardware and software load - memory images, binary, C header - against tables.json."""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import FORMS_DIFFER, OTHER_SCHEDULE, TOO_DEEP
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.regulator.reading import Tables, Unit
+    from halpipe.diagnostics import Diagnostic
+
+FOLDER = "table"
+BINARY = f"{FOLDER}/bw_tables.bin"
+HEADER = f"{FOLDER}/bw_tables.h"
+_AGAIN = "export the bundle again; the forms of one bundle are made from one object"
+TERMINATOR = "ffffffff0000000000000000"
+
+
+def image_names(unit: Unit) -> tuple[str, str]:
+    """Return the names of a unit's memory images: its entries and its headers."""
+    return f"{FOLDER}/unit{unit.index}.tab.memh", f"{FOLDER}/unit{unit.index}.hdr.memh"
+
+
+def check_forms(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
+    """Yield every form that is missing or says something else."""
+    names = [name for unit in tables.units for name in image_names(unit)]
+    missing = [name for name in (*names, BINARY, HEADER) if name not in bundle.files]
+    for name in missing:
+        yield FORMS_DIFFER("is missing", at=bundle.at(name), help=_AGAIN)
+    for unit in tables.units:
+        entry_name, header_name = image_names(unit)
+        if entry_name not in missing:
+            yield from _lines(bundle, entry_name, [*entry_words(tables, unit), TERMINATOR])
+            yield from _depth(bundle, entry_name, tables, unit)
+        if header_name not in missing:
+            yield from _lines(bundle, header_name, header_words(tables, unit))
+    if BINARY not in missing:
+        yield from _binary(bundle, tables)
+    if HEADER not in missing:
+        yield from _c_header(bundle, tables)
+
+
+def entry_words(tables: Tables, unit: Unit) -> list[str]:
+    """Return the entries of a unit as words of 96 bits, all tables one after the other."""
+    return [f"{e.window:08x}{e.read:08x}{e.write:08x}" for table in tables.tables for e in table.entries[unit.name]]
+
+
+def header_words(tables: Tables, unit: Unit) -> list[str]:
+    """Return the headers of a unit as words of 64 bits: successor, base, windows."""
+    words, base = [], 0
+    for table in tables.tables:
+        words.append(f"{table.successor:02x}{base:06x}{table.windows:08x}")
+        base += len(table.entries[unit.name])
+    return words
+
+
+def _lines(bundle: Bundle, name: str, expected: Sequence[str]) -> Iterator[Diagnostic]:
+    found = bundle.files[name].decode("latin-1").splitlines()
+    for number, (have, want) in enumerate(zip(found, expected, strict=False), 1):
+        if have != want:
+            text = f'is "{have[:40]}", tables.json gives {want}'
+            yield FORMS_DIFFER(text, at=bundle.at(name, number), help=_AGAIN)
+    if len(found) != len(expected):
+        text = f"has {len(found)} lines, tables.json gives {len(expected)}"
+        yield FORMS_DIFFER(text, at=bundle.at(name), help=_AGAIN)
+
+
+def _depth(bundle: Bundle, name: str, tables: Tables, unit: Unit) -> Iterator[Diagnostic]:
+    entries, depth = len(entry_words(tables, unit)) + 1, tables.platform.table_depth
+    if entries > depth:
+        text = f"{entries} entries with the terminator, the unit's table has {depth}"
+        help = "use a longer window, quantise the schedule (halpipe schedule --quantise), or build a deeper table"
+        yield TOO_DEEP(text, at=bundle.at(name), path=f'unit "{unit.name}"', help=help)
+
+
+# ------------------------------------------------------------------------------------------------ binary
+
+
+def _binary(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
+    """Compare field by field; the hash of the schedule and the checksum have messages of their own."""
+    data = bundle.files[BINARY]
+    at = bundle.at(BINARY)
+    body, stated = data[:-4], data[-4:]
+    if stated != struct.pack("<I", zlib.crc32(body)):
+        text = f"its CRC-32 is {zlib.crc32(body):08x}, it states {stated[::-1].hex()}"
+        yield FORMS_DIFFER(text, at=at, help=_AGAIN)
+    if body[28:60].hex() != tables.schedule_sha256:
+        text = f"is of the schedule {body[28:60].hex()[:16]}..., tables.json of {tables.schedule_sha256[:16]}..."
+        yield OTHER_SCHEDULE(text, at=at, help=_AGAIN)
+    offset = 0
+    for what, value in _fields(tables):
+        have = body[offset : offset + len(value)]
+        if have != value and what != "schedule":
+            text = f"{what} at byte {offset} is {have.hex() or 'missing'}, tables.json gives {value.hex()}"
+            yield FORMS_DIFFER(text, at=at, help=_AGAIN)
+        offset += len(value)
+    if len(body) != offset:
+        yield FORMS_DIFFER(f"has {len(body)} bytes before its CRC, tables.json gives {offset}", at=at, help=_AGAIN)
+
+
+def _fields(tables: Tables) -> Iterator[tuple[str, bytes]]:
+    """Yield the fields of the binary in order, little-endian, each with its name."""
+    platform = tables.platform
+    yield "magic", b"HBWT"
+    yield "version and counts", struct.pack("<HHHH", 1, len(tables.units), len(tables.tables), 0)
+    for name, value in (
+        ("window_cycles", platform.window_cycles),
+        ("clock_hz", platform.clock_hz),
+        ("burst_bytes", platform.burst_bytes),
+        ("capacity_bytes", tables.capacity_bytes),
+    ):
+        yield name, struct.pack("<I", value)
+    yield "schedule", tables.schedule_sha256.encode()[:64].ljust(64)[:32]
+    for unit in tables.units:
+        count = len(entry_words(tables, unit))
+        values = (unit.manager, unit.default["read"], unit.default["write"], count)
+        yield f'unit "{unit.name}"', struct.pack("<4I", *values)
+    for unit in tables.units:
+        for table, word in zip(tables.tables, header_words(tables, unit), strict=True):
+            yield f'unit "{unit.name}", table "{table.name}"', struct.pack("<2I", int(word[8:], 16), int(word[:8], 16))
+    for unit in tables.units:
+        for word in entry_words(tables, unit):
+            budgets = [int(word[at : at + 8], 16) for at in (0, 8, 16)]
+            yield f'an entry of unit "{unit.name}"', struct.pack("<3I", *budgets)
+
+
+# ------------------------------------------------------------------------------------------------ C header
+
+_DEFINE = re.compile(r'^#define\s+(BW_\w+)\s+"?([0-9a-f]+)u?"?\s*$', re.MULTILINE)
+_ARRAY = re.compile(r"\b(bw_\w+)\s*\[[^\]]*\]\s*=\s*\{(.*?)\}\s*;", re.DOTALL)
+_WORD = re.compile(r'"([^"]*)"|\b(\d+)u?\b|\b(bw_\w+)\b')
+
+
+def _c_header(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
+    """Compare every definition and every initialiser."""
+    text = re.sub(r"/\*.*?\*/", "", bundle.files[HEADER].decode("latin-1"), flags=re.DOTALL)
+    at = bundle.at(HEADER)
+    defined = dict(_DEFINE.findall(text))
+    for name, value in _definitions(tables).items():
+        if defined.get(name) != value:
+            code = OTHER_SCHEDULE if name.endswith("SHA256") else FORMS_DIFFER
+            yield code(f"{name} is {defined.get(name, 'missing')}, tables.json gives {value}", at=at, help=_AGAIN)
+    named = sorted(int(value) for name, value in defined.items() if name.startswith("BW_TABLE_"))
+    if named != list(range(len(tables.tables))):
+        text_ = f"names tables {', '.join(map(str, named)) or 'none'}; tables.json has 0 to {len(tables.tables) - 1}"
+        yield FORMS_DIFFER(text_, at=at, help=_AGAIN)
+    arrays = {name: ["".join(word) for word in _WORD.findall(body)] for name, body in _ARRAY.findall(text)}
+    for name, words in _initialisers(tables).items():
+        have = arrays.get(name)
+        if have != words:
+            where = _difference(have, words)
+            yield FORMS_DIFFER(f"{name} is not what tables.json gives: {where}", at=at, help=_AGAIN)
+
+
+def _definitions(tables: Tables) -> dict[str, str]:
+    platform = tables.platform
+    return {
+        "BW_WINDOW_CYCLES": str(platform.window_cycles),
+        "BW_CLOCK_HZ": str(platform.clock_hz),
+        "BW_BURST_BYTES": str(platform.burst_bytes),
+        "BW_CAPACITY_BYTES": str(tables.capacity_bytes),
+        "BW_UNITS": str(len(tables.units)),
+        "BW_TABLES": str(len(tables.tables)),
+        "BW_SCHEDULE_SHA256": tables.schedule_sha256,
+    }
+
+
+def _initialisers(tables: Tables) -> dict[str, list[str]]:
+    """Return the words that the initialiser of every array must have, in order."""
+    arrays: dict[str, list[str]] = {"bw_units": []}
+    for unit in tables.units:
+        n = str(unit.index)
+        words = entry_words(tables, unit)
+        numbers = [str(int(word[k : k + 8], 16)) for word in words for k in (0, 8, 16)]
+        headers = [(int(w[8:], 16), int(w[:2], 16), int(w[2:8], 16)) for w in header_words(tables, unit)]
+        arrays[f"bw_entries_{n}"] = numbers
+        arrays[f"bw_tables_{n}"] = [str(value) for header in headers for value in header]
+        facts = (unit.manager, unit.default["read"], unit.default["write"], len(words))
+        arrays["bw_units"] += [unit.name, *map(str, facts), f"bw_tables_{n}", f"bw_entries_{n}"]
+    if tables.switches:
+        modes = {table.mode: table.index for table in tables.tables if not table.is_transition}
+        triples = [(modes.get(s.source, -1), modes.get(s.target, -1), s.request) for s in tables.switches]
+        arrays["bw_switches"] = [str(value) for triple in triples for value in triple]
+    return arrays
+
+
+def _difference(have: list[str] | None, want: list[str]) -> str:
+    if have is None:
+        return "it is missing"
+    for place, (a, b) in enumerate(zip(have, want, strict=False)):
+        if a != b:
+            return f"value {place} is {a}, it must be {b}"
+    return f"it has {len(have)} values, it must have {len(want)}"

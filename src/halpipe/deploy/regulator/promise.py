@@ -1,0 +1,190 @@
+"""What a schedule promises every unit and direction in every window, computed from model and schedule alone, exactly.
+
+Times are nanoseconds as ``Fraction``. A row is a pair of unit and direction; its rate at an instant is the sum of the
+bounds of its access phases in force, each shared equally by the units of a gang (paper, section IV).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from math import ceil, floor, lcm
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.deploy.regulator.reading import Platform
+    from halpipe.models import Job, ModeSchedule, TaskModel, TransitionTable
+
+Row = tuple[str, str]
+ZERO = Fraction(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """One access of one job on one row: in force on [start, end), with this share of the resource."""
+
+    row: Row
+    start: Fraction
+    end: Fraction
+    share: Fraction
+
+    def moved(self, by: Fraction) -> Phase:
+        """Return the phase `by` later."""
+        return Phase(self.row, self.start + by, self.end + by, self.share)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """The phases of a table of `span` nanoseconds; on a circle what passes the end comes in again at 0."""
+
+    span: Fraction
+    phases: tuple[Phase, ...]
+    circular: bool
+
+    def by_row(self) -> dict[Row, list[Phase]]:
+        """Return the phases of every row that has any."""
+        rows: dict[Row, list[Phase]] = {}
+        for phase in self.phases:
+            rows.setdefault(phase.row, []).append(phase)
+        return rows
+
+
+def phases_of(model: TaskModel, platform: Platform, jobs: Iterable[Job]) -> Iterator[Phase]:
+    """Yield the access phases of `jobs` on the regulated resource, at the times of the jobs' own table."""
+    for job in jobs:
+        start = job.start.fraction
+        for access in model.task(job.task).version(job.version).accesses:
+            if access.resource != platform.resource:
+                continue
+            kind = access.kind.value if access.kind is not None else platform.unspecified
+            direction = "write" if kind == "write" else "read"
+            share = Fraction(access.bound) / len(job.units)
+            for unit in job.units:
+                yield Phase((unit, direction), start + access.start.fraction, start + access.end.fraction, share)
+
+
+def mode_timeline(model: TaskModel, platform: Platform, mode: ModeSchedule) -> Timeline:
+    """Return the circle of a mode."""
+    span = mode.hyperperiod.fraction
+    phases = (phase.moved(-(phase.start // span) * span) for phase in phases_of(model, platform, mode.jobs))
+    return Timeline(span, tuple(phases), circular=True)
+
+
+def transition_timeline(
+    model: TaskModel, platform: Platform, source: ModeSchedule, table: TransitionTable, target: ModeSchedule
+) -> tuple[Timeline, int]:
+    """Return the line of a switch, and how many cycles of the new mode it covers.
+
+    0 is the end of the old mode's last hyperperiod. Jobs of the old mode run to their end; from `length` on the new
+    mode's jobs are started, and what would be wrapped into its first cycle was never started. The table goes on until
+    the new mode's own table has at least what the line has, on every row at every instant.
+    """
+    length, period = table.length.fraction, target.hyperperiod.fraction
+    leaving = list(_before(phases_of(model, platform, source.jobs), source.hyperperiod.fraction, ZERO))
+    early = [*leaving, *phases_of(model, platform, table.jobs)]
+    entering = list(phases_of(model, platform, target.jobs))
+    absent = [phase.moved(length) for phase in _before(entering, period, ZERO)]
+    cycles = max(0, ceil((_last_excess(early, absent, length) - length) / period))
+    later = [p.moved(length + n * period) for n in range(cycles) for p in entering]
+    span = length + cycles * period
+    return Timeline(span, tuple(p for p in (*early, *later) if p.start < span), circular=False), cycles
+
+
+def _before(phases: Iterable[Phase], period: Fraction, instant: Fraction) -> Iterator[Phase]:
+    """Yield the phases of jobs of earlier cycles that are still in force after `instant`, whole."""
+    for phase in phases:
+        earlier = phase.moved(-period)
+        while earlier.end > instant:
+            yield earlier
+            earlier = earlier.moved(-period)
+
+
+def _last_excess(more: Iterable[Phase], less: Iterable[Phase], origin: Fraction) -> Fraction:
+    """Return the end of the last interval after `origin` in which a row has a higher rate in `more` than in `less`."""
+    steps: dict[Row, dict[Fraction, Fraction]] = {}
+    for phases, sign in ((more, 1), (less, -1)):
+        for phase in phases:
+            if phase.end > origin:
+                row = steps.setdefault(phase.row, {})
+                for instant, change in ((max(phase.start, origin), phase.share), (phase.end, -phase.share)):
+                    row[instant] = row.get(instant, ZERO) + sign * change
+    last = origin
+    for row in steps.values():
+        rate, instants = ZERO, sorted(row)
+        for begin, end in pairwise(instants):
+            rate += row[begin]
+            if rate > 0:
+                last = max(last, end)
+    return last
+
+
+# ------------------------------------------------------------------------------------------------ windows
+
+
+def windows_of(timeline: Timeline, platform: Platform) -> Fraction:
+    """Return the number of windows of a table; a fraction where they do not fit."""
+    return timeline.span / platform.window_ns
+
+
+def whole_bursts(timeline: Timeline, platform: Platform, phases: Iterable[Phase], windows: int) -> list[int]:
+    """Return the bursts of every window of a row when the promise of each window is rounded up to whole bursts."""
+    volumes, scale = promised_bursts(timeline, platform, phases, windows)
+    return [-(-(after - before) // scale) for before, after in pairwise(volumes)]
+
+
+def promised_bursts(
+    timeline: Timeline, platform: Platform, phases: Iterable[Phase], windows: int
+) -> tuple[list[int], int]:
+    """Return the volume promised to a row up to the end of every window, as integers over one common denominator.
+
+    Numerator by numerator: ``volume[k] / denominator`` bursts are promised in [0, k windows).
+    """
+    width = platform.window_ns
+    per_window = platform.promise_bytes / platform.burst_bytes
+    steps: dict[int, Fraction] = {}  # change of the volume of a whole window
+    parts: dict[int, Fraction] = {}  # volume beside that, in windows that a phase touches in part
+
+    def note(volumes: dict[int, Fraction], window: int, volume: Fraction) -> None:
+        volumes[window] = volumes.get(window, ZERO) + volume
+
+    for begin, end, share in _inside(timeline, phases):
+        volume = share * per_window
+        first, last = begin / width, end / width
+        whole_from, whole_to = ceil(first), floor(last)
+        if whole_from > whole_to:  # inside one window
+            note(parts, whole_to, (last - first) * volume)
+            continue
+        if first < whole_from:
+            note(parts, whole_from - 1, (whole_from - first) * volume)
+        if last > whole_to:
+            note(parts, whole_to, (last - whole_to) * volume)
+        note(steps, whole_from, volume)
+        note(steps, whole_to, -volume)
+    scale = lcm(*(value.denominator for value in (*steps.values(), *parts.values())))
+    level, total, volumes = 0, 0, [0]
+    for window in range(windows):
+        if window in steps:
+            level += int(steps[window] * scale)
+        total += level + (int(parts[window] * scale) if window in parts else 0)
+        volumes.append(total)
+    return volumes, scale
+
+
+def _inside(timeline: Timeline, phases: Iterable[Phase]) -> Iterator[tuple[Fraction, Fraction, Fraction]]:
+    """Yield the parts of phases as they lie in [0, span)."""
+    span = timeline.span
+    for phase in phases:
+        if not timeline.circular:
+            begin, end = max(phase.start, ZERO), min(phase.end, span)
+            if begin < end:
+                yield begin, end, phase.share
+            continue
+        begin = phase.start
+        while begin < phase.end:
+            turn = floor(begin / span) * span
+            end = min(phase.end, turn + span)
+            yield begin - turn, end - turn, phase.share
+            begin = end

@@ -1,0 +1,295 @@
+"""Reads tables.json, the table object of a regulator bundle, and refuses what is not in its documented form."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
+from halpipe.diagnostics import HalpipeError
+from halpipe.quantities import parse_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from halpipe.bundles import Bundle
+
+TABLES = "tables.json"
+DIRECTIONS = ("read", "write")
+MAX_WORD = 2**32 - 1
+MAX_WINDOWS = 2**22
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Platform:
+    """The facts that every figure follows from; bandwidths in bytes per second, exact."""
+
+    name: str
+    resource: str
+    clock_hz: int
+    bus_bytes: int
+    burst_bytes: int
+    window_cycles: int
+    guaranteed: Fraction
+    capacity: Fraction
+    unspecified: str
+    table_depth: int
+
+    @property
+    def window_ns(self) -> Fraction:
+        """The length of a window in nanoseconds, exact."""
+        return Fraction(self.window_cycles * 10**9, self.clock_hz)
+
+    @property
+    def promise_bytes(self) -> Fraction:
+        """What a bound of 1 promises in one window, in bytes."""
+        return self.guaranteed * self.window_cycles / self.clock_hz
+
+    @property
+    def capacity_bytes(self) -> int:
+        """What all units together may get in one window, in whole bytes."""
+        return int(self.capacity * self.window_cycles / self.clock_hz)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unit:
+    """A regulated unit: its place in the files, its bus manager, default budgets and reserve by direction."""
+
+    index: int
+    name: str
+    manager: int
+    default: Mapping[str, int]
+    overshoot: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Budgets in bytes from a window on, until the next entry."""
+
+    window: int
+    read: int
+    write: int
+
+    def budget(self, direction: str) -> int:
+        """Return the budget of one direction."""
+        return self.read if direction == "read" else self.write
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """The budgets of a mode's hyperperiod, or of a switch from `source` to `mode`."""
+
+    index: int
+    name: str
+    mode: str
+    source: str
+    windows: int
+    successor: int
+    rounding: str
+    cycles: int
+    length_ns: Fraction
+    entries: Mapping[str, tuple[Entry, ...]]
+
+    @property
+    def is_transition(self) -> bool:
+        """Whether this is the table of a switch."""
+        return bool(self.source)
+
+    def budgets(self, unit: str, direction: str) -> list[int]:
+        """Return the budget of every window."""
+        entries = self.entries[unit]
+        ends = [*(entry.window for entry in entries[1:]), self.windows]
+        return [
+            e.budget(direction) for e, end in zip(entries, ends, strict=True) for _ in range(end - e.window)
+        ]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """Which table software requests to go from one mode to another."""
+
+    source: str
+    target: str
+    request: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tables:
+    """The table object; what is derived stands beside the facts as it was stated."""
+
+    backend: str
+    schedule_sha256: str
+    model_sha256: str
+    platform: Platform
+    window_ns: Fraction
+    promise_bytes: Fraction
+    capacity_bytes: int
+    units: tuple[Unit, ...]
+    tables: tuple[Table, ...]
+    switches: tuple[Switch, ...]
+
+    def rows(self) -> Iterator[tuple[Unit, str]]:
+        """Yield every unit with each direction."""
+        for unit in self.units:
+            for direction in DIRECTIONS:
+                yield unit, direction
+
+    def is_used(self, unit: Unit, direction: str) -> bool:
+        """Return whether a row has a budget in any table."""
+        return any(entry.budget(direction) for table in self.tables for entry in table.entries[unit.name])
+
+
+def read_tables(bundle: Bundle) -> Tables:
+    """Return the table object of a bundle; raise `HalpipeError` where it is not in its form."""
+    if TABLES not in bundle.files:
+        raise HalpipeError(UNUSABLE_TABLES("is not in the bundle", at=bundle.at(TABLES), help=_HELP))
+    try:
+        data = json.loads(bundle.files[TABLES], parse_float=str, parse_constant=str)
+        return _tables(_Object(data, "the file"))
+    except (ValueError, RecursionError) as failure:
+        raise HalpipeError(UNUSABLE_TABLES(str(failure), at=bundle.at(TABLES), help=_HELP)) from None
+
+
+_HELP = "export the bundle again with `halpipe export regulator`"
+
+
+def _tables(root: _Object) -> Tables:
+    if root.whole("halpipe-regulator", 1) != 1:
+        raise ValueError('"halpipe-regulator" must be 1, the version of this form')
+    platform = _platform(root.member("platform"))
+    units = [_unit(item) for item in root.members("units")]
+    names = [unit.name for unit in units]
+    if not units or len(set(names)) != len(names) or [unit.index for unit in units] != list(range(len(units))):
+        raise ValueError("units must be there, be different, and be in the order of their index, from 0 on")
+    tables = [_table(item, names, platform.burst_bytes) for item in root.members("tables")]
+    if not tables or [table.index for table in tables] != list(range(len(tables))):
+        raise ValueError("tables must be there, in the order of their index, from 0 on")
+    return Tables(
+        backend=root.text("backend"),
+        schedule_sha256=root.text("schedule_sha256"),
+        model_sha256=root.text("model_sha256"),
+        platform=platform,
+        window_ns=root.number("window_ns"),
+        promise_bytes=root.number("promise_bytes"),
+        capacity_bytes=root.whole("capacity_bytes"),
+        units=tuple(units),
+        tables=tuple(tables),
+        switches=tuple(Switch(s.text("from"), s.text("to"), s.whole("request")) for s in root.members("switches")),
+    )
+
+
+def _platform(data: _Object) -> Platform:
+    unspecified = data.text("unspecified")
+    if unspecified not in DIRECTIONS:
+        raise ValueError(f'platform: "unspecified" is {unspecified!r}, neither read nor write')
+    return Platform(
+        name=data.text("name"),
+        resource=data.text("resource"),
+        clock_hz=data.whole("clock_hz", 1),
+        bus_bytes=data.whole("bus_bytes", 1),
+        burst_bytes=data.whole("burst_bytes", 1),
+        window_cycles=data.whole("window_cycles", 1),
+        guaranteed=data.number("guaranteed"),
+        capacity=data.number("capacity"),
+        unspecified=unspecified,
+        table_depth=data.whole("table_depth", 1),
+    )
+
+
+def _unit(data: _Object) -> Unit:
+    default, overshoot = data.member("default"), data.member("overshoot")
+    return Unit(
+        index=data.whole("index"),
+        name=data.text("unit"),
+        manager=data.whole("manager"),
+        default={direction: default.whole(direction) for direction in DIRECTIONS},
+        overshoot={direction: overshoot.whole(direction) for direction in DIRECTIONS},
+    )
+
+
+def _table(data: _Object, units: list[str], burst: int) -> Table:
+    kind, name, rounding = data.text("kind"), data.text("name"), data.text("rounding")
+    if kind not in ("mode", "transition") or rounding not in ("whole", "controlled"):
+        raise ValueError(f"{data.path} has the kind {kind!r} and the rounding {rounding!r}")
+    moves = kind == "transition"
+    windows = data.whole("windows", 1)
+    if windows > MAX_WINDOWS:
+        raise ValueError(f'table "{name}" has {windows} windows; more than {MAX_WINDOWS} are not checked')
+    entries = data.member("entries")
+    if sorted(entries.names()) != sorted(units):
+        raise ValueError(f'table "{name}" must have entries for every unit and no other')
+    return Table(
+        index=data.whole("index"),
+        name=name,
+        mode=data.text("to" if moves else "mode"),
+        source=data.text("from") if moves else "",
+        windows=windows,
+        successor=data.whole("successor"),
+        rounding=rounding,
+        cycles=data.whole("cycles") if moves else 0,
+        length_ns=data.number("length_ns") if moves else Fraction(0),
+        entries={unit: _entries(entries.members(unit), f'"{name}", unit "{unit}"', windows, burst) for unit in units},
+    )
+
+
+def _entries(items: list[_Object], path: str, windows: int, burst: int) -> tuple[Entry, ...]:
+    entries = tuple(Entry(e.whole("window"), e.whole("read_bytes"), e.whole("write_bytes")) for e in items)
+    starts = [entry.window for entry in entries]
+    if starts[:1] != [0] or starts != sorted(set(starts)) or starts[-1] >= windows:
+        raise ValueError(f"{path}: entries must begin with window 0, ascend, and stay below {windows}")
+    for item, entry in zip(items, entries, strict=True):
+        for direction in DIRECTIONS:
+            if item.whole(f"{direction}_bursts") * burst != entry.budget(direction):
+                raise ValueError(f"{path}, window {entry.window}: {direction} bursts of {burst} B are not its bytes")
+    return entries
+
+
+class _Object:
+    """A JSON object whose members are asked for by name and type."""
+
+    def __init__(self, data: Any, path: str) -> None:
+        if not isinstance(data, dict):
+            raise ValueError(f"{path} must be an object")
+        self.path = path.removeprefix("the file, ")
+        self._data = data
+
+    def member(self, name: str) -> _Object:
+        return _Object(self.get(name), f"{self.path}, {name}")
+
+    def members(self, name: str) -> list[_Object]:
+        return [_Object(item, f"{self.path}, {name} {n}") for n, item in enumerate(self.list(name))]
+
+    def names(self) -> list[str]:
+        return list(self._data)
+
+    def get(self, name: str) -> Any:
+        if name not in self._data:
+            raise ValueError(f'{self.path} lacks "{name}"')
+        return self._data[name]
+
+    def list(self, name: str) -> list[Any]:
+        value = self.get(name)
+        if not isinstance(value, list):
+            raise ValueError(f'{self.path}: "{name}" must be a list')
+        return value
+
+    def text(self, name: str) -> str:
+        value = self.get(name)
+        if not isinstance(value, str):
+            raise ValueError(f'{self.path}: "{name}" must be a text')
+        return value
+
+    def whole(self, name: str, least: int = 0) -> int:
+        value = self.get(name)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= MAX_WORD:
+            raise ValueError(f'{self.path}: "{name}" must be a whole number from {least} to {MAX_WORD}')
+        return value
+
+    def number(self, name: str) -> Fraction:
+        value = self.get(name)
+        try:
+            return parse_rational(value if isinstance(value, str) else str(int(value)))
+        except (ValueError, TypeError):
+            raise ValueError(f'{self.path}: "{name}" must be a number such as 12, "0.5" or "1/3"') from None

@@ -1,0 +1,121 @@
+"""Plays the tables of a bundle on its own Verilog, between masters that ask for all they can get."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator import stimuli
+from halpipe.deploy.regulator.codes import NO_ENGINE
+from halpipe.deploy.regulator.engines import ENGINES, Design
+from halpipe.deploy.regulator.forms import FOLDER, image_names
+from halpipe.deploy.regulator.observe import judge
+from halpipe.diagnostics import HalpipeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.regulator.engines import Engine, Player
+    from halpipe.deploy.regulator.observe import Verdict
+    from halpipe.deploy.regulator.reading import Tables
+    from halpipe.deploy.regulator.stimuli import Run
+
+BENCH = files("halpipe.deploy.regulator") / "bench"
+CYCLES = {"verilator": (60_000_000, 5_000_000), "icarus": (200_000, 40_000)}
+"""Cycles of the greedy run and of each other, if the user does not say how many hyperperiods: some ten seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A run that was simulated, and what is to be said of it."""
+
+    run: Run
+    verdict: Verdict
+
+
+def choose_engine(wanted: str) -> tuple[Engine | None, str]:
+    """Return the engine to use, and in words which one and why not another; raise `HalpipeError` if it is missing."""
+    reasons: list[str] = []
+    for engine in ENGINES:
+        if wanted in ("auto", engine.name):
+            missing = engine.missing()
+            if not missing:
+                return engine, "; ".join([f"engine {engine.name}", *reasons])
+            reasons.append(f"{engine.name}: {missing}")
+    if wanted != "auto":
+        help = f"install it (Debian: apt-get install {wanted.replace('icarus', 'iverilog')}), or use --engine auto"
+        raise HalpipeError(NO_ENGINE("; ".join(reasons), help=help))
+    return None, "no simulation: " + "; ".join(reasons)
+
+
+def design_of(bundle: Bundle, tables: Tables) -> Design:
+    """Return the bench with the Verilog of the bundle, as large as its tables need, in steps of powers of two."""
+    prefix = f"{FOLDER}/rtl/"
+    sources = {name.removeprefix(prefix): data for name, data in bundle.files.items() if name.startswith(prefix)}
+    sources = {name.replace("/", "_"): data for name, data in sources.items() if name.endswith((".v", ".sv"))}
+    bench = {path.name: path.read_bytes() for path in BENCH.iterdir() if path.name.endswith((".v", ".cpp"))}
+    clocks = {"clocked.v", "clocked.cpp"}
+    units = len(tables.units)
+    entries = max(sum(len(t.entries[unit.name]) for t in tables.tables) + 1 for unit in tables.units)
+    return Design(
+        sources={**sources, **{name: data for name, data in bench.items() if name not in clocks}},
+        for_verilator={"clocked.cpp": bench["clocked.cpp"]},
+        for_icarus={"clocked.v": bench["clocked.v"]},
+        parameters={
+            "UNITS": units,
+            "DEPTH": max(1024, _power_of_two(entries)),
+            "TABLES": max(16, _power_of_two(len(tables.tables))),
+            "FIRST": stimuli.first_window(units),
+        },
+    )
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << (least - 1).bit_length()
+
+
+def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycles: int) -> Iterator[Played]:
+    """Build the bench and yield each run with its verdict; raise `HalpipeError` when the simulator fails.
+
+    With `cycles`, every mode is played that often before it is left, and all switches are made in every run; without,
+    as much as fits into the cycles that the engine simulates in a short time.
+    """
+    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+        player = engine.build(design_of(bundle, tables), folder)
+        for number, traffic in enumerate(stimuli.TRAFFIC):
+            share = CYCLES[engine.name][min(number, 1)]
+            windows = 2**31 if cycles else max(4, share // tables.platform.window_cycles)
+            run = stimuli.plan(tables, traffic, seed, windows=windows, repeats=cycles or 1)
+            yield Played(run, judge(tables, run, play(bundle, tables, player, run), bundle.at(FOLDER)))
+
+
+def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
+    """Simulate one run in a folder of its own and return the trace."""
+    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+        place = Path(folder)
+        for unit in tables.units:
+            for name in image_names(unit):
+                content = b"" if run.traffic.by_software else bundle.files.get(name, b"")
+                (place / Path(name).name).write_bytes(content)
+        (place / "script.txt").write_bytes(stimuli.format_script(run.script))
+        player.run(folder, *_arguments(tables, run))
+        return (place / "trace.txt").read_bytes()
+
+
+def _arguments(tables: Tables, run: Run) -> list[str]:
+    platform = tables.platform
+    kinds = "".join(f"{kind:02x}" for kind in reversed(run.kinds))
+    settings = {
+        "cycles": platform.window_cycles,
+        "windows": len(run.expected),
+        "seed": run.seed % 2**32,
+        "latency": run.traffic.latency,
+        "depth": run.traffic.depth,
+        "longest": min(256, max(1, platform.burst_bytes // platform.bus_bytes)),
+        "size": platform.bus_bytes.bit_length() - 1,
+    }
+    return [*(f"+{name}={value}" for name, value in settings.items()), f"+kinds={kinds}"]

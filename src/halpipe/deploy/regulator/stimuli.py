@@ -1,0 +1,290 @@
+"""What the masters and the software of the bench do in a simulation: drawn from a seed, written down as a script.
+
+Nothing is drawn but from SHA-256 of the seed, so that a run can be repeated on any machine.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.reading import DIRECTIONS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.deploy.regulator.reading import Tables
+
+GREEDY = 1
+LENGTHS, GAPS, CLUSTERS = 2, 4, 8
+FRAME_ID, FRAME_GO, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x018, 0x01C
+UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE = 0x010, 0x014, 0x018
+UNIT_HEADERS, UNIT_ENTRIES = 0x800, 0x1000
+NOT_RUNNING = 2**32 - 1
+MIN_CYCLES = 8
+"""A window that is shorter leaves no room to draw instants in."""
+
+
+def unit_address(index: int, offset: int) -> int:
+    """Return the address of a register of a unit: 1 MiB for each, after that of the windows."""
+    return ((1 + index) << 20) | offset
+
+
+def first_window(units: int) -> int:
+    """Return the cycle in which the first window begins that counts; the defaults are written before it."""
+    return 64 + 4 * units
+
+
+class Draw:
+    """Numbers that follow from a seed and a purpose."""
+
+    def __init__(self, *purpose: object) -> None:
+        self._key = " ".join(map(str, purpose)).encode()
+        self._count = 0
+
+    def below(self, limit: int) -> int:
+        """Return a number in [0, limit)."""
+        self._count += 1
+        digest = hashlib.sha256(self._key + b" %d" % self._count).digest()
+        return int.from_bytes(digest[:8], "big") % limit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Traffic:
+    """How the masters of a run behave; of the memory, its queues' depth and its latency in cycles."""
+
+    name: str
+    greedy: bool = False
+    flags: int = 0
+    mixed: bool = False
+    depth: int = 64
+    latency: int = 20
+    by_software: bool = False
+    """Whether the tables are written through the registers instead of being in the memory images."""
+
+    def kinds(self, tables: Tables, draw: Draw) -> list[int]:
+        """Return for every unit what its reader (low half) and its writer (high half) do."""
+        kinds = []
+        for _ in tables.units:
+            halves = [GREEDY | (draw.below(8) << 1 if self.mixed else self.flags) for _ in DIRECTIONS]
+            if self.mixed and draw.below(4) == 0:
+                halves[draw.below(2)] = 0
+            kinds.append(halves[0] | halves[1] << 4)
+        return kinds
+
+
+TRAFFIC = (
+    Traffic(name="greedy", greedy=True),
+    Traffic(name="random lengths and gaps", flags=LENGTHS | GAPS, by_software=True),
+    Traffic(name="clusters, shallow queues", flags=LENGTHS | CLUSTERS, depth=2, latency=45),
+    Traffic(name="greedy, shallow queues", flags=0, depth=1, latency=3, by_software=True),
+    Traffic(name="each master different", mixed=True, depth=8),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expected:
+    """What a window must be: the table played and its window, or none while the defaults hold."""
+
+    table: int
+    window: int
+
+    @property
+    def running(self) -> bool:
+        """Whether a table is played."""
+        return self.window != NOT_RUNNING
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One simulation: the script of the software, what the masters do, and which window of which table is expected."""
+
+    traffic: Traffic
+    seed: int
+    kinds: tuple[int, ...]
+    script: tuple[tuple[int, str, int, int], ...]
+    expected: tuple[Expected, ...]
+    reads: tuple[tuple[int, int, int], ...]
+    """(cycle, address, value) of what the software must read."""
+
+    @property
+    def switches(self) -> int:
+        """How often another table begins."""
+        return sum(a.running and b.running and a.table != b.table for a, b in pairwise(self.expected))
+
+
+def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: int = 1) -> Run:
+    """Return a run of at most `windows` windows that visits all switches, each at a drawn instant, as far as it gets.
+
+    Every mode is played `repeats` times before it is left. A quarter of the requests come too late for the end of the
+    table that they aim at, a quarter replace one made before.
+    """
+    draw = Draw(seed, traffic.name)
+    writer = _Software(tables, draw)
+    writer.start(by_software=traffic.by_software)
+    writer.tour(windows, repeats)
+    script, reads = writer.script(windows)
+    return Run(
+        traffic=traffic,
+        seed=seed,
+        kinds=tuple(traffic.kinds(tables, draw)),
+        script=tuple(script),
+        expected=tuple(writer.expected[:windows]),
+        reads=tuple(reads),
+    )
+
+
+class _Software:
+    """Makes the script, and follows what the regulators must make of it."""
+
+    def __init__(self, tables: Tables, draw: Draw) -> None:
+        self._tables, self._draw = tables, draw
+        self._cycles = tables.platform.window_cycles
+        self._first = first_window(len(tables.units))
+        self._orders: dict[int, tuple[str, int, int]] = {}
+        self._reads: list[tuple[int, int, int]] = []
+        self.expected: list[Expected] = []
+
+    def start(self, *, by_software: bool) -> None:
+        """Set up as firmware does: the window, the defaults, the tables where they are not in the images; then GO."""
+        cycle = self._write(0, FRAME_CYCLES, self._cycles)
+        for unit in self._tables.units:
+            cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_READ), unit.default["read"])
+            cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"])
+        self._read(cycle, FRAME_ID, 0x48425746)
+        self._read(cycle + 1, unit_address(0, FRAME_ID), 0x48425754)
+        cycle += 2
+        if by_software:
+            cycle = self._load(cycle)
+        cycle = max(cycle, self._first + self._draw.below(2 * self._cycles))
+        self._write(cycle, FRAME_GO, 1)
+        waiting = (cycle - self._first) // self._cycles + 1 if cycle >= self._first else 0
+        if cycle == self._tick(waiting):  # written in the last cycle of a window: one window later
+            waiting += 1
+        self.expected = [Expected(table=0, window=NOT_RUNNING)] * waiting
+
+    def _load(self, cycle: int) -> int:
+        for unit in self._tables.units:
+            index = 0
+            for number, table in enumerate(self._tables.tables):
+                at = unit_address(unit.index, UNIT_HEADERS + 8 * number)
+                cycle = self._write(cycle, at, table.windows)
+                cycle = self._write(cycle, at + 4, table.successor << 24 | index)
+                for entry in table.entries[unit.name]:
+                    at = unit_address(unit.index, UNIT_ENTRIES + 16 * index)
+                    cycle = self._write(cycle, at, entry.write)
+                    cycle = self._write(cycle, at + 4, entry.read)
+                    cycle = self._write(cycle, at + 8, entry.window)
+                    index += 1
+            at = unit_address(unit.index, UNIT_ENTRIES + 16 * index)
+            cycle = self._write(cycle, at + 8, NOT_RUNNING)
+        return cycle
+
+    def tour(self, windows: int, repeats: int) -> None:
+        """Go through the modes until every mode was played and every switch made, or the windows are used up.
+
+        From a mode that leads nowhere new the regulators are stopped, and started in another one.
+        """
+        made: set[tuple[str, str]] = set()
+        left = {table.mode for table in self._tables.tables if not table.is_transition}
+        mode = self._tables.tables[0].mode
+        while len(self.expected) < windows:
+            left.discard(mode)
+            path = self._path(mode, made)
+            if path:
+                request = next(s.request for s in self._tables.switches if (s.source, s.target) == path)
+                self._play(self._mode_table(mode), repeats, request)
+                if self._tables.tables[request].is_transition:
+                    self._play(request, 1)
+                made.add(path)
+                mode = path[1]
+                continue
+            self._play(self._mode_table(mode), max(repeats, 2))
+            rest = sorted({s.source for s in self._tables.switches if (s.source, s.target) not in made} | left)
+            if not rest or self._cycles < MIN_CYCLES:
+                return
+            self._restart(self._mode_table(mode), self._mode_table(rest[0]))
+            mode = rest[0]
+
+    def _restart(self, table: int, begin: int) -> None:
+        """Stop in the first window of `table`; one window later go on with the first of `begin`."""
+        start = self._tick(len(self.expected)) + 1
+        self._write(start + self._draw.below(self._cycles - 2), FRAME_GO, 0)
+        self._write(start + self._cycles, FRAME_REQUEST, begin)
+        self._write(start + self._cycles + 1 + self._draw.below(self._cycles - 2), FRAME_GO, 1)
+        self.expected += [Expected(table=table, window=0), Expected(table=0, window=NOT_RUNNING)]
+
+    def _path(self, mode: str, made: set[tuple[str, str]]) -> tuple[str, str] | None:
+        """Return the next switch on the shortest way to one that was not made yet; drawn among equals."""
+        leads: dict[str, list[str]] = {}
+        for switch in self._tables.switches:
+            leads.setdefault(switch.source, []).append(switch.target)
+        reached: list[tuple[str, tuple[str, str] | None]] = [(mode, None)]
+        seen = {mode}
+        for place, first in reached:
+            fresh = [target for target in leads.get(place, []) if (place, target) not in made]
+            if fresh:
+                step = (place, fresh[self._draw.below(len(fresh))])
+                return first or step
+            for target in leads.get(place, []):
+                if target not in seen:
+                    seen.add(target)
+                    reached.append((target, first or (place, target)))
+        return None
+
+    def _mode_table(self, mode: str) -> int:
+        return next(t.index for t in self._tables.tables if t.mode == mode and not t.is_transition)
+
+    def _play(self, table: int, times: int, request: int | None = None) -> None:
+        """Play a table some times; in the last of them a request is made, in time or too late."""
+        length = self._tables.tables[table].windows
+        for _ in range(times):
+            self._append(table, length)
+        if request is None:
+            return
+        end = self._tick(len(self.expected))
+        last = self._tick(len(self.expected) - length) + 1
+        middle = last + (end - 2 - last) // 2
+        fate = self._draw.below(4) if middle > last else 2
+        if fate == 0:
+            self._write(end - self._draw.below(2), FRAME_REQUEST, request)  # too late: once more
+            self._append(table, length)
+        elif fate == 2:
+            self._write(end - 2, FRAME_REQUEST, request)  # just in time
+        else:
+            if fate == 1:
+                self._write(last + self._draw.below(middle - last), FRAME_REQUEST, table)  # thought better of
+            self._write(middle + self._draw.below(end - 2 - middle), FRAME_REQUEST, request)
+
+    def _append(self, table: int, length: int) -> None:
+        self.expected += [Expected(table=table, window=window) for window in range(length)]
+
+    def _tick(self, window: int) -> int:
+        """Return the last cycle before a window begins."""
+        return self._first + window * self._cycles - 1
+
+    def _write(self, cycle: int, address: int, value: int) -> int:
+        assert cycle not in self._orders
+        self._orders[cycle] = ("w", address, value)
+        return cycle + 1
+
+    def script(self, windows: int) -> tuple[list[tuple[int, str, int, int]], list[tuple[int, int, int]]]:
+        """Return the orders by cycle, with looks at registers between them, and what these must show."""
+        for _ in range(200):
+            number = self._draw.below(min(windows, len(self.expected)))
+            cycle = self._first + number * self._cycles + self._draw.below(self._cycles)
+            unit = self._draw.below(len(self._tables.units))
+            self._read(cycle, unit_address(unit, UNIT_WINDOW), self.expected[number].window)
+        return [(cycle, *self._orders[cycle]) for cycle in sorted(self._orders)], sorted(self._reads)
+
+    def _read(self, cycle: int, address: int, value: int) -> None:
+        if cycle not in self._orders:
+            self._orders[cycle] = ("r", address, 0)
+            self._reads.append((cycle, address, value))
+
+
+def format_script(script: Sequence[tuple[int, str, int, int]]) -> bytes:
+    """Return a script as the bench reads it."""
+    return "".join(f"{cycle} {order} {address:x} {value:x}\n" for cycle, order, address, value in script).encode()

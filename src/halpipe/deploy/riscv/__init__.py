@@ -1,0 +1,48 @@
+"""RISC-V bundles on a simulated board: co-simulation, and the check against the schedule."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from shutil import which
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv.cosimulation import CoSimulation, Run
+from halpipe.deploy.riscv.plant import Board, Plant
+
+if TYPE_CHECKING:
+    from halpipe.deploy.base import Checked, CheckOptions, Target
+
+
+class RiscvDeployment:
+    """Plays a bundle on emulated cores and holds what is seen against its schedule."""
+
+    name = "riscv"
+    summary = "co-simulation of a RISC-V bundle: every start, end, transfer and fault against the schedule"
+    engines = ("cosim", "qemu")
+
+    def check(self, target: Target, options: CheckOptions) -> Checked:
+        """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""
+        from halpipe.deploy.riscv import check
+
+        engine = self._best(target) if options.engine == "auto" else options.engine
+        if engine == "cosim":
+            return check.check_by_simulation(target, options)
+        if engine == "qemu":
+            from halpipe.deploy.riscv.qemu import check_by_qemu
+
+            return check_by_qemu(target, options)
+        raise check.unknown_engine(options.engine, ("auto", *self.engines))
+
+    def _best(self, target: Target) -> str:
+        """Return the co-simulation, and QEMU only where it alone is installed and can play the bundle."""
+        from halpipe.deploy.riscv.qemu import EMULATOR
+        from halpipe.deploy.riscv.target import read_site
+
+        if find_spec("unicorn") is None and read_site(target.bundle).qemu and which(EMULATOR):
+            return "qemu"
+        return "cosim"
+
+
+DEPLOYMENT = RiscvDeployment()
+
+__all__ = ["DEPLOYMENT", "Board", "CoSimulation", "Plant", "Run"]

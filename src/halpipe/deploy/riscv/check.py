@@ -1,0 +1,152 @@
+"""The check of a RISC-V bundle: play every mode and every transition, compare, and say what was measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.base import Checked
+from halpipe.deploy.riscv import codes, conditions
+from halpipe.deploy.riscv.comparison import Comparison
+from halpipe.deploy.riscv.cosimulation import CoSimulation
+from halpipe.deploy.riscv.expectation import Expectation
+from halpipe.deploy.riscv.sequence import Played, played_tables, tables_named, tours, transition_name
+from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.diagnostics import Findings, HalpipeError, sort_diagnostics
+from halpipe.durations import ZERO, Duration, milliseconds, seconds
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.deploy.base import CheckOptions, Target
+    from halpipe.deploy.riscv.comparison import Seen
+    from halpipe.deploy.riscv.cosimulation import Run
+    from halpipe.deploy.riscv.sequence import Tour
+    from halpipe.deploy.riscv.target import Site
+    from halpipe.diagnostics import Diagnostic
+
+CYCLES = 2
+"""Hyperperiods of every mode, unless told otherwise: the second has what wraps round the end of the first."""
+
+OPERATION = 200
+"""Instructions that the management core may need for one operation."""
+
+COINCIDING = 8
+"""Operations of one unit that may be waiting at one tick; more lateness than they cost is never allowed."""
+
+MARGIN = milliseconds(10)
+"""After the end of the last table."""
+
+
+def tolerance_of(site: Site) -> Duration:
+    """Return the lateness that is allowed: the greatest that the export computed for any table, and what comes on top.
+
+    On top come one tick, by which every instant is known, and the operation itself, whose effect is what is seen. The
+    phases of the schedule were held to the stated lateness; it is believed only up to a bound of our own.
+    """
+    operation = seconds(Fraction(OPERATION, site.clock))
+    stated = max((table.lateness for table in site.tables), default=ZERO)
+    allowed = min(stated, operation * (COINCIDING * len(site.units))) + operation + site.tick
+    return site.tick * math.ceil(allowed / site.tick)
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What playing one tour gave: the tables, every job with what was seen of it, and the findings."""
+
+    run: Run
+    tables: Sequence[Played]
+    jobs: list[Seen]
+    findings: list[Diagnostic]
+
+
+@dataclass(slots=True)
+class Totals:
+    """What all tours of a check gave together."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+
+    @property
+    def findings(self) -> tuple[Diagnostic, ...]:
+        """All findings, each once."""
+        return tuple(sort_diagnostics(d for outcome in self.outcomes for d in outcome.findings))
+
+
+def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
+    """Play a bundle in the co-simulation and hold it against its schedule."""
+    totals = Totals()
+    for tour in tours(target.schedule, options.cycles or CYCLES):
+        totals.outcomes.append(simulate(target, tour, execution=options.execution))
+    site = totals.outcomes[0].run.site
+    lines = summary_lines(target, totals.outcomes, tolerance_of(site))
+    if not any(found.is_error for found in totals.findings):
+        lines = (*lines, f"{target.bundle.path}: every start, end and transfer is as scheduled")
+    traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
+    return Checked(diagnostics=totals.findings, lines=lines, files=traces)
+
+
+def simulate(target: Target, tour: Tour, *, execution: str = "real", bandwidth: int | None = None) -> Outcome:
+    """Play one tour in the co-simulation and compare it with its plan."""
+    simulation = CoSimulation(
+        target,
+        requests=[(request.instant, request.mode) for request in tour.requests],
+        cycles=tour.tables,
+        first=tour.first,
+        execution=execution,
+        bandwidth=bandwidth,
+    )
+    refuse_disagreement(target, simulation.site)
+    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, simulation.site.tick)
+    longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
+    run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
+    return judge(target, simulation, run, expected)
+
+
+def judge(target: Target, simulation: CoSimulation, run: Run, expected: Sequence[Played]) -> Outcome:
+    """Compare a run that has ended with what had to be played."""
+    tolerance = tolerance_of(run.site)
+    findings = Findings()
+    findings.extend(conditions.is_over(run))
+    findings.extend(conditions.is_confined(run))
+    findings.extend(conditions.plays(run, expected, tolerance))
+    # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
+    played = tables_named(target.schedule, [table.name for table in run.tables])
+    expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
+    jobs = expectation.jobs(played)
+    findings.extend(expectation.findings.items)
+    findings.stop_on_errors() if expectation.findings.has_errors else None
+    comparison = Comparison(run, jobs, tolerance)
+    findings.extend(comparison.findings.items)
+    findings.extend(conditions.tells_the_truth(run))
+    return Outcome(run, played, comparison.jobs, findings.items)
+
+
+def refuse_disagreement(target: Target, site: Site) -> None:
+    """Raise `HalpipeError` unless target.json has the tables and the units of the schedule."""
+    findings = Findings()
+    modes = [(mode.name, mode.hyperperiod) for mode in target.schedule.modes]
+    modes += [(transition_name(t.source, t.target), t.length) for t in target.schedule.transitions]
+    stated = [(table.name, site.tick * table.length) for table in site.tables]
+    at = target.bundle.at("target.json")
+    if stated != modes:
+        message = f"its tables are {_listed(stated)}; those of the schedule are {_listed(modes)}"
+        findings.add(codes.BROKEN_TARGET(message, at=at, path="tables", help="export the bundle again"))
+    used = {unit for mode in target.schedule.modes for job in mode.jobs for unit in job.units}
+    used |= {unit for table in target.schedule.transitions for job in table.jobs for unit in job.units}
+    for unit in sorted(used - {unit.name for unit in site.units}):
+        message = f'has no unit "{unit}", on which jobs are scheduled'
+        findings.add(codes.BROKEN_TARGET(message, at=at, path="units", help="export the bundle again"))
+    findings.stop_on_errors()
+
+
+def _listed(tables: Sequence[tuple[str, Duration]]) -> str:
+    return ", ".join(f"{name} ({length})" for name, length in tables[:8]) + (", ..." if len(tables) > 8 else "")
+
+
+def unknown_engine(name: str, known: Sequence[str]) -> HalpipeError:
+    """Make the error for an engine that there is none of."""
+    help = did_you_mean(name, known, "choose one of " + ", ".join(known))
+    return HalpipeError(codes.BAD_REQUEST(f'there is no engine "{name}"', help=help))

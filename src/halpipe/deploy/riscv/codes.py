@@ -1,0 +1,114 @@
+"""Diagnostics of the check of RISC-V bundles (HAL1030-HAL1059)."""
+
+from __future__ import annotations
+
+from halpipe.diagnostics import error, note
+
+BROKEN_TARGET = error(
+    "HAL1030",
+    "Description of the target is unusable",
+    "target.json says where everything of the bundle lies. A value is missing, of the wrong kind, out of its range, or "
+    "does not agree with the schedule or with the programs in the bundle.",
+)
+BROKEN_PROGRAM = error(
+    "HAL1031",
+    "Program of the bundle is unusable",
+    "A program is no RISC-V ELF for 64 bits, or its parts do not lie in the memories of the target.",
+)
+ENGINE_ABSENT = error(
+    "HAL1032",
+    "Engine is not installed",
+    "The co-simulation needs the package unicorn, the QEMU engine the program qemu-system-riscv64.",
+)
+ENGINE_UNFIT = error(
+    "HAL1033",
+    "Engine cannot play this bundle",
+    "QEMU has no machine for the profile, or the program that was started did not do its work.",
+)
+NOT_FINISHED = error(
+    "HAL1034",
+    "Run did not come to its end",
+    "A core did not start, the management core trapped, or it still slept after the last table should have been over.",
+)
+WRONG_INSTANT = error(
+    "HAL1035",
+    "Job starts at another instant than scheduled",
+    "A core entered the function of a job earlier or later than the schedule says. Lateness up to the tolerance that "
+    "is stated with the result is the time which the management core needs.",
+)
+OVERRUN = error(
+    "HAL1036",
+    "Job takes longer than scheduled",
+    "The function of a job did not return before the instant at which its execution ends in the schedule.",
+)
+MISSING_JOB = error(
+    "HAL1037",
+    "Scheduled job was not executed",
+    "No core entered the function of the job in any of the time that belongs to it.",
+)
+FOREIGN_JOB = error(
+    "HAL1038",
+    "Executed job is not scheduled",
+    "A core entered the function of a job that the schedule does not have there: another one, or once too often.",
+)
+MISSING_TRANSFER = error(
+    "HAL1039",
+    "Scheduled transfer did not happen",
+    "The bytes that a load, read or write phase has to move were not moved.",
+)
+FOREIGN_TRANSFER = error(
+    "HAL1040",
+    "Transfer is not scheduled",
+    "Bytes were moved from where, to where or in an amount that no load, read or write phase of the model has.",
+)
+TRANSFER_OUTSIDE_PHASE = error(
+    "HAL1041",
+    "Transfer is not within its phase",
+    "A transfer began before its phase or was not complete at its end. The DMA engine is slower than the load and the "
+    "transfers were planned for, or the operation table says another instant.",
+)
+TRANSFERS_TOGETHER = error(
+    "HAL1042",
+    "Transfers are not mutually exclusive",
+    "Two transfers on one resource overlapped, or one touched the scratchpads of a core that was executing a job.",
+)
+FAULT = error(
+    "HAL1043",
+    "Job left its scratchpads",
+    "A core trapped: the job accessed memory that is not its own, or executed what is no instruction. The runtime "
+    "abandons such a job and records it.",
+)
+OPEN_CORE = error(
+    "HAL1044",
+    "Core is not confined to its scratchpads",
+    "The physical memory protection that the core armed leaves more than its own scratchpads, its timer and its "
+    "software interrupt, or none was armed at all. On the board nothing would stop a job from disturbing the others.",
+)
+WRONG_DATA = error(
+    "HAL1045",
+    "Data did not arrive",
+    "When a job began, its code or an input was not what had been loaded or read; or somebody changed a buffer between "
+    "the phase that wrote it and the phase that reads it.",
+)
+WRONG_TABLE = error(
+    "HAL1046",
+    "Tables are not played in the right order",
+    "After the requests that were made the runtime has to play the tables of the modes and of the transitions between "
+    "them in one order only, each for its length.",
+)
+TRACE_DISAGREES = error(
+    "HAL1047",
+    "Trace of the runtime is not what was seen",
+    "The runtime records in memory what it does. That record is the only one on a board, so it has to agree with what "
+    "the simulator saw.",
+)
+NOT_JUDGED = note(
+    "HAL1048",
+    "Engine does not judge everything",
+    "QEMU gives all cores one clock, so that execution times say nothing; transfers take no time there.",
+)
+BAD_REQUEST = error(
+    "HAL1049",
+    "Simulation is asked for what the schedule does not have",
+    "A mode that is requested or begun with is no mode of the schedule, or a value is out of its range.",
+)

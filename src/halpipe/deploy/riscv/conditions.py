@@ -1,0 +1,154 @@
+"""Conditions of a whole run: it ended, cores were confined, tables came in order, the runtime told the truth."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise, zip_longest
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.observation import Outcome
+from halpipe.deploy.riscv.pmp import TOP, Right
+from halpipe.deploy.riscv.recording import Flag, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.deploy.riscv.cosimulation import Run
+    from halpipe.deploy.riscv.pmp import Protection
+    from halpipe.deploy.riscv.recording import Record
+    from halpipe.deploy.riscv.sequence import Played
+    from halpipe.deploy.riscv.target import Site, UnitSite
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.durations import Duration
+
+_STATES = {
+    0: "the management core did not come to the first table",
+    1: "the last table was not over in time: the management core sleeps or works on",
+    3: "an application core did not answer when it was started",
+}
+FINISHED, TRAPPED = 2, 4
+_CAUSE, _EPC = 16, 17
+_STEPS = 150
+"""Instructions between an event and the runtime's look at the clock that it records for it."""
+
+REPORT = "export the bundle again; if it stays, report it as a bug"
+
+
+def is_over(run: Run) -> Iterator[Diagnostic]:
+    """Yield what kept the run from its end."""
+    if run.state == FINISHED:
+        return
+    message = _STATES.get(run.state, f"the runtime is in state {run.state}")
+    if run.state == TRAPPED:
+        message = f"the management core trapped: mcause {run.word(_CAUSE):#x}, mepc {run.word(_EPC):#x}"
+    text = run.uart.decode("ascii", "replace").strip()
+    message += f"; it printed: {text[:200]}" if text else ""
+    yield codes.NOT_FINISHED(f"{message} ({run.duration} after the beginning)", help=REPORT)
+
+
+def is_confined(run: Run) -> Iterator[Diagnostic]:
+    """Yield what the protection of every core leaves open beyond its own scratchpads, timer and interrupt."""
+    for unit in run.site.units:
+        protection = run.protections[unit.hart]
+        help = "the monitor of the core has to lock its protection before the first job; export the bundle again"
+        if not protection.is_locked:
+            message = "never armed its physical memory protection"
+            yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+            continue
+        for low, high, right in _open(run.site, unit, protection):
+            message = f"may {_verbs(right)} at {low:#x} to {high:#x}"
+            yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+
+
+def _open(site: Site, unit: UnitSite, protection: Protection) -> Iterator[tuple[int, int, Right]]:
+    own = [
+        (unit.ispm.base, unit.ispm.end, Right.READ | Right.EXECUTE),
+        (unit.dspm.base, unit.dspm.end, Right.READ | Right.WRITE),
+        (site.clint + 0xBFF8, site.clint + 0xC000, Right.READ),
+        (site.clint + 4 * unit.hart, site.clint + 4 * unit.hart + 4, Right.READ | Right.WRITE),
+        (site.clint + 0x4000 + 8 * unit.hart, site.clint + 0x4008 + 8 * unit.hart, Right.READ | Right.WRITE),
+    ]
+    edges = sorted({0, TOP, *(edge for low, high, _ in own for edge in (low, high))})
+    for low, high in pairwise(edges):
+        allowed = next((right for start, end, right in own if start <= low < end), Right.NONE)
+        for start, end, right in protection.pieces(low, high):
+            if right & ~allowed:
+                yield start, end, right & ~allowed
+
+
+def _verbs(right: Right) -> str:
+    names = [(Right.READ, "read"), (Right.WRITE, "write"), (Right.EXECUTE, "execute")]
+    return " and ".join(name for each, name in names if right & each)
+
+
+def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield where the sequence of tables leaves what has to follow from the requests, or begins at another instant."""
+    for i, (seen, table) in enumerate(zip_longest(run.tables, expected)):
+        if seen is None or table is None or seen.name != table.name:
+            was = f'"{seen.name}"' if seen else "nothing"
+            should = f'"{table.name}"' if table else "nothing"
+            message = f"plays {was}, after the requests that were made it has to be {should}"
+            yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
+            return
+        is_early = i > 0 and seen.seen < table.start  # the first one begins with the boot
+        if is_early or seen.seen > table.start + tolerance:
+            message = f'"{table.name}" begins at {seen.seen}, it has to be at {table.start}'
+            yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
+
+
+def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
+    """Yield where the runtime's record differs from what the simulator saw, by more than reading the clock takes."""
+    recording = run.recording
+    if recording.lost:
+        return  # what was overwritten cannot be compared
+    slack = 1 + math.ceil(Fraction(_STEPS * run.rate, run.site.clock * run.tick))
+    executions = [
+        (_tick(run, e.begin), _tick(run, e.end if run.is_modelled else e.left))
+        for e in run.executions
+        if e.outcome is Outcome.RETURNED
+    ]
+    stops = [(r.begin, r.end) for r in recording.records if r.kind == Kind.STOP and not r.flags]
+    yield from _pairs("executions", sorted(executions), sorted(stops), slack)
+    transfers = [(_tick(run, t.begin),) for t in run.recorder.transfers if t.begin >= (run.zero or 0)]
+    copies = [(r.time,) for r in recording.records if r.kind == Kind.COPY and not r.flags]
+    # What the management core copies itself, it begins to copy when it has nothing else to do.
+    if run.site.dma.kind != "copy":
+        yield from _pairs("transfers", sorted(transfers), sorted(copies), slack)
+    tables = [(int(t.start / run.site.tick),) for t in run.tables]
+    begun = [(r.begin,) for r in recording.records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
+    yield from _pairs("tables", tables, begun, 0)
+    yield from _abnormal(run, recording.records)
+
+
+def _abnormal(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
+    outcomes = {Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
+    for flag, outcome in outcomes.items():
+        seen = sum(e.outcome is outcome for e in run.executions)
+        recorded = sum(bool(r.flags & flag) for r in records if r.kind == Kind.STOP)
+        if seen != recorded:
+            message = f"it records {recorded} executions that ended by {outcome}, {seen} were seen"
+            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+
+
+def _pairs(
+    what: str, seen: Sequence[tuple[int, ...]], recorded: Sequence[tuple[int, ...]], slack: int
+) -> Iterator[Diagnostic]:
+    if len(seen) != len(recorded):
+        message = f"it records {len(recorded)} {what}, {len(seen)} were seen"
+        yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+        return
+    for one, other in zip(seen, recorded, strict=True):
+        if any(abs(a - b) > slack for a, b in zip(one, other, strict=True)):
+            message = f"it records {what} at tick {_shown(other)} where {_shown(one)} was seen"
+            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+            return
+
+
+def _shown(instants: tuple[int, ...]) -> str:
+    return " to ".join(map(str, instants))
+
+
+def _tick(run: Run, instant: int) -> int:
+    return (instant - (run.zero or 0)) // run.tick

@@ -1,0 +1,341 @@
+"""Co-simulation: a bundle on a simulated board, in a closed loop with a plant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
+from halpipe.deploy.riscv.elf import read_program
+from halpipe.deploy.riscv.expectation import Image
+from halpipe.deploy.riscv.hart import NEVER
+from halpipe.deploy.riscv.machine import MANAGEMENT, Machine
+from halpipe.deploy.riscv.observation import Recorder
+from halpipe.deploy.riscv.plant import Plant
+from halpipe.deploy.riscv.recording import Recording, meaning, read_recording
+from halpipe.deploy.riscv.sequence import Request
+from halpipe.deploy.riscv.target import read_site
+from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.durations import Duration, seconds
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.elf import Program
+    from halpipe.deploy.riscv.expectation import PlannedJob
+    from halpipe.deploy.riscv.memory import Memory
+    from halpipe.deploy.riscv.observation import Execution, Trap
+    from halpipe.deploy.riscv.pmp import Protection
+    from halpipe.deploy.riscv.target import Site
+
+PROGRAM = "bundle.elf"
+MAGIC = 0x48414C5049504531
+EXECUTIONS = ("real", "modelled")
+BOOT = seconds(Fraction(1, 1000))
+"""From the start of the machine to the beginning of the run."""
+
+RUNNING, FINISHED = 1, 2
+
+
+class Word:
+    """Words of the control block."""
+
+    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET = range(7)
+    REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
+
+
+@dataclass(frozen=True, slots=True)
+class TableSeen:
+    """A table that was played: where it begins by the lengths of those before it, and when it was seen to begin."""
+
+    start: Duration
+    name: str
+    seen: Duration
+
+
+@dataclass(slots=True)
+class Run:
+    """What was seen of a run. Instants of executions and transfers are in units of the machine; `since` converts."""
+
+    site: Site
+    rate: int
+    tick: int
+    zero: int | None
+    state: int
+    duration: Duration
+    tables: list[TableSeen]
+    recorder: Recorder
+    recording: Recording
+    memory: Memory
+    protections: dict[int, Protection]
+    uart: bytes
+    instructions: int
+    is_modelled: bool
+    requests: list[Request] = field(default_factory=list)
+
+    @property
+    def executions(self) -> list[Execution]:
+        """Every function of a job that a core entered, in that order."""
+        return self.recorder.executions
+
+    @property
+    def faults(self) -> list[Trap]:
+        """Every exception that a core took."""
+        return self.recorder.traps
+
+    def since(self, instant: int) -> Duration:
+        """Return an instant of the machine as the time since the beginning of the run."""
+        return Duration(Fraction((instant - (self.zero or 0)) * 10**9, self.rate))
+
+    def reason(self, job: PlannedJob) -> str:
+        """Return what the runtime recorded when it abandoned a job, empty if it did not."""
+        harts = {execution.hart for execution in job.executions}
+        for abandoned in self.recording.abandoned:
+            if (
+                abandoned.cycle == job.table.cycle
+                and abandoned.hart in harts
+                and job.begin <= abandoned.time <= job.end + 1
+            ):
+                return f"{meaning(abandoned.flags)}, at {self.since((self.zero or 0) + abandoned.time * self.tick)}"
+        return ""
+
+    def word(self, number: int) -> int:
+        """Return a word of the control block, as it was at the end."""
+        return self.memory.word(self.site.control + 8 * number)
+
+
+class CoSimulation:
+    """A bundle on a simulated board: one emulated core per hart, each with a clock of its own.
+
+    `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
+    instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
+    ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
+    second; `cpi` are cycles per instruction.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        *,
+        plant: Plant | None = None,
+        requests: Iterable[tuple[Duration, str]] = (),
+        cycles: int = 0,
+        first: str = "",
+        execution: str = "real",
+        bandwidth: int | None = None,
+        cpi: int = 1,
+    ) -> None:
+        self.site = read_site(target.bundle)
+        self.images = read_images(target.bundle, self.site)
+        self._target = target
+        self._modes = [mode.name for mode in target.schedule.modes]
+        self._plant = plant or Plant()
+        self._cycles = cycles
+        self._first = first or self._modes[0]
+        self._execution = execution
+        self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
+        self._refuse_nonsense(cpi)
+        program = load_program(target.bundle, self.site)
+        self._recorder = Recorder(self.site, list(self.images.values()), self._told)
+        try:
+            bandwidths = self._bandwidths(bandwidth)
+            self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi)
+        except ModuleNotFoundError:
+            help = "pip install 'halpipe[riscv]', or choose --engine qemu"
+            raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
+        self._recorder.attach(self._machine)
+        self._recorder.before_read = self._before_read
+        self._recorder.after_write = self._after_write
+        self._memory = self._machine.memory
+        self._zero: int | None = None
+        self._tables: list[TableSeen] = []
+        self._next = 0  # instant at which the next table begins, in units from the beginning of the run
+        self._made: list[Request] = []
+
+    def _bandwidths(self, stated: int | None) -> dict[int, int]:
+        """Return the bandwidth of every channel: as asked for, else that of the engine, or of a slower resource."""
+        most = self.site.dma.bandwidth
+        rates = {r.name: min(r.bandwidth or most, most) for r in self._target.model.resources}
+        return {channel: stated or rates.get(name, most) for name, channel in self.site.channels.items()}
+
+    def _refuse_nonsense(self, cpi: int) -> None:
+        findings = Findings()
+        for mode in [self._first, *(request.mode for request in self._requests)]:
+            self._check_mode(mode, findings)
+        if self._execution not in EXECUTIONS:
+            help = did_you_mean(self._execution, EXECUTIONS, "choose real or modelled")
+            findings.add(BAD_REQUEST(f'there is no execution "{self._execution}"', help=help))
+        if cpi < 1 or self._cycles < 0:
+            findings.add(BAD_REQUEST("a number of cycles is not positive", help="give a positive number"))
+        findings.stop_on_errors()
+
+    def _check_mode(self, mode: str, findings: Findings) -> None:
+        if mode not in self._modes:
+            help = did_you_mean(mode, self._modes, "the modes are " + ", ".join(self._modes))
+            findings.add(BAD_REQUEST(f'there is no mode "{mode}"', help=help))
+
+    # ------------------------------------------------------------------------------------------ running
+
+    def run(self, limit: Duration | None = None) -> Run:
+        """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case."""
+        offset = int(BOOT / self.site.tick) or 1
+        self._set(Word.MAGIC, MAGIC)
+        self._set(Word.CYCLES, self._cycles)
+        self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
+        self._set(Word.FIRST, self._modes.index(self._first))
+        self._set(Word.OFFSET, offset)
+        self._plant.start(self)
+        end = NEVER
+        if limit is not None:
+            end = self._units(limit) + (offset + 1000 * len(self.site.units)) * self._machine.timing.tick
+        self._machine.run(end)
+        return self._result()
+
+    def _result(self) -> Run:
+        machine = self._machine
+        now = max(hart.now for hart in machine.harts) if self._zero is None else machine.management.now - self._zero
+        return Run(
+            site=self.site,
+            rate=machine.timing.rate,
+            tick=machine.timing.tick,
+            zero=self._zero,
+            state=self._memory.word(self.site.control + 8 * Word.STATE),
+            duration=self._duration(now),
+            tables=self._tables,
+            recorder=self._recorder,
+            recording=self._read_recording(),
+            memory=self._memory,
+            protections={hart.number: hart.protection for hart in machine.harts if hart.number != MANAGEMENT},
+            uart=bytes(machine.uart.text),
+            instructions=sum(hart.count for hart in machine.harts),
+            is_modelled=self._execution == EXECUTIONS[1],
+            requests=self._made,
+        )
+
+    def _read_recording(self) -> Recording:
+        def word(number: int) -> int:
+            return self._memory.word(self.site.control + 8 * number)
+
+        # The counts are of a program that may be wrong.
+        traced, faults = (min(word(number), 1 << 32) for number in (Word.TRACED, Word.FAULTS))
+        return read_recording(self._memory.read, self.site.trace, traced, self.site.faults, faults)
+
+    def _duration(self, units: int) -> Duration:
+        return Duration(Fraction(units * 10**9, self._machine.timing.rate))
+
+    def _units(self, duration: Duration) -> int:
+        return int(duration.in_unit("s") * self._machine.timing.rate)
+
+    def _set(self, word: int, value: int) -> None:
+        self._memory.put_word(self.site.control + 8 * word, value)
+
+    # ------------------------------------------------------------------------------------------ following the run
+
+    def _told(self, word: int, value: int, now: int) -> None:
+        """The runtime writes a word of the control block."""
+        if word == Word.STATE and value not in (0, RUNNING):
+            self._machine.stop()
+        elif word == Word.STATE and value == RUNNING:
+            self._begin()
+        elif word == Word.TABLE and self._zero is not None:
+            self._table(value, now)
+
+    def _begin(self) -> None:
+        base = self._memory.word(self.site.control + 8 * Word.BASE)
+        self._zero = base * self._machine.timing.tick
+        for request in self._requests:
+            instant = self._zero + self._units(request.instant)
+            self._machine.at(instant, partial(self._request, request.mode, instant))
+
+    def _table(self, index: int, seen: int) -> None:
+        """A table begins: where, follows from the lengths of those before it."""
+        if index >= len(self.site.tables):
+            return
+        table = self.site.tables[index]
+        now = self._duration(self._next)
+        cycle = len(self._tables)
+        self._tables.append(TableSeen(now, table.name, self._duration(seen - (self._zero or 0))))
+        self._next += table.length * self._machine.timing.tick
+        self._plant.cycle(self, now, cycle, table.name)
+
+    def _before_read(self, buffer: str, now: int) -> None:
+        if self._zero is not None:
+            self._plant.reads(self, self._duration(now - self._zero), buffer)
+
+    def _after_write(self, buffer: str, now: int) -> None:
+        if self._zero is not None:
+            self._plant.written(self, self._duration(now - self._zero), buffer)
+
+    # ------------------------------------------------------------------------------------------ the board
+
+    def read(self, buffer: str) -> bytes:
+        """Return what a buffer holds."""
+        area = self.site.buffers[buffer]
+        return self._memory.read(area.base, area.size)
+
+    def write(self, buffer: str, data: bytes) -> None:
+        """Put `data` at the beginning of a buffer; more than it holds is a fault of the plant (``ValueError``)."""
+        area = self.site.buffers[buffer]
+        if len(data) > area.size:
+            raise ValueError(f'buffer "{buffer}" has {area.size} bytes, not {len(data)}')
+        self._memory.write(area.base, data)
+        self._recorder.stored(buffer, data)
+
+    def request(self, mode: str) -> None:
+        """Put a mode into the mailbox."""
+        findings = Findings()
+        self._check_mode(mode, findings)
+        findings.stop_on_errors()
+        self._request(mode, self._machine.management.now)
+
+    def _request(self, mode: str, now: int) -> None:
+        self._made.append(Request(self._duration(now - (self._zero or 0)), mode))
+        self._set(Word.REQUEST, self._modes.index(mode) + 1)
+
+    def stop(self) -> None:
+        """End the run now."""
+        self._machine.stop()
+
+
+def load_program(bundle: Bundle, site: Site) -> Program:
+    """Return the one program of a bundle; raise `HalpipeError` unless all of it lies in the memories of the target."""
+    at = bundle.at(PROGRAM)
+    help = "export the bundle again"
+    if PROGRAM not in bundle.files:
+        raise HalpipeError(BROKEN_PROGRAM(f"the bundle has no {PROGRAM}", at=at, help=help))
+    program = read_program(bundle.files[PROGRAM], at)
+    findings = Findings()
+    for segment in program.segments:
+        if not (site.main.base <= segment.source and segment.source + len(segment.data) <= site.main.end):
+            message = f"{len(segment.data)} bytes at {segment.source:#x} are not in main memory"
+            findings.add(BROKEN_PROGRAM(message, at=at, help=help))
+    if program.entry != site.entry:
+        message = f"it begins at {program.entry:#x}, target.json says {site.entry:#x}"
+        findings.add(BROKEN_PROGRAM(message, at=at, help=help))
+    findings.stop_on_errors()
+    return program
+
+
+def read_images(bundle: Bundle, site: Site) -> dict[tuple[str, str, str], Image]:
+    """Return the images of a bundle by task, version and unit; raise `HalpipeError` with all that cannot be used."""
+    findings = Findings()
+    found = {}
+    for image in site.images:
+        at: Location = bundle.at(image.file)
+        if image.file not in bundle.files:
+            help = "export the bundle again"
+            findings.add(BROKEN_TARGET(f'names "{image.file}", which is not in the bundle', at=at, help=help))
+            continue
+        try:
+            program = read_program(bundle.files[image.file], at)
+        except HalpipeError as failure:
+            findings.extend(failure.diagnostics)
+            continue
+        found[image.task, image.version, image.unit] = Image(image, program, site.unit(image.unit).hart)
+    findings.stop_on_errors()
+    return found

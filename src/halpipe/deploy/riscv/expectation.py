@@ -1,0 +1,215 @@
+"""What a target has to do according to model and schedule: executions and transfers with their instants.
+
+This follows the rules of docs/reference/riscv-bundle.md and shares no code with the exporter, so that a fault in its
+operation tables is a difference and not an agreement. All instants here are ticks from the beginning of the run.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv.codes import BROKEN_TARGET
+from halpipe.diagnostics import Findings
+from halpipe.durations import ZERO
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.riscv.elf import Program
+    from halpipe.deploy.riscv.sequence import Played
+    from halpipe.deploy.riscv.target import ImageSite, Site
+    from halpipe.durations import Duration
+    from halpipe.models import Access, Job, TaskModel, Transfer, Version
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedTransfer:
+    """Bytes that a phase from `begin` to `end` moves; `what` for people."""
+
+    what: str
+    kind: AccessKind
+    channel: int
+    hart: int
+    source: int
+    target: int
+    size: int
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedExecution:
+    """A function that `hart` has to enter at `begin` and to have left by `end`; `stretch` counts them in the job."""
+
+    hart: int
+    function: int
+    begin: int
+    end: int
+    stretch: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedJob:
+    """A job of a table that is played."""
+
+    table: Played
+    row: int
+    job: Job
+    begin: int
+    end: int
+    transfers: tuple[PlannedTransfer, ...]
+    executions: tuple[PlannedExecution, ...]
+
+    @property
+    def path(self) -> str:
+        """How messages name it."""
+        return f'"{self.table.name}", job {self.job.index} of task "{self.job.task}"'
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """The image of a version on a unit: where target.json says that it is, and the program itself."""
+
+    site: ImageSite
+    program: Program
+    hart: int
+
+
+class Expectation:
+    """Makes the plan of jobs for what a bundle carries; what cannot be planned is collected in `findings`."""
+
+    def __init__(
+        self, bundle: Bundle, model: TaskModel, site: Site, images: Mapping[tuple[str, str, str], Image]
+    ) -> None:
+        self.findings = Findings()
+        self._bundle, self._model, self._site, self._images = bundle, model, site, images
+        self._templates: dict[
+            tuple[str, str, tuple[str, ...]], tuple[list[PlannedTransfer], list[PlannedExecution]]
+        ] = {}
+
+    def jobs(self, tables: Iterable[Played]) -> list[PlannedJob]:
+        """Return every job of the tables, in the order of their starts."""
+        found = [self._job(table, row, job) for table in tables for row, job in enumerate(table.jobs)]
+        return sorted(found, key=lambda planned: (planned.begin, planned.table.cycle, planned.row))
+
+    def _job(self, table: Played, row: int, job: Job) -> PlannedJob:
+        key = (job.task, job.version, job.units)
+        if key not in self._templates:
+            self._templates[key] = self._template(job)
+        transfers, executions = self._templates[key]
+        base = self._tick(table.start + job.start, job)
+        return PlannedJob(
+            table=table,
+            row=row,
+            job=job,
+            begin=base,
+            end=base + math.floor((job.end - job.start) / self._site.tick),
+            transfers=tuple(replace(t, begin=t.begin + base, end=t.end + base) for t in transfers),
+            executions=tuple(replace(e, begin=e.begin + base, end=e.end + base) for e in executions),
+        )
+
+    def _tick(self, instant: Duration, job: Job) -> int:
+        ticks = instant / self._site.tick
+        if ticks.denominator != 1:
+            message = f"{instant} is no multiple of the timer's tick {self._site.tick}"
+            help = f"schedule with --tick {self._site.tick} and export again"
+            self.findings.add(BROKEN_TARGET(message, at=job.at, path=f'task "{job.task}"', help=help))
+        return math.floor(ticks)
+
+    def _template(self, job: Job) -> tuple[list[PlannedTransfer], list[PlannedExecution]]:
+        """Return what one job of a version does on its units, from tick 0."""
+        version = self._model.task(job.task).version(job.version)
+        images = [self._images.get((job.task, job.version, unit)) for unit in job.units]
+        members = [image for image in images if image is not None]
+        if len(members) < len(images):
+            message = f'has no image of version "{job.version}" for every unit of {", ".join(job.units)}'
+            self._complain(message, f'task "{job.task}"')
+            return [], []
+        moving = moving_phases(version)
+        transfers = [t for access in moving for t in self._phase(access, members)]
+        functions = len(members[0].site.entries)
+        executions = [
+            PlannedExecution(hart=image.hart, function=image.site.entries[i], begin=begin, end=end, stretch=i)
+            for i, (begin, end) in enumerate(self._stretches(version, moving, functions))
+            for image in members
+            if i < len(image.site.entries)
+        ]
+        if len(executions) != functions * len(members):
+            self._complain(f"its phases leave no {functions} stretches of execution", f'task "{job.task}"')
+        return transfers, executions
+
+    def _phase(self, access: Access, members: list[Image]) -> Iterator[PlannedTransfer]:
+        begin, end = math.ceil(access.start / self._site.tick), math.floor(access.end / self._site.tick)
+        channel = self._site.channels.get(access.resource)
+        if channel is None:
+            self._complain(f'has no channel for resource "{access.resource}"', "resources")
+            channel = 0
+        kind = access.kind or AccessKind.READ
+        for what, image, source, target, size in self._moves(access, members):
+            yield PlannedTransfer(
+                what=what,
+                kind=kind,
+                channel=channel,
+                hart=image.hart,
+                source=source,
+                target=target,
+                size=size,
+                begin=begin,
+                end=end,
+            )
+
+    def _moves(self, access: Access, members: list[Image]) -> Iterator[tuple[str, Image, int, int, int]]:
+        """Yield what a phase moves, in its order: every member of a gang loads and reads, the first one writes."""
+        if access.kind is AccessKind.LOAD:
+            for image in members:
+                for segment in image.program.segments:
+                    if segment.data:
+                        yield "its image", image, segment.source, segment.target, len(segment.data)
+        for transfer in access.transfers:
+            for image in members if access.kind is not AccessKind.WRITE else members[:1]:
+                ends = self._ends(transfer, image)
+                if ends is not None:
+                    buffer, symbol = ends
+                    source, target = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
+                    yield f'buffer "{transfer.buffer}"', image, source, target, transfer.size
+
+    def _ends(self, transfer: Transfer, image: Image) -> tuple[int, int] | None:
+        """Return the addresses of the buffer and of the symbol, which the program itself states."""
+        buffer = self._site.buffers.get(transfer.buffer)
+        symbol = image.program.symbols.get(transfer.symbol)
+        if buffer is None or buffer.size < transfer.size:
+            self._complain(f"has no {transfer.size} bytes for it", f'buffer "{transfer.buffer}"')
+        if symbol is None or symbol[1] < transfer.size:
+            self._complain(f'symbol "{transfer.symbol}" is missing, or smaller than its transfer', image.site.file)
+        return (buffer.base, symbol[0]) if buffer is not None and symbol is not None else None
+
+    def _stretches(self, version: Version, moving: list[Access], functions: int) -> Iterator[tuple[int, int]]:
+        """Yield when the functions execute: between acquiring and restituting phases, or in every gap."""
+        tick = self._site.tick
+        wcet = version.wcet or ZERO
+        writes = [a for a in moving if a.kind is AccessKind.WRITE]
+        if functions == 1:
+            begin = max((a.end for a in moving if a not in writes), default=ZERO)
+            end = min((a.start for a in writes), default=wcet)
+            spans = [(begin, end)]
+        else:
+            ends = [ZERO, *(a.end for a in moving)]
+            starts = [*(a.start for a in moving), wcet]
+            fronts = [max(ends[: i + 1]) for i in range(len(ends))]
+            spans = [(front, start) for front, start in zip(fronts, starts, strict=True) if front < start]
+        for begin, end in spans:
+            yield math.ceil(begin / tick), math.floor(end / tick)
+
+    def _complain(self, message: str, path: str) -> None:
+        help = "export the bundle again"
+        self.findings.add(BROKEN_TARGET(message, at=self._bundle.at("target.json"), path=path, help=help))
+
+
+def moving_phases(version: Version) -> list[Access]:
+    """Return the phases of a version in which bytes are moved, by their start."""
+    moving = [a for a in version.accesses if a.kind is AccessKind.LOAD or a.transfers]
+    return sorted(moving, key=lambda access: (access.start, access.end))

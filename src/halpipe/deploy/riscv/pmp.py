@@ -1,0 +1,102 @@
+"""Physical memory protection as a hart programs it (RISC-V privileged architecture, section 3.7).
+
+The emulator's own is too old to be relied on for areas below a page, so the harts' writes to its registers come here,
+and what the entries allow decides which memory and which devices the hart keeps.
+"""
+
+from __future__ import annotations
+
+from enum import IntFlag
+from itertools import pairwise
+
+ENTRIES = 16
+CONFIG, ADDRESS = 0x3A0, 0x3B0
+_OFF, _TOR, _NA4, _NAPOT = 0, 1, 2, 3
+_LOCK = 0x80
+TOP = 1 << 56
+
+
+class Right(IntFlag):
+    """What may be done with an address."""
+
+    NONE = 0
+    READ = 1
+    WRITE = 2
+    EXECUTE = 4
+    ALL = 7
+
+
+class Protection:
+    """The registers ``pmpcfg`` and ``pmpaddr`` of one hart; only locked entries bind machine mode."""
+
+    def __init__(self) -> None:
+        self._config = [0] * ENTRIES
+        self._address = [0] * ENTRIES
+
+    @property
+    def is_locked(self) -> bool:
+        """Whether any entry binds machine mode."""
+        return any(config & _LOCK for config in self._config)
+
+    def read(self, csr: int) -> int:
+        """Return the value of a register of the 64-bit architecture, which has only even ``pmpcfg``."""
+        if csr >= ADDRESS:
+            return self._address[csr - ADDRESS]
+        first = (csr - CONFIG) * 4
+        return sum(config << 8 * i for i, config in enumerate(self._config[first : first + 8]))
+
+    def write(self, csr: int, value: int) -> None:
+        """Set a register, as far as it is not locked."""
+        if csr >= ADDRESS:
+            entry = csr - ADDRESS
+            follower = self._config[entry + 1] if entry + 1 < ENTRIES else 0
+            bound_by_next = follower & _LOCK and follower >> 3 & 3 == _TOR
+            if not (self._config[entry] & _LOCK or bound_by_next):
+                self._address[entry] = value & (1 << 54) - 1
+            return
+        for i in range(8):
+            entry = (csr - CONFIG) * 4 + i
+            if entry < ENTRIES and not self._config[entry] & _LOCK:
+                self._config[entry] = value >> 8 * i & 0x9F
+
+    def areas(self) -> list[tuple[int, int, Right]]:
+        """Return the areas of the locked entries, [low, high) and what they allow; the first that matches rules."""
+        found = []
+        for entry, config in enumerate(self._config):
+            kind = config >> 3 & 3
+            if not config & _LOCK or kind == _OFF:
+                continue
+            address = self._address[entry]
+            if kind == _TOR:
+                low, high = (self._address[entry - 1] << 2 if entry else 0), address << 2
+            elif kind == _NA4:
+                low, high = address << 2, (address << 2) + 4
+            else:
+                ones = (address ^ (address + 1)).bit_length() - 1
+                size = 8 << ones
+                low = (address >> ones << ones) << 2
+                high = low + size
+            found.append((low, high, Right(config & 7)))
+        return found
+
+    def rights(self, address: int, size: int = 1) -> Right:
+        """Return what machine mode may do with all of `size` bytes at `address`; all where no entry matches."""
+        for low, high, right in self.areas():
+            if low < address + size and address < high:
+                return right if low <= address and address + size <= high else Right.NONE
+        return Right.ALL
+
+    def pieces(self, low: int, high: int) -> list[tuple[int, int, Right]]:
+        """Cut [low, high) where rights change, and return the pieces with their rights."""
+        cuts = {low, high}
+        for start, end, _ in self.areas():
+            cuts |= {cut for cut in (start, end) if low < cut < high}
+        edges = sorted(cuts)
+        merged: list[tuple[int, int, Right]] = []
+        for start, end in pairwise(edges):
+            right = self.rights(start)
+            if merged and merged[-1][2] == right:
+                merged[-1] = (merged[-1][0], end, right)
+            else:
+                merged.append((start, end, right))
+        return merged

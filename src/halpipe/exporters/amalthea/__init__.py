@@ -1,0 +1,68 @@
+"""Export to AMALTHEA (Eclipse APP4MC .amxmi): the model, with the offsets and the mapping of a schedule."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.base import ExportOptions, specific
+from halpipe.extent import Extent
+
+if TYPE_CHECKING:
+    from halpipe.fields import Fields
+    from halpipe.models import Schedule, TaskModel
+
+RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AmaltheaOptions(ExportOptions):
+    """`release`: the version of APP4MC whose format is written, one of `RELEASES`; the title is not used."""
+
+    release: str = RELEASES[-1]
+
+
+class AmaltheaExporter:
+    """Writes one .amxmi file; exact values that AMALTHEA rounds, and what it lacks, go to custom properties."""
+
+    name = "amalthea"
+    summary = "AMALTHEA model (APP4MC .amxmi) with the mapping and offsets of the schedule"
+    extent = Extent(
+        {
+            "units": "ProcessingUnit, with a definition for each type",
+            "resources": "Memory, its bandwidth as the data rate of its definition",
+            "tasks": "Task with its stimuli",
+            "timing": "offset of the stimulus, ResponseTime limit; slack as custom property",
+            "versions": "Runnable with Ticks (1 GHz) for each kind of unit; affinity; gang size as custom property",
+            "accesses": "custom property of the runnable",
+            "transfers": "Label and LabelAccess; symbols as custom property",
+            "precedence": "DelayConstraint between events",
+            "chains": "EventChain with latency constraints",
+            "modes": "EnumMode and ModeLabel, conditions of the stimuli",
+            "transitions": "custom property of the model",
+            "sources": "custom property of the runnable",
+            "schedule": "offsets or occurrence times of stimuli, affinity of tasks, versions chosen",
+        },
+        (
+            "Transition tables, costs and loads of the schedule are not written.",
+            "Which job runs on which of several units is a custom property of the stimulus.",
+            "Values that AMALTHEA rounds (picoseconds, whole ticks) stay exact in custom properties.",
+        ),
+    )
+    needs_schedule = False
+    suffix = ".amxmi"
+    keys = ("release",)
+
+    def options(self, common: ExportOptions, fields: Fields, base: str) -> AmaltheaOptions:
+        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
+        release = fields.value("release", str, RELEASES[-1])
+        return AmaltheaOptions(title=common.title, mode=common.mode, release=release)
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return the model as one document; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.amalthea.model import format_amalthea
+
+        return {"": format_amalthea(model, schedule, specific(AmaltheaOptions, options))}
+
+
+FORMAT = AmaltheaExporter()

@@ -1,0 +1,117 @@
+"""Events, deadlines, precedence windows and chains."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, is_rounded, named, ref
+from halpipe.models import Anchor
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from lxml import etree
+
+    from halpipe.durations import Duration
+    from halpipe.models import Chain, Precedence, Task, TaskModel
+
+
+class Events:
+    """Writes each event when it is first referred to."""
+
+    def __init__(self, parent: etree._Element) -> None:
+        self._parent = parent
+        self._written: set[str] = set()
+
+    def process(self, task: str, type: str) -> str:
+        """Return a reference to the start or end of a task."""
+        return self._event("ProcessEvent", f"{task}/{type}", ref("Task", task), type)
+
+    def runnable(self, name: str) -> str:
+        """Return a reference to the start of a runnable."""
+        return self._event("RunnableEvent", f"{name}/start", ref("Runnable", name), "start")
+
+    def _event(self, kind: str, name: str, entity: str, type: str) -> str:
+        reference = ref(kind, name)
+        if reference not in self._written:
+            self._written.add(reference)
+            element = named(self._parent, "events", kind, name, typed=True)
+            element.set("eventType", type)
+            element.set("entity", entity)
+        return reference
+
+
+def write_constraints(
+    parent: etree._Element, model: TaskModel, events: Events, runnables: Mapping[tuple[str, str], str]
+) -> None:
+    """Append event chains, timing constraints and requirements, in the order of the metamodel."""
+    for chain in model.chains:
+        _chain(parent, chain, events)
+    names = Unique()
+    for task in model.tasks:
+        alone = len(task.versions) == 1
+        for version in task.versions:
+            for precedence in version.precedences:
+                runnable = runnables[task.name, version.name]
+                target = events.process(task.name, "start") if alone else events.runnable(runnable)
+                name = names(f"{precedence.task}/{task.name if alone else runnable}")
+                _delay(parent, name, precedence, target, events)
+    for chain in model.chains:
+        for type, limit in (("Reaction", chain.max_reaction), ("Age", chain.max_age)):
+            if limit is not None:
+                _latency(parent, chain, type, limit)
+    for task in model.tasks:
+        if task.deadline is not None:
+            _deadline(parent, task, task.deadline)
+
+
+def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
+    """Append a chain from the start of its first task, by the starts of those between, to the end of its last."""
+    steps = [events.process(task, "start") for task in chain.tasks[:-1]]
+    ends = [*(steps or [events.process(chain.tasks[0], "start")]), events.process(chain.tasks[-1], "terminate")]
+    element = named(parent, "eventChains", "EventChain", chain.name)
+    element.set("stimulus", ends[0])
+    element.set("response", ends[-1])
+    element.set("itemType", "sequence")
+    if len(chain.tasks) == 1:
+        return
+    for index, (stimulus, response) in enumerate(pairwise(ends), 1):
+        item = add(element, "items", "EventChainContainer")
+        add(item, "eventChain", name=f"{chain.name}.{index}", stimulus=stimulus, response=response)
+
+
+def _delay(parent: etree._Element, name: str, precedence: Precedence, target: str, events: Events) -> None:
+    element = named(parent, "timingConstraints", "DelayConstraint", name, typed=True)
+    element.set("mappingType", "Reaction")
+    element.set(
+        "source", events.process(precedence.task, "start" if precedence.anchor is Anchor.START else "terminate")
+    )
+    element.set("target", target)
+    _exact(element, "upper", precedence.max)
+    _exact(element, "lower", precedence.min)
+    add_time(element, "upper", precedence.max)
+    add_time(element, "lower", precedence.min)
+
+
+def _latency(parent: etree._Element, chain: Chain, type: str, limit: Duration) -> None:
+    name = f"{chain.name}/{type}"
+    element = named(parent, "timingConstraints", "EventChainLatencyConstraint", name, typed=True)
+    element.set("scope", ref("EventChain", chain.name))
+    element.set("type", type)
+    _exact(element, "maximum", limit)
+    add_time(element, "maximum", limit)
+
+
+def _deadline(parent: etree._Element, task: Task, deadline: Duration) -> None:
+    element = add(parent, "requirements", "ProcessRequirement", name=f"{task.name}/deadline")
+    element.set("process", ref("Task", task.name))
+    _exact(element, "limit", deadline)
+    limit = add(element, "limit", "TimeRequirementLimit", limitType="UpperLimit", metric="ResponseTime")
+    add_time(limit, "limitValue", deadline)
+
+
+def _exact(element: etree._Element, key: str, time: Duration) -> None:
+    """Append the exact value of a time that AMALTHEA rounds."""
+    if is_rounded(time):
+        add_property(element, key, str(time))

@@ -1,0 +1,109 @@
+"""The whole document: the model as one mode or all modes of it, with the schedule that was chosen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.exporters.amalthea import RELEASES
+from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
+from halpipe.exporters.amalthea.constraints import Events, write_constraints
+from halpipe.exporters.amalthea.document import NONE, add, add_property, add_structure, document, serialise
+from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
+from halpipe.exporters.amalthea.software import Software
+from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
+from halpipe.exporters.selection import require_mode, select
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable, Iterator
+
+    from lxml import etree
+
+    from halpipe.exporters.amalthea import AmaltheaOptions
+    from halpipe.models import Schedule, TaskModel, Transition
+
+
+def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:
+    """Return the document; raise `HalpipeError` for an unknown release or mode, or names of what is not there."""
+    if options.release not in RELEASES:
+        help = did_you_mean(options.release, RELEASES, "use one of " + ", ".join(RELEASES))
+        raise HalpipeError(UNKNOWN_RELEASE(f'there is no release "{options.release}"', help=help))
+    if options.mode:
+        require_mode(options.mode, (mode.name for mode in model.modes))
+        model = replace(model, modes=(model.mode(options.mode),), transitions=())
+    _refuse_dangling(model)
+    chosen = None if schedule is None else select(model, schedule, options.mode, "amalthea")
+    return serialise(_document(model, chosen, options.release))
+
+
+def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etree._Element:
+    root = document(release)
+    add_property(root, "name", model.name)
+    add_property(root, "modes", "literals" if model.modes else NONE)
+    if model.transitions:
+        add_structure(root, "transitions", [_transition(transition) for transition in model.transitions])
+    definitions = definitions_of(model)
+    stimuli = stimuli_of(model, schedule)
+    software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units})
+    software.write(add(root, "swModel"), stimuli)
+    write_hardware(add(root, "hwModel"), model, definitions)
+    write_system(add(root, "osModel"), release)
+    write_stimuli(add(root, "stimuliModel"), model, stimuli)
+    events = Events(add(root, "eventModel"))
+    write_constraints(add(root, "constraintsModel"), model, events, software.runnables)
+    write_mapping(add(root, "mappingModel"), model, stimuli)
+    return root
+
+
+def _transition(transition: Transition) -> dict[str, str]:
+    found = {"from": transition.source, "to": transition.target}
+    if transition.max_length is not None:
+        found["max-length"] = str(transition.max_length)
+    return found
+
+
+def _refuse_dangling(model: TaskModel) -> None:
+    """Raise with every name that refers to nothing."""
+    findings = Findings()
+    known = {
+        "task": {task.name for task in model.tasks},
+        "unit": {unit.name for unit in model.units},
+        "resource": {resource.name for resource in model.resources},
+        "mode": {mode.name for mode in model.modes},
+    }
+    for path, kind, name in _references(model):
+        _check(name, kind, known[kind], path, findings)
+    for mode in model.modes:
+        for run in mode.runs:
+            versions = {v.name for t in model.tasks if t.name == run.task for v in t.versions}
+            for version in run.versions:
+                _check(version, "version", versions, f'mode "{mode.name}", task "{run.task}"', findings)
+    findings.stop_on_errors()
+
+
+def _check(name: str, kind: str, known: Collection[str], path: str, findings: Findings) -> None:
+    if name not in known:
+        help = did_you_mean(name, sorted(known), "define it, or correct the name")
+        findings.add(DANGLING_NAME(f'names the {kind} "{name}", which is not there', path=path, help=help))
+
+
+def _references(model: TaskModel) -> Iterator[tuple[str, str, str]]:
+    """Yield (path, kind, name) of every reference to an element by its name alone."""
+    for task in model.tasks:
+        path = f'task "{task.name}"'
+        for version in task.versions:
+            yield from _each(path, "unit", version.units)
+            yield from _each(path, "resource", (access.resource for access in version.accesses))
+            yield from _each(path, "task", (precedence.task for precedence in version.precedences))
+    for chain in model.chains:
+        yield from _each(f'chain "{chain.name}"', "task", chain.tasks)
+    for mode in model.modes:
+        yield from _each(f'mode "{mode.name}"', "task", (run.task for run in mode.runs))
+    for transition in model.transitions:
+        yield from _each("transition", "mode", (transition.source, transition.target))
+
+
+def _each(path: str, kind: str, names: Iterable[str]) -> Iterator[tuple[str, str, str]]:
+    return ((path, kind, name) for name in names)

@@ -1,0 +1,171 @@
+"""The software model: tasks, a runnable for each version, labels, modes."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.amalthea.document import (
+    NONE,
+    Unique,
+    add,
+    add_property,
+    add_structure,
+    named,
+    ref,
+)
+from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
+from halpipe.models import AccessKind
+from halpipe.quantities import format_rational, format_size
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from lxml import etree
+
+    from halpipe.durations import Duration
+    from halpipe.exporters.amalthea.stimuli import Stimulus
+    from halpipe.models import Access, Task, TaskModel, Version
+
+_MODES = "SystemMode"
+
+
+class Software:
+    """Writes the software model; `runnables` gives the name of the runnable of each version of each task."""
+
+    def __init__(self, model: TaskModel, release: str, definitions: Mapping[str, str]) -> None:
+        self._model = model
+        self._switch = "ModeSwitch" if release == "1.2.0" else "Switch"
+        self._definitions = definitions  # of the type of each unit
+        unique = Unique()
+        self.runnables = {
+            (task.name, version.name): unique(f"{task.name}/{version.name}")
+            for task in model.tasks
+            for version in task.versions
+        }
+
+    def write(self, parent: etree._Element, stimuli: Mapping[str, Sequence[Stimulus]]) -> None:
+        """Append tasks, runnables, labels and modes."""
+        for task in self._model.tasks:
+            self._task(parent, task, stimuli[task.name])
+        for task in self._model.tasks:
+            for version in task.versions:
+                self._runnable(parent, task, version)
+        for name, size in self._labels().items():
+            add(named(parent, "labels", "Label", name), "size", value=size, unit="B")
+        self._modes(parent, stimuli)
+
+    def _task(self, parent: etree._Element, task: Task, stimuli: Sequence[Stimulus]) -> None:
+        element = named(parent, "tasks", "Task", task.name)
+        if stimuli:
+            element.set("stimuli", " ".join(ref(kind_of(stimulus), stimulus.name) for stimulus in stimuli))
+        element.set("preemption", "non_preemptive")
+        add_property(element, "period", _text(task.period))
+        add_property(element, "offset", _text(task.offset))
+        add_property(element, "slack", format_rational(task.slack))
+        graph = add(element, "activityGraph")
+        if len(task.versions) == 1:
+            self._call(graph, task, task.versions[0])
+        elif task.versions:
+            switch = add(graph, "items", self._switch)
+            for version in task.versions:
+                entry = add(switch, "entries", name=version.name)
+                self._call(entry, task, version)
+                equals(add(entry, "condition"), version_label(task.name), version.name)
+
+    def _call(self, parent: etree._Element, task: Task, version: Version) -> None:
+        name = self.runnables[task.name, version.name]
+        add(parent, "items", "RunnableCall", runnable=ref("Runnable", name))
+
+    def _runnable(self, parent: etree._Element, task: Task, version: Version) -> None:
+        element = named(parent, "runnables", "Runnable", self.runnables[task.name, version.name])
+        add_property(element, "version", version.name)
+        add_property(element, "wcet", _text(version.wcet))
+        add_property(element, "units", " ".join(version.units))
+        if version.gang != 1:
+            add_property(element, "gang", str(version.gang))
+        if version.accesses:
+            add_structure(element, "accesses", [_access(access) for access in version.accesses])
+        if version.source is not None:
+            source = version.source
+            parts = {"files": list(source.files), "entry": source.entry, "defines": list(source.defines)}
+            add_structure(element, "source", parts)
+        graph = add(element, "activityGraph")
+        _label_accesses(graph, version.accesses, "read")
+        self._ticks(graph, version)
+        _label_accesses(graph, version.accesses, "write")
+
+    def _ticks(self, parent: etree._Element, version: Version) -> None:
+        """Append the WCET in ticks of 1 ns, for every kind of unit that may run the version."""
+        if version.wcet is None:
+            return
+        ticks = math.ceil(version.wcet.ns)
+        element = add(parent, "items", "Ticks")
+        definitions = dict.fromkeys(self._definitions[unit] for unit in version.units)
+        for definition in definitions:
+            entry = add(element, "extended", key=ref("ProcessingUnitDefinition", definition))
+            add(entry, "value", "DiscreteValueConstant", value=ticks)
+        if not definitions:
+            add(element, "default", "DiscreteValueConstant", value=ticks)
+
+    def _labels(self) -> dict[str, int]:
+        """Return every buffer that is transferred, with the size of its largest transfer."""
+        sizes: dict[str, int] = {}
+        for task in self._model.tasks:
+            for access in (access for version in task.versions for access in version.accesses):
+                for transfer in access.transfers:
+                    sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 0))
+        return sizes
+
+    def _modes(self, parent: etree._Element, stimuli: Mapping[str, Sequence[Stimulus]]) -> None:
+        model = self._model
+        several = [task for task in model.tasks if len(task.versions) > 1]
+        if model.modes:
+            modes = named(parent, "modes", "EnumMode", _MODES, typed=True)
+            for mode in model.modes:
+                literal = add(modes, "literals", name=mode.name)
+                add_structure(literal, "runs", [[run.task, *run.versions] for run in mode.runs])
+        for task in several:
+            modes = named(parent, "modes", "EnumMode", version_label(task.name), typed=True)
+            for version in task.versions:
+                add(modes, "literals", name=version.name)
+        if model.modes:
+            _label(parent, MODE_LABEL, _MODES, model.modes[0].name, "mode")
+        for task in several:
+            chosen = next((s.version for s in stimuli[task.name] if s.version), task.versions[0].name)
+            _label(parent, version_label(task.name), version_label(task.name), chosen, "version")
+
+
+def _label(parent: etree._Element, name: str, mode: str, initial: str, role: str) -> None:
+    element = named(parent, "modeLabels", "ModeLabel", name)
+    element.set("mode", ref("EnumMode", mode))
+    element.set("initialValue", initial)
+    add_property(element, "role", role)
+
+
+def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: str) -> None:
+    """Append the transfers of a direction; what is not written is read."""
+    for phase in accesses:
+        if (phase.kind is AccessKind.WRITE) is (access == "write"):
+            for transfer in phase.transfers:
+                add(parent, "items", "LabelAccess", data=ref("Label", transfer.buffer), access=access)
+
+
+def _access(access: Access) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "resource": access.resource,
+        "start": str(access.start),
+        "end": str(access.end),
+        "bound": format_rational(access.bound),
+    }
+    if access.kind is not None:
+        found["kind"] = str(access.kind)
+    if access.transfers:
+        found["transfers"] = [
+            {"buffer": t.buffer, "symbol": t.symbol, "size": format_size(t.size)} for t in access.transfers
+        ]
+    return found
+
+
+def _text(time: Duration | None) -> str:
+    return NONE if time is None else str(time)

@@ -1,0 +1,58 @@
+"""The diagnostics of the ARXML export: HAL0870 to HAL0889."""
+
+from halpipe.diagnostics import error
+
+UNKNOWN_RELEASE = error(
+    "HAL0870",
+    "AUTOSAR release is unknown",
+    "The export writes files of the releases 4.0.3, 4.2.2, R19-11 and R22-11. Tools read files of older releases "
+    "than their own.",
+)
+UNKNOWN_PART = error(
+    "HAL0871",
+    "Part of the export is unknown",
+    "What is written is the system (components, platform, modes, timing), the ECU configuration (EcuC, Os and Rte) or "
+    "all of it. The ECU configuration needs a schedule.",
+)
+BAD_PREFIX = error(
+    "HAL0872",
+    "Prefix of ECU configuration definitions is unusable",
+    "The prefix is the path of the package that holds the definitions of Os, Rte and EcuC, such as "
+    "/AUTOSAR/EcucDefs or /MICROSAR. Tools ignore configurations of definitions that they do not know.",
+)
+DANGLING_NAME = error(
+    "HAL0873",
+    "Model names what is not there",
+    "ARXML refers from element to element, so a task, unit, resource, version or mode that the model names, but "
+    "does not define, cannot be written. `halpipe validate` lists them, too.",
+)
+BAD_COUNTER = error(
+    "HAL0874",
+    "Counter settings are impossible",
+    "OsCounterMinCycle and OsCounterMaxAllowedValue are at least 1, the first at most the second; a tick is longer "
+    "than nothing and at most one second (OsSecondsPerTick).",
+)
+NOT_ON_TICK = error(
+    "HAL0875",
+    "Instants are no multiples of the tick",
+    "Expiry points and durations of schedule tables are whole ticks of their counter (SWS_Os_00409, SWS_Os_00411). "
+    "The export does not round: a schedule that is right only before rounding would be no proof.",
+)
+COUNTER_RANGE = error(
+    "HAL0876",
+    "Schedule table is longer than its counter counts",
+    "The duration of a table, and with it every gap between expiry points, must fit into the range of the counter "
+    "(SWS_Os_00408, SWS_Os_00431).",
+)
+MIN_CYCLE = error(
+    "HAL0877",
+    "Expiry points are closer than OsCounterMinCycle",
+    "The first offset of a schedule table (unless it is 0), each gap between expiry points, and the final delay "
+    "must be at least OsCounterMinCycle (SWS_Os_00408, SWS_Os_00427).",
+)
+ACTIVATED_TWICE = error(
+    "HAL0878",
+    "Task would be activated twice at one instant",
+    "Jobs of one task that start on one core at one instant would need one OsTask to be activated twice "
+    "(OsTaskActivation is 1). This happens only with execution times of zero.",
+)

@@ -1,0 +1,140 @@
+"""What all parts of an ARXML document share: elements, references, special data groups, times as AUTOSAR has them."""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import Context, Decimal
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from lxml import etree
+
+from halpipe.exporters.arxml import RELEASES
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.models import Origin
+
+NAMESPACE = "http://autosar.org/schema/r4.0"
+_XSI = "http://www.w3.org/2001/XMLSchema-instance"
+_NS = f"{{{NAMESPACE}}}"
+_ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_MICROSECONDS = "0"  # the CSE-CODE that all tools know
+_DOUBLE = Context(prec=15)
+"""What survives the double of other tools: 15 significant digits."""
+
+
+def document(release: str) -> tuple[etree._Element, etree._Element]:
+    """Start a document of a release; return its root and the element for its packages."""
+    root = etree.Element(f"{_NS}AUTOSAR", nsmap={None: NAMESPACE, "xsi": _XSI})
+    root.set(f"{{{_XSI}}}schemaLocation", f"{NAMESPACE} {RELEASES[release]}")
+    return root, add(root, "AR-PACKAGES")
+
+
+def serialise(root: etree._Element) -> bytes:
+    """Return the canonical bytes: UTF-8, two blanks of indentation, one newline at the end."""
+    etree.indent(root, space="  ")
+    body: bytes = etree.tostring(root, encoding="UTF-8", xml_declaration=False)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + body + b"\n"
+
+
+def is_from(release: str, first: str) -> bool:
+    """Return whether a release is `first` or a later one."""
+    known = list(RELEASES)
+    return known.index(release) >= known.index(first)
+
+
+# --------------------------------------------------------------------------------------------------- elements
+
+
+def add(parent: etree._Element, tag: str, text: str | None = None) -> etree._Element:
+    """Append an element."""
+    element = etree.SubElement(parent, _NS + tag)
+    if text is not None:
+        element.text = _ILLEGAL.sub("\ufffd", text)  # file names may hold what XML cannot
+    return element
+
+
+def named(parent: etree._Element, tag: str, short_name: str, description: str = "") -> etree._Element:
+    """Append an element with a short name."""
+    element = add(parent, tag)
+    add(element, "SHORT-NAME", short_name)
+    if description:
+        add(add(element, "DESC"), "L-2", description).set("L", "EN")
+    return element
+
+
+def package(parent: etree._Element, short_name: str) -> etree._Element:
+    """Append a package and return the place of its elements."""
+    return add(named(parent, "AR-PACKAGE", short_name), "ELEMENTS")
+
+
+def ref(parent: etree._Element, tag: str, dest: str, path: str) -> etree._Element:
+    """Append a reference to an element by its class and path."""
+    element = add(parent, tag, path)
+    element.set("DEST", dest)
+    return element
+
+
+# ----------------------------------------------------------------------------------------- special data groups
+
+
+def special(element: etree._Element, kind: str) -> etree._Element:
+    """Append a special data group of halpipe; call it before anything but the short name is in `element`."""
+    data = element.find(f"{_NS}ADMIN-DATA")
+    groups = add(add(element, "ADMIN-DATA"), "SDGS") if data is None else data[0]
+    return group(groups, kind)
+
+
+def group(parent: etree._Element, kind: str) -> etree._Element:
+    """Append a group inside another."""
+    element = add(parent, "SDG")
+    element.set("GID", f"halpipe:{kind}")
+    return element
+
+
+def sd(parent: etree._Element, key: str, value: object) -> None:
+    """Append a value to a group; None is left out."""
+    if value is not None:
+        add(parent, "SD", str(value)).set("GID", key)
+
+
+def sdx(parent: etree._Element, dest: str, path: str) -> None:
+    """Append a reference to a group, which every tool checks like its own."""
+    ref(parent, "SDX-REF", dest, path)
+
+
+def origin_of(parent: etree._Element, origin: Origin | None) -> None:
+    """Append where an element was imported from."""
+    if origin is not None:
+        inner = group(parent, "origin")
+        sd(inner, "file", origin.file)
+        sd(inner, "line", origin.line)
+        sd(inner, "path", origin.path)
+
+
+# ------------------------------------------------------------------------------------------------------- times
+
+
+def seconds_text(time: Duration) -> tuple[str, bool]:
+    """Return a time in seconds as a floating point number of 15 digits, and whether that is exact."""
+    value = time.in_unit("s")
+    found = _DOUBLE.divide(Decimal(value.numerator), Decimal(value.denominator)).normalize(_DOUBLE)
+    plain = f"{found:f}"
+    return plain if len(plain) <= 20 else str(found), value == Fraction(found)
+
+
+def add_time(parent: etree._Element, tag: str, time: Duration, *, up: bool) -> bool:
+    """Append a time in whole microseconds, rounded up or down; return whether that is exact."""
+    value = time.in_unit("us")
+    whole = math.ceil(value) if up else math.floor(value)
+    element = add(parent, tag)
+    add(element, "CSE-CODE", _MICROSECONDS)
+    add(element, "CSE-CODE-FACTOR", str(whole))
+    return value == whole
+
+
+def is_rounded(time: Duration) -> bool:
+    """Return whether a time is not in whole microseconds, which is the least that AUTOSAR surely has."""
+    return time.in_unit("us").denominator != 1

@@ -1,0 +1,139 @@
+"""The whole file: the system, and the ECU configuration that plays its schedule."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.exporters.arxml import PARTS, RELEASES
+from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
+from halpipe.exporters.arxml.document import add, document, named, origin_of, package, sd, serialise, special
+from halpipe.exporters.arxml.guarantees import write_guarantees
+from halpipe.exporters.arxml.layout import Layout
+from halpipe.exporters.arxml.modes import disabled_modes, write_modes
+from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_cores, write_os
+from halpipe.exporters.arxml.platform import write_platform
+from halpipe.exporters.arxml.rteconfig import write_rte
+from halpipe.exporters.arxml.software import write_software
+from halpipe.exporters.arxml.tables import make_plan
+from halpipe.exporters.arxml.ticks import choose_counter
+from halpipe.exporters.arxml.timing import write_demands
+from halpipe.exporters.codes import NEEDS_SCHEDULE
+from halpipe.exporters.selection import require_mode, select
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterable
+
+    from lxml import etree
+
+    from halpipe.exporters.arxml import ArxmlOptions
+    from halpipe.models import Schedule, TaskModel
+
+_PREFIX = re.compile(r"(/[A-Za-z][A-Za-z0-9_]{0,127})+")
+
+
+def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOptions) -> bytes:
+    """Return the file; raise `HalpipeError` for impossible options, dangling names, and rules of the OS not kept."""
+    _check_options(options, has_schedule=schedule is not None)
+    if options.mode:
+        require_mode(options.mode, (mode.name for mode in model.modes))
+        model = replace(model, modes=(model.mode(options.mode),), transitions=())
+    _refuse_dangling(model)
+    chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
+    layout = Layout(model)
+    root, packages = document(options.release)
+    top = named(packages, "AR-PACKAGE", layout.root)
+    if options.part != "ecuc":
+        _mark(top, model)
+    inner = add(top, "AR-PACKAGES")
+    if options.part != "ecuc":
+        _write_system(inner, model, chosen, layout, options.release)
+    if options.part != "system" and chosen is not None:
+        _write_ecuc(inner, model, chosen, layout, options)
+    return serialise(root)
+
+
+def _mark(top: etree._Element, model: TaskModel) -> None:
+    data = special(top, "model")
+    sd(data, "format", 1)
+    sd(data, "name", model.name)
+    origin_of(data, model.origin)
+
+
+def _write_system(
+    packages: etree._Element, model: TaskModel, schedule: Schedule | None, layout: Layout, release: str
+) -> None:
+    write_platform(packages, model, layout)
+    write_modes(packages, model, layout, release)
+    write_software(packages, model, layout, release, disabled_modes(model))
+    elements, known = write_demands(packages, model, layout)
+    if schedule is not None:
+        write_guarantees(elements, model, schedule, known)
+
+
+def _write_ecuc(
+    packages: etree._Element, model: TaskModel, schedule: Schedule, layout: Layout, options: ArxmlOptions
+) -> None:
+    plan = make_plan(model, schedule, layout, choose_counter(schedule, options))
+    names = OsNames(plan, layout)
+    elements = package(packages, PACKAGE)
+    write_cores(elements, plan, layout, options.ecuc_prefix)
+    write_os(elements, plan, names, options.ecuc_prefix, options.release)
+    write_rte(elements, model, plan, layout, names, options.ecuc_prefix)
+
+
+# ------------------------------------------------------------------------------------------------------ checks
+
+
+def _check_options(options: ArxmlOptions, *, has_schedule: bool) -> None:
+    findings = Findings()
+    if options.release not in RELEASES:
+        help = did_you_mean(options.release, RELEASES, "use one of " + ", ".join(RELEASES))
+        findings.add(UNKNOWN_RELEASE(f'there is no release "{options.release}"', help=help))
+    if options.part not in PARTS:
+        help = did_you_mean(options.part, PARTS, "use one of " + ", ".join(PARTS))
+        findings.add(UNKNOWN_PART(f'there is no part "{options.part}"', help=help))
+    if not _PREFIX.fullmatch(options.ecuc_prefix):
+        help = "write a path of short names, such as /AUTOSAR/EcucDefs"
+        findings.add(BAD_PREFIX(f'"{options.ecuc_prefix}" is no path of a package', help=help))
+    if options.part == "ecuc" and not has_schedule:
+        help = "run `halpipe schedule` and give its output with the model"
+        findings.add(NEEDS_SCHEDULE('part "ecuc" of format "arxml" needs a schedule', help=help))
+    findings.stop_on_errors()
+
+
+def _refuse_dangling(model: TaskModel) -> None:
+    """Raise `HalpipeError` with every name that the model does not define."""
+    findings = Findings()
+
+    def check(kind: str, names: Iterable[str], known: Collection[str], path: str) -> None:
+        for name in names:
+            if name not in known:
+                help = did_you_mean(name, sorted(known), "define it, or remove what names it")
+                findings.add(DANGLING_NAME(f'there is no {kind} "{name}"', path=path, help=help))
+
+    units = {unit.name for unit in model.units}
+    resources = {resource.name for resource in model.resources}
+    versions = {task.name: {version.name for version in task.versions} for task in model.tasks}
+    modes = {mode.name for mode in model.modes}
+    for task in model.tasks:
+        for version in task.versions:
+            path = f'task "{task.name}", version "{version.name}"'
+            check("unit", version.units, units, path)
+            check("resource", (access.resource for access in version.accesses), resources, path)
+            check("task", (precedence.task for precedence in version.precedences), versions, path)
+    for chain in model.chains:
+        check("task", chain.tasks, versions, f'chain "{chain.name}"')
+    for mode in model.modes:
+        for run in mode.runs:
+            path = f'mode "{mode.name}"'
+            check("task", [run.task], versions, path)
+            check("version", run.versions, versions.get(run.task, run.versions), f'{path}, task "{run.task}"')
+    for transition in model.transitions:
+        path = f'transition from "{transition.source}" to "{transition.target}"'
+        check("mode", (transition.source, transition.target), modes, path)
+    if findings.has_errors:
+        raise HalpipeError(*findings.items)

@@ -1,0 +1,66 @@
+"""What a schedule proves, as timing guarantees: for each mode how tasks recur and respond, and how long chains take."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.arxml.document import add, named, ref
+from halpipe.exporters.arxml.layout import ShortNames
+from halpipe.exporters.arxml.timing import latency, periodic
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from lxml import etree
+
+    from halpipe.durations import Duration
+    from halpipe.exporters.arxml.timing import Descriptions
+    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
+
+
+def write_guarantees(elements: etree._Element, model: TaskModel, schedule: Schedule, known: Descriptions) -> None:
+    """Append one element with guarantees for each mode, which hold while the mode is played, switches apart."""
+    names = ShortNames()
+    for table in schedule.modes:
+        short_name = names("Guarantees", known.layout.modes[table.name])
+        timing = named(elements, "SYSTEM-TIMING", short_name, f"proven for mode {table.name}")
+        _mode(add(timing, "TIMING-GUARANTEES"), model, table, known)
+        ref(timing, "SYSTEM-REF", "SYSTEM", known.layout.path("System", "System"))
+
+
+def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: Descriptions) -> None:
+    jobs: dict[str, list[Job]] = {}
+    for job in table.jobs:
+        jobs.setdefault(job.task, []).append(job)
+    names = ShortNames()
+    for task in model.tasks:
+        found = jobs.get(task.name)
+        if task.period is None or not found:
+            continue
+        short_name = known.layout.tasks[task.name]
+        delays = delays_of(task, task.period, found, table.hyperperiod)
+        jitter = max(delays) - min(delays)
+        periodic(parent, names(short_name, "period"), known.event(task.name), task.period, jitter)
+        response = max(delay + (job.end - job.start) for delay, job in zip(delays, found, strict=True))
+        latency(parent, names(short_name, "response"), "REACTION", known.response(task.name), response)
+    for chain in table.chains:
+        for kind, value in (("REACTION", chain.reaction), ("AGE", chain.age)):
+            if value is not None:
+                latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value)
+
+
+def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> list[Duration]:
+    """Return the delay of each job after its release, s + j * D modulo t_P (MODEL 3).
+
+    The phase s is the offset of the task, or the one that delays jobs least: without an offset the instants
+    theta - j * D lie on an arc of the hyperperiod that begins behind the widest gap between them.
+    """
+    latest = [(job.start - period * job.index) % hyperperiod for job in jobs]
+    if task.offset is not None:
+        phase = task.offset % period
+    else:
+        places = sorted(set(latest))
+        gaps = [(place - before) % hyperperiod for before, place in pairwise([places[-1], *places])]
+        phase = places[gaps.index(max(gaps))]
+    return [(place - phase) % hyperperiod for place in latest]

@@ -1,0 +1,176 @@
+"""The ECU configuration of EcuC and Os: cores, applications, OsTasks, counters and schedule tables."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.arxml.document import group, is_from, sd, sdx, seconds_text, special
+from halpipe.exporters.arxml.ecuc import CONTAINER, Module
+from halpipe.exporters.arxml.layout import ShortNames
+from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM
+
+if TYPE_CHECKING:
+    from lxml import etree
+
+    from halpipe.exporters.arxml.ecuc import Container
+    from halpipe.exporters.arxml.layout import Layout
+    from halpipe.exporters.arxml.tables import Plan, Table, Work
+
+PACKAGE = "Ecu"
+_POINT = "OsScheduleTableExpiryPoint"
+_SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
+
+
+class OsNames:
+    """Short names and paths of the containers of the Os, which the Rte refers to."""
+
+    def __init__(self, plan: Plan, layout: Layout) -> None:
+        self.base = layout.path(PACKAGE)
+        self.layout = layout
+        taken = (*plan.tasks, *plan.idle.values(), *(table.name for table in plan.tables))
+        names = ShortNames(SYSTEM, DEFAULT_START, *taken)
+        self.counters = {unit: names("Counter", layout.units[unit]) for unit in plan.units}
+        self.applications = {unit: names("Application", layout.units[unit]) for unit in plan.units}
+        modes = dict.fromkeys(table.mode for table in plan.tables if table.is_repeating)
+        self.starts = {mode: names("Start", layout.modes[mode]) for mode in modes}
+
+    def path(self, name: str) -> str:
+        """Return the path of a container of the Os."""
+        return f"{self.base}/Os/{name}"
+
+    def core(self, unit: str) -> str:
+        """Return the path of the core of a unit."""
+        return f"{self.base}/EcuC/EcucHardware/{self.layout.units[unit]}"
+
+    def point(self, table: Table, offset: int) -> str:
+        """Return the path of an expiry point."""
+        return self.path(f"{table.name}/{point_name(offset)}")
+
+
+def point_name(offset: int) -> str:
+    """Return the short name of the expiry point at an offset."""
+    return f"At_{offset}"
+
+
+def write_cores(elements: etree._Element, plan: Plan, layout: Layout, prefix: str) -> None:
+    """Append the configuration of EcuC: the cores, numbered as the units are ordered."""
+    module = Module(elements, "EcuC", prefix, layout.path(PACKAGE))
+    hardware = module.container("EcucHardware", "EcucHardware")
+    hardware.define()
+    for number, unit in enumerate(plan.units):
+        hardware.inside("EcucCoreDefinition", layout.units[unit]).integer("EcucCoreId", number)
+
+
+def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, release: str) -> None:
+    """Append the configuration of the Os."""
+    module = Module(elements, "Os", prefix, names.base)
+    system = module.container("OsOS", SYSTEM)
+    system.define()
+    system.integer("OsNumberOfCores", len(plan.units))
+    system.choice("OsStatus", "STANDARD")
+    for start in (DEFAULT_START, *names.starts.values()):
+        module.container("OsAppMode", start).define()
+    for name, work in plan.tasks.items():
+        _task(module, name, work, names.layout)
+    for name in plan.idle.values():
+        _task(module, name, None, names.layout)
+    for unit in plan.units:
+        _counter(module, names.counters[unit], plan)
+    for table in plan.tables:
+        _table(module, table, plan, names)
+    for number, unit in enumerate(plan.units):
+        _application(module, unit, number, plan, names, release)
+
+
+def _task(module: Module, name: str, work: Work | None, layout: Layout) -> None:
+    """Append an OsTask; it runs to its end, as the schedule has it, and with one priority for all, late ones queue."""
+    container = module.container("OsTask", name)
+    if work is not None:
+        task, version, unit = work
+        data = special(container.element, "work")
+        sdx(data, "RUNNABLE-ENTITY", layout.runnable(task))
+        sdx(data, "SWC-IMPLEMENTATION", layout.implementation(task, version))
+        sdx(data, "HW-ELEMENT", layout.unit(unit))
+    container.define()
+    container.integer("OsTaskActivation", 1)
+    container.integer("OsTaskPriority", 1)
+    container.choice("OsTaskSchedule", "NON")
+
+
+def _counter(module: Module, name: str, plan: Plan) -> None:
+    counter = module.container("OsCounter", name)
+    text, exact = seconds_text(plan.counter.tick)
+    if not exact:
+        sd(special(counter.element, "counter"), "tick", plan.counter.tick)
+    counter.define()
+    counter.integer("OsCounterMaxAllowedValue", plan.counter.max_value)
+    counter.integer("OsCounterMinCycle", plan.counter.min_cycle)
+    counter.integer("OsCounterTicksPerBase", 1)
+    counter.number("OsSecondsPerTick", text)
+    counter.choice("OsCounterType", "HARDWARE")
+
+
+def _application(module: Module, unit: str, number: int, plan: Plan, names: OsNames, release: str) -> None:
+    application = module.container("OsApplication", names.applications[unit])
+    application.define()
+    has_cores = is_from(release, "4.2.2")
+    application.flag("OsTrusted", value=False)
+    if not has_cores:
+        application.integer("OsApplicationCoreAssignment", number)
+    for name, (_, _, where) in plan.tasks.items():
+        if where == unit:
+            application.refer("OsAppTaskRef", names.path(name))
+    if unit in plan.idle:
+        application.refer("OsAppTaskRef", names.path(plan.idle[unit]))
+    application.refer("OsAppCounterRef", names.path(names.counters[unit]))
+    for table in plan.tables:
+        if table.unit == unit:
+            application.refer("OsAppScheduleTableRef", names.path(table.name))
+    if has_cores:
+        application.refer("OsApplicationCoreRef", names.core(unit), definition=_SYMBOLIC)
+
+
+# ------------------------------------------------------------------------------------------------------ tables
+
+
+def _table(module: Module, table: Table, plan: Plan, names: OsNames) -> None:
+    container = module.container("OsScheduleTable", table.name)
+    _succession(container, table, plan, names)
+    container.define()
+    container.integer("OsScheduleTableDuration", table.duration)
+    container.flag("OsScheduleTableRepeating", value=table.is_repeating)
+    container.refer("OsScheduleTableCounterRef", names.path(names.counters[table.unit]))
+    container.refer("OsSchTblAccessingApplication", names.path(names.applications[table.unit]))
+    if table.is_repeating:
+        _autostart(container, table, plan, names)
+    for point in table.points:
+        at = container.inside(_POINT, point_name(point.offset))
+        at.integer("OsScheduleTblExpPointOffset", point.offset)
+        for task in point.tasks:
+            action = at.inside("OsScheduleTableTaskActivation", task)
+            action.refer("OsScheduleTableActivateTaskRef", names.path(task))
+
+
+def _autostart(container: Container, table: Table, plan: Plan, names: OsNames) -> None:
+    """Let the OS begin with the first mode, or with another one where StartOS is told so; never at 0, which is now."""
+    start = container.inside("OsScheduleTableAutostart", "OsScheduleTableAutostart")
+    start.choice("OsScheduleTableAutostartType", "ABSOLUTE")
+    start.integer("OsScheduleTableStartValue", plan.counter.min_cycle)
+    if table.mode == next(iter(names.starts)):
+        start.refer("OsScheduleTableAppModeRef", names.path(DEFAULT_START))
+    start.refer("OsScheduleTableAppModeRef", names.path(names.starts[table.mode]))
+
+
+def _succession(container: Container, table: Table, plan: Plan, names: OsNames) -> None:
+    """Append what a table is of, and what NextScheduleTable lets follow it, for which AUTOSAR has no parameter."""
+    data = special(container.element, "table")
+    sd(data, "mode", table.mode)
+    sd(data, "target", table.target or None)
+    targets = [table.target] if table.target else [target for source, target in plan.switches if source == table.mode]
+    for target in targets:
+        switch = None if table.target else plan.table(table.unit, table.mode, target)
+        follower = switch or plan.table(table.unit, target)
+        if follower is not None:
+            inner = group(data, "next")
+            sdx(inner, CONTAINER, names.path(follower.name))
+            sd(inner, "target", target)

@@ -1,0 +1,166 @@
+"""Tasks as component types with one runnable each, versions as their implementations, and the composition of all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.arxml.document import (
+    add,
+    add_time,
+    group,
+    is_from,
+    is_rounded,
+    named,
+    origin_of,
+    package,
+    ref,
+    sd,
+    sdx,
+    seconds_text,
+    special,
+)
+from halpipe.exporters.arxml.layout import EVENT
+from halpipe.quantities import format_rational, format_size
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from lxml import etree
+
+    from halpipe.exporters.arxml.layout import Layout
+    from halpipe.models import Access, Precedence, Source, Task, TaskModel, Version
+
+
+def write_software(
+    packages: etree._Element, model: TaskModel, layout: Layout, release: str, disabled: Mapping[str, Sequence[str]]
+) -> None:
+    """Append the packages of components, implementations and the system; `disabled` gives modes by periodic task."""
+    components = package(packages, "Components")
+    for task in model.tasks:
+        _component(components, task, layout, release, disabled.get(task.name, ()))
+    implementations = package(packages, "Implementations")
+    for task in model.tasks:
+        for version in task.versions:
+            _implementation(implementations, task, version, layout)
+    _system(package(packages, "System"), model, layout)
+
+
+def _component(elements: etree._Element, task: Task, layout: Layout, release: str, disabled: Sequence[str]) -> None:
+    """Append the component type of a task: AUTOSAR binds component instances, not runnables, to cores."""
+    component = named(elements, "APPLICATION-SW-COMPONENT-TYPE", layout.tasks[task.name])
+    if disabled:
+        port = named(add(component, "PORTS"), "R-PORT-PROTOTYPE", "Mode")
+        ref(port, "REQUIRED-INTERFACE-TREF", "MODE-SWITCH-INTERFACE", layout.path("Modes", "ModeSwitch"))
+    behavior = named(add(component, "INTERNAL-BEHAVIORS"), "SWC-INTERNAL-BEHAVIOR", "Behavior")
+    rounded = False
+    if task.period is not None:
+        event = named(add(behavior, "EVENTS"), "TIMING-EVENT", EVENT)
+        if disabled:
+            _disable(add(event, "DISABLED-MODE-IREFS"), task, layout, disabled)
+        ref(event, "START-ON-EVENT-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
+        if task.offset is not None and is_from(release, "R19-11"):
+            add(event, "OFFSET", seconds_text(task.offset)[0])
+        text, exact = seconds_text(task.period)
+        add(event, "PERIOD", text)
+        rounded = not exact
+    runnable = named(add(behavior, "RUNNABLES"), "RUNNABLE-ENTITY", layout.tasks[task.name])
+    data = special(runnable, "task")
+    sd(data, "name", task.name)
+    sd(data, "period", task.period if rounded else None)
+    sd(data, "slack", format_rational(task.slack) if task.slack else None)
+    sd(data, "offset", task.offset)
+    origin_of(data, task.origin)
+    add(runnable, "SYMBOL", layout.tasks[task.name])
+
+
+def _disable(parent: etree._Element, task: Task, layout: Layout, modes: Sequence[str]) -> None:
+    for mode in modes:
+        iref = add(parent, "DISABLED-MODE-IREF")
+        ref(iref, "CONTEXT-PORT-REF", "R-PORT-PROTOTYPE", f"{layout.component(task.name)}/Mode")
+        prototype = layout.path("Modes", "ModeSwitch", "Mode")
+        ref(
+            iref,
+            "CONTEXT-MODE-DECLARATION-GROUP-PROTOTYPE-REF",
+            "MODE-DECLARATION-GROUP-PROTOTYPE",
+            prototype,
+        )
+        ref(iref, "TARGET-MODE-DECLARATION-REF", "MODE-DECLARATION", layout.mode(mode))
+
+
+# ---------------------------------------------------------------------------------------------------- versions
+
+
+def _implementation(elements: etree._Element, task: Task, version: Version, layout: Layout) -> None:
+    element = named(elements, "SWC-IMPLEMENTATION", layout.versions[task.name, version.name])
+    data = special(element, "version")
+    sd(data, "name", version.name)
+    sd(data, "wcet", version.wcet if version.wcet is not None and is_rounded(version.wcet) else None)
+    sd(data, "gang", version.gang if version.gang != 1 else None)
+    if version.units:
+        units = group(data, "units")
+        for unit in version.units:
+            sdx(units, "HW-ELEMENT", layout.unit(unit))
+    for access in version.accesses:
+        _access(data, access, layout)
+    for precedence in version.precedences:
+        _precedence(data, precedence, layout)
+    if version.source is not None:
+        _source(data, version.source)
+    origin_of(data, version.origin)
+    if version.wcet is not None:
+        resources = named(element, "RESOURCE-CONSUMPTION", "Resources")
+        times = add(resources, "EXECUTION-TIMES")
+        for unit in dict.fromkeys(version.units) or ("",):
+            time = named(times, "ANALYZED-EXECUTION-TIME", layout.units[unit] if unit else "Wcet")
+            ref(time, "EXECUTABLE-ENTITY-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
+            if unit:
+                ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(unit))
+            add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
+    ref(element, "BEHAVIOR-REF", "SWC-INTERNAL-BEHAVIOR", layout.behavior(task.name))
+
+
+def _access(data: etree._Element, access: Access, layout: Layout) -> None:
+    element = group(data, "access")
+    sdx(element, "HW-ELEMENT", layout.resource(access.resource))
+    sd(element, "start", access.start)
+    sd(element, "end", access.end)
+    sd(element, "bound", format_rational(access.bound))
+    sd(element, "kind", access.kind)
+    for transfer in access.transfers:
+        inner = group(element, "transfer")
+        sd(inner, "buffer", transfer.buffer)
+        sd(inner, "symbol", transfer.symbol)
+        sd(inner, "size", format_size(transfer.size))
+
+
+def _precedence(data: etree._Element, precedence: Precedence, layout: Layout) -> None:
+    element = group(data, "precedence")
+    sdx(element, "RUNNABLE-ENTITY", layout.runnable(precedence.task))
+    sd(element, "from", precedence.anchor)
+    sd(element, "min", precedence.min)
+    sd(element, "max", precedence.max)
+    origin_of(element, precedence.origin)
+
+
+def _source(data: etree._Element, source: Source) -> None:
+    element = group(data, "source")
+    for file in source.files:
+        sd(element, "file", file)
+    sd(element, "entry", source.entry)
+    for define in source.defines:
+        sd(element, "define", define)
+
+
+# ------------------------------------------------------------------------------------------------------ system
+
+
+def _system(elements: etree._Element, model: TaskModel, layout: Layout) -> None:
+    composition = named(elements, "COMPOSITION-SW-COMPONENT-TYPE", "Composition")
+    if model.tasks:
+        prototypes = add(composition, "COMPONENTS")
+        for task in model.tasks:
+            prototype = named(prototypes, "SW-COMPONENT-PROTOTYPE", layout.tasks[task.name])
+            ref(prototype, "TYPE-TREF", "APPLICATION-SW-COMPONENT-TYPE", layout.component(task.name))
+    system = named(elements, "SYSTEM", "System")
+    root = named(add(system, "ROOT-SOFTWARE-COMPOSITIONS"), "ROOT-SW-COMPOSITION-PROTOTYPE", layout.root)
+    ref(root, "SOFTWARE-COMPOSITION-TREF", "COMPOSITION-SW-COMPONENT-TYPE", layout.path("System", "Composition"))

@@ -1,0 +1,205 @@
+"""What the model demands, as timing extensions: periods, deadlines, orders with their windows, chains with limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.arxml.document import add, add_time, is_rounded, named, origin_of, package, ref, sd, sdx, special
+from halpipe.exporters.arxml.layout import ShortNames
+from halpipe.models import Anchor
+
+if TYPE_CHECKING:
+    from lxml import etree
+
+    from halpipe.durations import Duration
+    from halpipe.exporters.arxml.layout import Layout
+    from halpipe.models import Chain, Precedence, Task, TaskModel
+
+DEMANDS = "Requirements"
+_EVENT = "TD-EVENT-SWC-INTERNAL-BEHAVIOR"
+_CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"
+_STARTED = "STARTED"
+_TERMINATED = "TERMINATED"
+_ACTIVATED = "ACTIVATED"
+
+
+class Descriptions:
+    """The events and event chains of a file; each is written when it is first referred to."""
+
+    def __init__(self, parent: etree._Element, layout: Layout) -> None:
+        self.layout = layout
+        self.names = ShortNames()
+        self.chains: dict[str, str] = {}
+        self._parent = parent
+        self._events: dict[tuple[str, str], str] = {}
+        self._responses: dict[str, str] = {}
+
+    def path(self, name: str) -> str:
+        """Return the path of what stands in the element of the demands."""
+        return self.layout.path("Timing", DEMANDS, name)
+
+    def event(self, task: str, kind: str = _STARTED) -> str:
+        """Return the path of the event that a task is activated, started or terminated."""
+        if (task, kind) not in self._events:
+            name = self.names(self.layout.tasks[task], kind.lower())
+            element = named(self._parent, _EVENT, name)
+            iref = add(element, "COMPONENT-IREF")
+            ref(iref, "TARGET-COMPONENT-REF", "SW-COMPONENT-PROTOTYPE", self.layout.prototype(task))
+            ref(element, "RUNNABLE-REF", "RUNNABLE-ENTITY", self.layout.runnable(task))
+            add(element, f"{_EVENT}-TYPE", f"RUNNABLE-ENTITY-{kind}")
+            self._events[task, kind] = self.path(name)
+        return self._events[task, kind]
+
+    def chain(self, name: str, stimulus: str, response: str) -> etree._Element:
+        """Append an event chain between two events; `name` is free."""
+        element = named(self._parent, _CHAIN, name)
+        ref(element, "STIMULUS-REF", _EVENT, stimulus)
+        ref(element, "RESPONSE-REF", _EVENT, response)
+        return element
+
+    def response(self, task: str) -> str:
+        """Return the path of the chain from the activation of a task to its end."""
+        if task not in self._responses:
+            ends = self.event(task, _ACTIVATED), self.event(task, _TERMINATED)
+            name = self.names(self.layout.tasks[task], "response")
+            self.chain(name, *ends)
+            self._responses[task] = self.path(name)
+        return self._responses[task]
+
+    def task_chain(self, chain: Chain) -> str:
+        """Append a cause-effect chain, from the start of its first task to the end of its last; return its path.
+
+        Its segments, one for each task, tell the tasks in order.
+        """
+        name = self.names(chain.name)
+        starts = [self.event(task) for task in chain.tasks]
+        ends = [*starts[1:], self.event(chain.tasks[-1], _TERMINATED)]
+        segments = [self.names(name, self.layout.tasks[task]) for task in chain.tasks]
+        element = named(self._parent, _CHAIN, name)
+        data = special(element, "chain")
+        sd(data, "name", chain.name)
+        origin_of(data, chain.origin)
+        ref(element, "STIMULUS-REF", _EVENT, starts[0])
+        ref(element, "RESPONSE-REF", _EVENT, ends[-1])
+        refs = add(element, "SEGMENT-REFS")
+        for segment, start, end in zip(segments, starts, ends, strict=True):
+            ref(refs, "SEGMENT-REF", _CHAIN, self.path(segment))
+            self.chain(segment, start, end)
+        return self.path(name)
+
+
+def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) -> tuple[etree._Element, Descriptions]:
+    """Append the package of timing with the demands; return the place of its elements, and the descriptions."""
+    elements = package(packages, "Timing")
+    timing = named(elements, "SYSTEM-TIMING", DEMANDS)
+    known = Descriptions(add(timing, "TIMING-DESCRIPTIONS"), layout)
+    demands = add(timing, "TIMING-REQUIREMENTS")
+    for task in model.tasks:
+        if task.period is not None:
+            name = known.names(layout.tasks[task.name], "period")
+            periodic(demands, name, known.event(task.name, _ACTIVATED), task.period, None)
+    for task in model.tasks:
+        if task.deadline is not None:
+            _deadline(demands, task, task.deadline, known)
+    for task in model.tasks:
+        for precedence in common_windows(task):
+            _window(demands, task, precedence, known)
+    _order(demands, model, known)
+    known.chains |= {chain.name: known.task_chain(chain) for chain in model.chains}
+    for chain in model.chains:
+        for kind, limit in (("REACTION", chain.max_reaction), ("AGE", chain.max_age)):
+            if limit is not None:
+                name = known.names(chain.name, kind.lower())
+                latency(demands, name, kind, known.chains[chain.name], limit, exact="limit")
+    ref(timing, "SYSTEM-REF", "SYSTEM", layout.path("System", "System"))
+    return elements, known
+
+
+def periodic(parent: etree._Element, name: str, event: str, period: Duration, jitter: Duration | None) -> None:
+    """Append that an event recurs, with at most a jitter."""
+    element = named(parent, "PERIODIC-EVENT-TRIGGERING", name)
+    ref(element, "EVENT-REF", _EVENT, event)
+    if jitter is not None:
+        add_time(element, "JITTER", jitter, up=True)
+    add_time(element, "PERIOD", period, up=False)
+
+
+def latency(parent: etree._Element, name: str, kind: str, chain: str, limit: Duration, *, exact: str = "") -> None:
+    """Append the most that a chain may take (rounded down, its value beside it as `exact`) or takes (rounded up)."""
+    element = named(parent, "LATENCY-TIMING-CONSTRAINT", name)
+    if exact:
+        data = special(element, exact)
+        sd(data, "exact", limit if is_rounded(limit) else None)
+    add(element, "LATENCY-CONSTRAINT-TYPE", kind)
+    ref(element, "SCOPE-REF", _CHAIN, chain)
+    add_time(element, "MAXIMUM", limit, up=not exact)
+
+
+def _deadline(demands: etree._Element, task: Task, deadline: Duration, known: Descriptions) -> None:
+    element = named(demands, "LATENCY-TIMING-CONSTRAINT", known.names(known.layout.tasks[task.name], "deadline"))
+    data = special(element, "deadline")
+    sdx(data, "RUNNABLE-ENTITY", known.layout.runnable(task.name))
+    sd(data, "exact", deadline if is_rounded(deadline) else None)
+    add(element, "LATENCY-CONSTRAINT-TYPE", "REACTION")
+    ref(element, "SCOPE-REF", _CHAIN, known.response(task.name))
+    add_time(element, "MAXIMUM", deadline, up=False)
+
+
+def common_windows(task: Task) -> list[Precedence]:
+    """Return the windows that a task keeps whatever its version: AUTOSAR has no demands that depend on the version.
+
+    Of several versions these are the windows round all those from one instant of a predecessor that every version has.
+    """
+    if len(task.versions) == 1:
+        return list(task.versions[0].precedences)
+    found: dict[tuple[str, Anchor], list[Precedence]] = {}
+    for version in task.versions:
+        for precedence in version.precedences:
+            found.setdefault((precedence.task, precedence.anchor), []).append(precedence)
+    keys = [{(p.task, p.anchor) for p in version.precedences} for version in task.versions]
+    return [
+        replace(windows[0], min=min(p.min for p in windows), max=max(p.max for p in windows))
+        for key, windows in found.items()
+        if all(key in known for known in keys)
+    ]
+
+
+def _window(demands: etree._Element, task: Task, precedence: Precedence, known: Descriptions) -> None:
+    """Append the least and the most time from an instant of the predecessor to the start of a task."""
+    kind = _STARTED if precedence.anchor is Anchor.START else _TERMINATED
+    ends = known.event(precedence.task, kind), known.event(task.name)
+    tasks = known.layout.tasks
+    name = known.names(tasks[precedence.task], "before", tasks[task.name])
+    element = named(demands, "OFFSET-TIMING-CONSTRAINT", name)
+    ref(element, "SOURCE-REF", _EVENT, ends[0])
+    ref(element, "TARGET-REF", _EVENT, ends[1])
+    add_time(element, "MINIMUM", precedence.min, up=True)
+    add_time(element, "MAXIMUM", precedence.max, up=False)
+
+
+def _order(demands: etree._Element, model: TaskModel, known: Descriptions) -> None:
+    """Append one order of all tasks that precede others."""
+    after: dict[str, list[str]] = {}
+    for task in model.tasks:
+        for precedence in common_windows(task):
+            followers = after.setdefault(precedence.task, [])
+            if task.name not in followers:
+                followers.append(task.name)
+    if not after:
+        return
+    ordered = {*after, *(follower for found in after.values() for follower in found)}
+    name, layout = known.names("Order"), known.layout
+    elements = add(named(demands, "EXECUTION-ORDER-CONSTRAINT", name), "ORDERED-ELEMENTS")
+    for task in model.tasks:
+        if task.name not in ordered:
+            continue
+        element = named(elements, "EOC-EXECUTABLE-ENTITY-REF", layout.tasks[task.name])
+        iref = add(element, "COMPONENT-IREF")
+        ref(iref, "TARGET-COMPONENT-REF", "SW-COMPONENT-PROTOTYPE", layout.prototype(task.name))
+        ref(element, "EXECUTABLE-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
+        if task.name in after:
+            refs = add(element, "SUCCESSOR-REFS")
+            for follower in after[task.name]:
+                path = known.path(f"{name}/{layout.tasks[follower]}")
+                ref(refs, "SUCCESSOR-REF", "EOC-EXECUTABLE-ENTITY-REF", path)

@@ -1,0 +1,145 @@
+"""The lines of a BTF trace, and the run that they tell of.
+
+Names follow what viewers go by: Trace Compass ties tasks to cores only where a core's name begins with ``Core`` and a
+task's with ``TASK``. The start of each table is marked by a stimulus, so that a comparison needs no guess.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration
+
+if TYPE_CHECKING:
+    from halpipe.exporters.btf import BtfOptions
+    from halpipe.models import Job, Schedule, TaskModel, TransitionTable
+
+CREATED = "1970-01-01T00:00:00Z"
+"""The format wants a date; the same schedule gives the same bytes, so it is always this one."""
+
+_TERMINATE, _MARK, _ACTIVATE, _START = range(4)
+"""At one instant: what ends first, then marks, then what begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """A table of the run, played from `start` on."""
+
+    name: str
+    start: Duration
+    jobs: tuple[Job, ...]
+
+
+def format_btf(model: TaskModel, schedule: Schedule, options: BtfOptions) -> str:
+    """Return the trace of a run through every mode and switch that can be reached from the first mode."""
+    pieces, unreached = tour(schedule, options.cycles)
+    events, rounded = _events(pieces)
+    header = [
+        "#version 2.1.5",
+        "#creator halpipe",
+        f"#creationDate {CREATED}",
+        "#timeScale ns",
+        f"# {options.title or model.name}",
+        f"# model SHA-256 {schedule.model_sha256}",
+        f"# {rounded} instants rounded down to whole nanoseconds",
+        *(f"# not reached from {schedule.modes[0].name}: {name}" for name in unreached),
+        *_entities(pieces),
+    ]
+    return "\n".join([*header, *events]) + "\n"
+
+
+def tour(schedule: Schedule, cycles: int) -> tuple[list[Piece], list[str]]:
+    """Return a run that plays each mode `cycles` times per visit and takes every switch at least once.
+
+    Also return the names of modes and switches that no allowed path from the first mode leads to.
+    """
+    switches = {(table.source, table.target): table for table in schedule.transitions}
+    modes = {mode.name: mode for mode in schedule.modes}
+    here = schedule.modes[0].name
+    untaken = dict.fromkeys(switches)
+    path: list[str | TransitionTable] = [here]
+    while untaken:
+        steps = _nearest_untaken(here, switches, untaken)
+        if not steps:
+            break
+        for step in steps:
+            untaken.pop((step.source, step.target), None)
+            path += [step, step.target]
+        here = steps[-1].target
+    pieces, now = [], ZERO
+    for played in path:
+        if isinstance(played, str):
+            for _ in range(cycles):
+                pieces.append(Piece(played, now, modes[played].jobs))
+                now += modes[played].hyperperiod
+        else:
+            pieces.append(Piece(f"{played.source}->{played.target}", now, played.jobs))
+            now += played.length
+    seen = {piece.name for piece in pieces}
+    names = [*modes, *(f"{source}->{target}" for source, target in switches)]
+    return pieces, [name for name in names if name not in seen]
+
+
+def _nearest_untaken(
+    here: str, switches: dict[tuple[str, str], TransitionTable], untaken: dict[tuple[str, str], None]
+) -> list[TransitionTable]:
+    """Return the shortest way from a mode that ends with a switch not yet taken; empty if there is none."""
+    waiting: deque[tuple[str, list[TransitionTable]]] = deque([(here, [])])
+    visited = {here}
+    while waiting:
+        mode, steps = waiting.popleft()
+        leaving = [table for (source, _), table in switches.items() if source == mode]
+        for table in leaving:
+            if (table.source, table.target) in untaken:
+                return [*steps, table]
+        for table in leaving:
+            if table.target not in visited:
+                visited.add(table.target)
+                waiting.append((table.target, [*steps, table]))
+    return []
+
+
+def _entities(pieces: list[Piece]) -> list[str]:
+    """Return the tables of types and entities, which viewers read for their trees."""
+    tasks = dict.fromkeys(f"TASK_{job.task}" for piece in pieces for job in piece.jobs)
+    cores = dict.fromkeys(f"Core_{unit}" for piece in pieces for job in piece.jobs for unit in job.units)
+    marks = dict.fromkeys(f"STI_TABLE_{piece.name}" for piece in pieces)
+    stimuli = dict.fromkeys(f"STI_{job.task}" for piece in pieces for job in piece.jobs)
+    types = {"C": sorted(cores), "T": sorted(tasks), "STI": sorted([*marks, *stimuli])}
+    lines = ["#entityType", *(f"#-{number} {kind}" for number, kind in enumerate(types)), "#entityTable"]
+    names = [(kind, name) for kind, found in types.items() for name in found]
+    lines += [f"#-{number} {name}" for number, (_, name) in enumerate(names)]
+    numbers = {kind: number for number, kind in enumerate(types)}
+    return [*lines, "#entityTypeTable", *(f"#-{numbers[kind]} {name}" for kind, name in names)]
+
+
+def _events(pieces: list[Piece]) -> tuple[list[str], int]:
+    """Return the events in the order of time, and how many instants had to be rounded."""
+    found: list[tuple[int, int, str]] = []
+    instances: Counter[str] = Counter()
+    rounded = 0
+
+    def put(at: Duration, rank: int, text: str) -> None:
+        nonlocal rounded
+        whole = at // _NANOSECOND
+        rounded += at.ns != whole
+        found.append((whole, rank, text))
+
+    for cycle, piece in enumerate(pieces):
+        put(piece.start, _MARK, f"STI_TABLE_{piece.name},{cycle},STI,STI_TABLE_{piece.name},{cycle},trigger")
+        for job in sorted(piece.jobs, key=lambda job: (job.start.ns, job.task, job.index)):
+            start, end = piece.start + job.start, piece.start + job.end
+            for unit in job.units:
+                # A gang job is one instance on each of its units: BTF knows jobs on one core only.
+                name, instance = job.task, instances[job.task]
+                instances[name] += 1
+                put(start, _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
+                put(start, _START, f"Core_{unit},0,T,TASK_{name},{instance},start")
+                put(end, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},terminate")
+    found.sort(key=lambda event: event[:2])
+    return [f"{at},{text}" for at, _, text in found], rounded
+
+
+_NANOSECOND = Duration(1)

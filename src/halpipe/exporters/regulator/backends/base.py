@@ -1,0 +1,94 @@
+"""What every back-end shares: its protocol, names in C and in file names, and templates."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any, Protocol
+
+from halpipe.diagnostics import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import jinja2
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.exporters.regulator.platform import Platform
+    from halpipe.exporters.regulator.tables import Tables
+
+
+class Backend(Protocol):
+    """A kind of regulator. It decides nothing about budgets: it says what must be reserved, checks, and writes.
+
+    `least` is the smallest budget that a row can be given, in bursts: what an idle row may use all the same.
+    """
+
+    name: str
+    summary: str
+    least: int
+
+    def overshoot(self, platform: Platform) -> int:
+        """Return the bytes that may pass above a budget, per window and direction."""
+        ...
+
+    def check(self, tables: Tables) -> list[Diagnostic]:
+        """Return everything about `tables` that this kind of regulator cannot do, or not well."""
+        ...
+
+    def facts(self, tables: Tables) -> dict[str, Any]:
+        """Return what the report says of this back-end, as JSON values."""
+        ...
+
+    def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
+        """Return the files by name, which go into a folder of the back-end; `digest` is the schedule's hash."""
+        ...
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """Return an identifier in capital letters for each name, unique: ``a->b`` is ``A_TO_B``."""
+    found: list[str] = []
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9]", "_", name.replace("->", "_to_")).upper()
+        candidate, number = plain, 2
+        while candidate in found:
+            candidate, number = f"{plain}_{number}", number + 1
+        found.append(candidate)
+    return found
+
+
+def file_names(names: Iterable[str]) -> list[str]:
+    """Return a file name without suffix for each name, unique, with its number: ``2-race-to-stop``."""
+    plain = (re.sub(r"[^A-Za-z0-9_.-]", "_", name.replace("->", "-to-"))[:80] for name in names)
+    return [f"{number}-{name}" for number, name in enumerate(plain)]
+
+
+def comment(text: str) -> str:
+    """Return a name as it may stand in a comment of C or of a script."""
+    return printable(text).replace("*/", "*_/").replace("/*", "/_*")
+
+
+def render(template: str, **values: Any) -> bytes:
+    """Fill a template of this folder."""
+    return _environment().get_template(template).render(**values).encode()
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_source),
+        autoescape=False,  # C and shell; names are checked by the schema and by `comment`
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {"comment": comment, "hex": lambda value: f"{value:#010x}"}
+    return environment
+
+
+def _source(name: str) -> str:
+    return resources.files(__package__).joinpath("templates", name).read_text("utf-8")

@@ -1,0 +1,145 @@
+"""The generic table-driven unit (paper, section IV): images of its memories, a C header and a checked binary.
+
+The unit itself, in Verilog, and its registers, in SystemRDL, go with the tables.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from importlib import resources
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.regulator.backends.base import identifiers, render
+from halpipe.exporters.regulator.codes import DOES_NOT_FIT
+from halpipe.exporters.regulator.platform import READ, WRITE
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.exporters.regulator.platform import Platform
+    from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
+
+MAGIC = b"HBWT"
+FORMAT_VERSION = 1
+LEAST_CYCLES = 4
+MOST_UNITS = 63
+"""What the Verilog that comes with the tables can do."""
+
+_END = "ffffffff" + "0" * 16
+
+
+class TableUnit:
+    """Admission is strict: a burst passes only if what is left of the budget covers it, so nothing overshoots."""
+
+    name = "table"
+    summary = "generic table-driven regulator: memory images, C header, binary, Verilog and registers"
+    least = 0
+
+    def overshoot(self, platform: Platform) -> int:
+        """Return 0: see the class."""
+        return 0
+
+    def check(self, tables: Tables) -> list[Diagnostic]:
+        """Return the units whose entries do not fit the memory of their regulator, and what else it cannot do."""
+        depth = int(tables.platform.settings["table"]["depth"])
+        found = []
+        if tables.platform.cycles < LEAST_CYCLES:
+            message = f"a window of {tables.platform.cycles} cycles is too short to read the next entry"
+            help = f"use a window of at least {LEAST_CYCLES} cycles"
+            found.append(DOES_NOT_FIT(message, at=tables.platform.at, path="platform window", help=help))
+        if len(tables.units) > MOST_UNITS:
+            message = f"{len(tables.units)} units; one block of windows serves {MOST_UNITS}"
+            help = "leave out units that do not use the resource"
+            found.append(DOES_NOT_FIT(message, at=tables.platform.at, path="platform units", help=help))
+        for unit in tables.units:
+            entries = 1 + sum(len(table.entries(unit.name)) for table in tables.tables)
+            if entries > depth:
+                message = f"needs {entries} table entries, the regulator has {depth}"
+                help = (
+                    f'state "table: {{depth: {entries}}}" and build it so, use longer windows, or schedule on the grid'
+                )
+                at = tables.platform.units[unit.name].at
+                found.append(DOES_NOT_FIT(message, at=at, path=f'unit "{unit.name}"', help=help))
+        return found
+
+    def facts(self, tables: Tables) -> dict[str, Any]:
+        """Return the memory needed by every unit."""
+        depth = int(tables.platform.settings["table"]["depth"])
+        entries = {u.name: 1 + sum(len(table.entries(u.name)) for table in tables.tables) for u in tables.units}
+        return {"table_depth": depth, "entries": entries}
+
+    def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
+        """Return memory images, C header, binary, registers and the unit."""
+        units = [_UnitWords(tables, unit) for unit in tables.units]
+        files = {}
+        for words in units:
+            files[f"unit{words.unit.index}.tab.memh"] = words.table_image()
+            files[f"unit{words.unit.index}.hdr.memh"] = words.header_image()
+        files["bw_tables.h"] = _header(tables, units, digest)
+        files["bw_tables.bin"] = _binary(tables, units, digest)
+        files["regulator.rdl"] = register_description()
+        return files | unit_sources()
+
+
+class _UnitWords:
+    """The words of one unit's memories: `heads` (windows, successor, base) and `entries` (start, read, write)."""
+
+    def __init__(self, tables: Tables, unit: RegulatedUnit) -> None:
+        self.unit = unit
+        burst = tables.platform.burst
+        blocks = [table.entries(unit.name) for table in tables.tables]
+        bases = accumulate((len(block) for block in blocks), initial=0)
+        self.heads = [(t.windows, t.successor, base) for t, base in zip(tables.tables, bases, strict=False)]
+        self.entries = [(e.window, e.read * burst, e.write * burst) for block in blocks for e in block]
+
+    def table_image(self) -> bytes:
+        lines = [f"{start:08x}{read:08x}{write:08x}" for start, read, write in self.entries]
+        return "\n".join([*lines, _END, ""]).encode()
+
+    def header_image(self) -> bytes:
+        return "".join(f"{succ:02x}{base:06x}{windows:08x}\n" for windows, succ, base in self.heads).encode()
+
+
+def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
+    names = identifiers(table.name for table in tables.tables)
+    return render(
+        "bw_tables.h.j2",
+        tables=list(zip(names, tables.tables, strict=True)),
+        units=units,
+        switches=tables.switches,
+        number={table.name: table.index for table in tables.tables},
+        platform=tables.platform,
+        capacity=tables.platform.window_capacity,
+        model=tables.model,
+        digest=digest,
+    )
+
+
+def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
+    """Return the binary: little-endian, with a CRC-32 of everything before it at the end; see regulator-unit.md."""
+    p = tables.platform
+    counts = (FORMAT_VERSION, len(units), len(tables.tables), 0)
+    head = struct.pack("<4s4H4I", MAGIC, *counts, p.cycles, p.clock, p.burst, p.window_capacity) + bytes.fromhex(digest)
+    parts = [head]
+    for words in units:
+        default = words.unit.default
+        parts.append(struct.pack("<4I", words.unit.manager, default[READ], default[WRITE], len(words.entries)))
+    for words in units:
+        parts += [struct.pack("<2I", windows, succ << 24 | base) for windows, succ, base in words.heads]
+    for words in units:
+        parts += [struct.pack("<3I", *entry) for entry in words.entries]
+    body = b"".join(parts)
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def register_description() -> bytes:
+    """Return the registers of the unit as SystemRDL."""
+    return resources.files(__package__).joinpath("templates", "regulator.rdl").read_bytes()
+
+
+def unit_sources() -> dict[str, bytes]:
+    """Return the unit's Verilog, by name in the bundle."""
+    folder = resources.files("halpipe.exporters.regulator").joinpath("rtl")
+    sources = sorted((f for f in folder.iterdir() if f.name.endswith((".v", ".sv"))), key=lambda f: f.name)
+    return {f"rtl/{source.name}": source.read_bytes() for source in sources}

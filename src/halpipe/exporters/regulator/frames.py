@@ -1,0 +1,196 @@
+"""When which unit may use how much: the access phases of every table, exact, on the line that the table covers.
+
+A table is a mode (a circle: jobs that wrap come in again at its start) or a transition (a line that begins at the last
+hyperperiod's end of the mode before). Times are integers: ticks that divide every time of the schedule and the window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, NamedTuple
+
+from halpipe.diagnostics import NOWHERE, Location
+from halpipe.exporters.regulator.platform import READ, WRITE
+from halpipe.exporters.timeline import versions_of
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.durations import Duration
+    from halpipe.models import Access, Job, ModeSchedule, Schedule, TaskModel, TransitionTable
+
+MODE, TRANSITION = "mode", "transition"
+
+
+class Row(NamedTuple):
+    """What is regulated on its own: one direction of one unit."""
+
+    unit: str
+    direction: str
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """An access phase of one job on one of its units, in ticks of its table.
+
+    A gang shares its bound equally, so `bound` is the part of this unit. On the circle of a mode `begin` lies on it. In
+    a transition it is negative for what began before; `end` may be beyond the end of the table.
+    """
+
+    job: Job
+    access: Access
+    row: Row
+    begin: int
+    end: int
+    bound: Fraction
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A table to be filled: what it covers, in ticks, and the phases in it.
+
+    A transition covers its `length`, and as many `cycles` of the mode after as it takes until that mode's own table
+    grants what is needed. `at` is its place in the schedule file.
+    """
+
+    name: str
+    kind: str
+    source: str
+    target: str
+    length: int
+    cycles: int
+    span: int
+    phases: tuple[Phase, ...]
+    at: Location = NOWHERE
+
+    @property
+    def path(self) -> str:
+        """How messages call the table."""
+        return f'{self.kind} "{self.name}"'
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """The ticks: `per_ns` of them are a nanosecond, `window` of them a window."""
+
+    per_ns: int
+    window: int
+
+    def ticks(self, ns: int | Fraction) -> int:
+        """Return a time of the schedule in ticks, exact."""
+        return int(ns * self.per_ns)
+
+    def ns(self, ticks: int) -> Fraction:
+        """Return ticks in nanoseconds."""
+        return Fraction(ticks, self.per_ns)
+
+
+def grid_of(model: TaskModel, schedule: Schedule, window: Duration) -> Grid:
+    """Return ticks that divide every start, phase, hyperperiod, transition and the window."""
+    times = [window.ns]
+    times += [mode.hyperperiod.ns for mode in schedule.modes]
+    times += [table.length.ns for table in schedule.transitions]
+    times += [job.start.ns for mode in schedule.modes for job in mode.jobs]
+    times += [job.start.ns for table in schedule.transitions for job in table.jobs]
+    versions = (version for task in model.tasks for version in task.versions)
+    times += [edge.ns for version in versions for a in version.accesses for edge in (a.start, a.end)]
+    per_ns = math.lcm(*{time.denominator for time in times})
+    return Grid(per_ns, int(window.ns * per_ns))
+
+
+class Framer:
+    """Makes the frames of a schedule for one resource; accesses of no kind use the direction `unspecified`."""
+
+    def __init__(self, model: TaskModel, schedule: Schedule, resource: str, grid: Grid, unspecified: str) -> None:
+        self.schedule = schedule
+        self.grid = grid
+        writes = {AccessKind.WRITE: WRITE, None: unspecified}
+        self.uses: dict[tuple[str, str], list[tuple[Access, str, int, int]]] = {
+            key: [
+                (access, writes.get(access.kind, READ), grid.ticks(access.start.ns), grid.ticks(access.end.ns))
+                for access in version.accesses
+                if access.resource == resource
+            ]
+            for key, version in versions_of(model).items()
+        }
+
+    def frames(self) -> list[Frame]:
+        """Return the frames of all modes, then of the transitions that need a table."""
+        modes = {mode.name: mode for mode in self.schedule.modes}
+        found = [self._mode(mode) for mode in self.schedule.modes]
+        for table in self.schedule.transitions:
+            frame = self._transition(table, modes[table.source], modes[table.target])
+            if frame.span:
+                found.append(frame)
+        return found
+
+    def _mode(self, mode: ModeSchedule) -> Frame:
+        span = self.grid.ticks(mode.hyperperiod.ns)
+        phases = tuple(_moved(p, -span) if p.begin >= span else p for p in self._phases(mode.jobs, 0))
+        return Frame(mode.name, MODE, mode.name, mode.name, span, 1, span, phases, mode.at)
+
+    def _transition(self, table: TransitionTable, source: ModeSchedule, target: ModeSchedule) -> Frame:
+        length, cycle = self.grid.ticks(table.length.ns), self.grid.ticks(target.hyperperiod.ns)
+        before = self._phases(source.jobs, -self.grid.ticks(source.hyperperiod.ns))
+        foreign = [p for p in (*before, *self._phases(table.jobs, 0)) if p.end > 0]
+        own = list(self._phases(target.jobs, length))
+        cycles = _cycles(foreign, own, length, cycle)
+        after = [_moved(phase, number * cycle) for number in range(cycles) for phase in own]
+        return Frame(
+            name=f"{table.source}->{table.target}",
+            kind=TRANSITION,
+            source=table.source,
+            target=table.target,
+            length=length,
+            cycles=cycles,
+            span=length + cycles * cycle,
+            phases=(*foreign, *after),
+            at=table.at,
+        )
+
+    def _phases(self, jobs: Iterable[Job], shift: int) -> Iterator[Phase]:
+        for job in jobs:
+            start = self.grid.ticks(job.start.ns) + shift
+            for access, direction, begin, end in self.uses[job.task, job.version]:
+                bound = access.bound / len(job.units)
+                for unit in job.units:
+                    yield Phase(job, access, Row(unit, direction), start + begin, start + end, bound)
+
+
+def _moved(phase: Phase, by: int) -> Phase:
+    return Phase(phase.job, phase.access, phase.row, phase.begin + by, phase.end + by, phase.bound)
+
+
+def _cycles(foreign: list[Phase], own: list[Phase], length: int, cycle: int) -> int:
+    """Return how many cycles of the mode after belong to the transition.
+
+    In its first cycle the parts of its jobs that wrap in from before were never started, while jobs of the mode
+    before or of the transition may still be at work. None, if what wraps in covers for those at every instant.
+    """
+    tails = [phase for phase in foreign if phase.end > length]
+    if not tails:
+        return 0
+    idle = [_moved(phase, -cycle) for phase in own if phase.end - cycle > length]
+    if _covered(tails, idle, length):
+        return 0
+    return -(-(max(phase.end for phase in tails) - length) // cycle)
+
+
+def _covered(phases: list[Phase], cover: list[Phase], begin: int) -> bool:
+    """Return whether from `begin` on no row needs more for `phases` than it has for `cover`."""
+    changes: dict[Row, dict[int, Fraction]] = defaultdict(lambda: defaultdict(Fraction))
+    for sign, several in ((1, phases), (-1, cover)):
+        for phase in several:
+            changes[phase.row][max(phase.begin, begin)] += sign * phase.bound
+            changes[phase.row][phase.end] -= sign * phase.bound
+    for steps in changes.values():
+        rate = Fraction(0)
+        for instant in sorted(steps):
+            rate += steps[instant]
+            if rate > 0:
+                return False
+    return True

@@ -1,0 +1,243 @@
+"""Pictures of bandwidth over time: for every table the units stacked, under the line of what memory surely serves.
+
+`draw` shows the budgets of an export, `draw_bounds` the bounds of a schedule, for which no platform is needed.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from itertools import accumulate, pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration, seconds
+from halpipe.exporters.palette import FILLS, INK
+from halpipe.exporters.regulator.backends.rates import segments
+from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
+from halpipe.exporters.regulator.platform import DIRECTIONS, READ
+from halpipe.exporters.regulator.tables import run_starts
+from halpipe.exporters.report.axis import ticks
+from halpipe.exporters.timeline import Window
+from halpipe.quantities import format_bandwidth, format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import jinja2
+
+    from halpipe.exporters.regulator.frames import Frame
+    from halpipe.exporters.regulator.tables import Table, Tables
+    from halpipe.exporters.report.axis import Tick
+    from halpipe.models import Schedule, TaskModel
+
+COLUMNS = 900
+"""Steps that one panel shows; of more, each column shows the mean."""
+
+WIDTH, HEIGHT = 900, 120
+_TONES = 8  # the first of the fills, and the same darkened from 16 on
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """A step function in ticks: `values[i]` holds from `instants[i]` on, the first of which is 0."""
+
+    instants: Sequence[int]
+    values: Sequence[int]
+
+    def areas(self, edges: Iterable[int]) -> list[int]:
+        """Return the area under it from 0 to each of `edges`."""
+        lengths = (b - a for a, b in pairwise(self.instants))
+        before = [0, *accumulate(v * n for v, n in zip(self.values, lengths, strict=False))]
+        found = []
+        for edge in edges:
+            i = bisect_right(self.instants, edge) - 1
+            found.append(before[i] + self.values[i] * (edge - self.instants[i]))
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One table: `full` is the value at the capacity line; `kept`, in per cent of it, is reserved for overshoot."""
+
+    title: str
+    span: int
+    length: Duration
+    full: int
+    kept: int
+    rows: dict[Row, Steps]
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A row as a closed path in a panel."""
+
+    name: str
+    fill: str
+    path: str
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A panel as the template needs it: `y` is its top."""
+
+    title: str
+    note: str
+    y: int
+    areas: tuple[Area, ...]
+    marks: tuple[Tick, ...]
+    reserve: str
+
+
+def draw(tables: Tables) -> str:
+    """Return the budgets of every table as SVG."""
+    p = tables.platform
+    full = p.window_capacity
+    kept = tables.reserve * 100 // full
+    panels = [
+        Panel(
+            title=f"{table.frame.kind} {table.name}",
+            span=table.windows,
+            length=p.window * table.windows,
+            full=full,
+            kept=kept,
+            rows={row: _budgets(table, row, p.burst) for row in tables.rows if row in table.bursts},
+        )
+        for table in tables.tables
+    ]
+    rate = format_bandwidth(p.capacity)
+    return _svg(panels, [unit.name for unit in tables.units], f"{tables.resource}: budgets, capacity {rate}")
+
+
+def draw_bounds(model: TaskModel, schedule: Schedule) -> dict[str, str]:
+    """Return for every resource with a bandwidth the bounds of a schedule as SVG; none where nothing uses it.
+
+    Reports may embed the pictures as they are. `schedule` must fit `model`, see `halpipe.exporters.selection.select`.
+    """
+    pictures = {}
+    grid = grid_of(model, schedule, seconds(1))
+    for resource in model.resources:
+        if resource.bandwidth is None:
+            continue
+        frames = Framer(model, schedule, resource.name, grid, READ).frames()
+        panels = [_bounds(frame, grid) for frame in frames]
+        if any(panel.rows for panel in panels):
+            title = f"{resource.name}: bounds, capacity {format_bandwidth(resource.bandwidth)}"
+            pictures[resource.name] = _svg(panels, [unit.name for unit in model.units], title)
+    return pictures
+
+
+def _budgets(table: Table, row: Row, burst: int) -> Steps:
+    values = table.row(row)
+    changes = [0, *run_starts(values)]
+    return Steps(changes, [values[k] * burst for k in changes])
+
+
+def _bounds(frame: Frame, grid: Grid) -> Panel:
+    found = segments(frame)
+    full = math.lcm(*(bound.denominator for segment in found for bound in segment.bounds.values()))
+    used = sorted({row for segment in found for row in segment.bounds})
+    instants = [segment.begin for segment in found]
+    rows = {row: Steps(instants, [int(s.bounds.get(row, 0) * full) for s in found]) for row in used}
+    return Panel(f"{frame.kind} {frame.name}", frame.span, Duration(grid.ns(frame.span)), full, 0, rows)
+
+
+# ------------------------------------------------------------------------------------------------ drawing
+
+
+def _svg(panels: Sequence[Panel], units: Sequence[str], title: str) -> str:
+    used = {row for panel in panels for row in panel.rows}
+    colours = {row: _colour(units.index(row.unit), row.direction) for row in sorted(used)}
+    order = [Row(unit, d) for unit in units for d in DIRECTIONS if Row(unit, d) in used]
+    top = 62 + 18 * (-(-len(order) // 4))
+    pitch = HEIGHT + 70
+    return _template().render(
+        title=title,
+        legend=[(i % 4, i // 4, f"{row.unit} {row.direction}", colours[row]) for i, row in enumerate(order)],
+        panels=[_draw(panel, order, colours, top + pitch * i) for i, panel in enumerate(panels)],
+        width=WIDTH,
+        height=HEIGHT,
+        total=top + pitch * len(panels),
+        ink=INK,
+    )
+
+
+def _colour(unit: int, direction: str) -> str:
+    return FILLS[unit % _TONES + (0 if direction == READ else 2 * _TONES)]
+
+
+def _draw(panel: Panel, order: Sequence[Row], colours: dict[Row, str], y: int) -> Drawing:
+    rows = [row for row in order if row in panel.rows]
+    changes = sorted({0, panel.span, *(at for row in rows for at in panel.rows[row].instants)})
+    is_thinned = len(changes) - 1 > COLUMNS
+    edges = [panel.span * i // COLUMNS for i in range(COLUMNS + 1)] if is_thinned else changes
+    xs = [edge * WIDTH * 100 // panel.span for edge in edges]
+    levels = [0] * (len(edges) - 1)  # areas below, column by column
+    areas = []
+    for row in rows:
+        below = levels
+        totals = panel.rows[row].areas(edges)
+        levels = [a + later - earlier for a, (earlier, later) in zip(below, pairwise(totals), strict=True)]
+        if levels != below:
+            path = _path(xs, _heights(edges, below, panel.full), _heights(edges, levels, panel.full))
+            areas.append(Area(f"{row.unit} {row.direction}", colours[row], path))
+    note = f"each step is the mean of 1/{COLUMNS} of the time" if is_thinned else ""
+    marks = tuple(ticks(Window(ZERO, panel.length), fine=False))
+    reserve = _number(panel.kept * HEIGHT) if panel.kept else ""
+    return Drawing(panel.title, note, y, tuple(areas), marks, reserve)
+
+
+def _heights(edges: Sequence[int], areas: Sequence[int], full: int) -> list[int]:
+    """Return heights in hundredths of a unit of the picture."""
+    return [
+        area * HEIGHT * 100 // (full * (end - begin)) if end > begin else 0
+        for area, (begin, end) in zip(areas, pairwise(edges), strict=True)
+    ]
+
+
+def _path(xs: Sequence[int], low: Sequence[int], high: Sequence[int]) -> str:
+    """Return the area between two step functions, leaving out the columns in which it is empty."""
+    parts = []
+    i = 0
+    while i < len(low):
+        if low[i] == high[i]:
+            i += 1
+            continue
+        j = i
+        while j < len(low) and low[j] != high[j]:
+            j += 1
+        upper = _outline(xs, high, range(i, j))
+        lower = _outline(xs, low, range(i, j))
+        points = [*upper, *reversed(lower)]
+        parts.append("M" + "L".join(f"{_number(x)} {_number(HEIGHT * 100 - y)}" for x, y in points) + "Z")
+        i = j
+    return "".join(parts)
+
+
+def _outline(xs: Sequence[int], heights: Sequence[int], columns: range) -> list[tuple[int, int]]:
+    points: list[tuple[int, int]] = []
+    for k in columns:
+        if not points or points[-1][1] != heights[k]:
+            points.append((xs[k], heights[k]))
+        if k + 1 not in columns or heights[k + 1] != heights[k]:
+            points.append((xs[k + 1], heights[k]))
+    return points
+
+
+def _number(hundredths: int) -> str:
+    whole, rest = divmod(hundredths, 100)
+    return f"{whole}.{rest:02d}".rstrip("0").rstrip(".") if rest else str(whole)
+
+
+@cache
+def _template() -> jinja2.Template:
+    import jinja2
+
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["decimal"] = format_rational
+    source = resources.files(__package__).joinpath("bandwidth.svg.j2").read_text("utf-8")
+    return environment.from_string(source)

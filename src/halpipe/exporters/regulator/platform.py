@@ -1,0 +1,365 @@
+"""The platform: what the regulators of a system are like, and what memory surely serves. Read from YAML, exact."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location, sort_diagnostics
+from halpipe.durations import Duration, seconds
+from halpipe.exporters.regulator.codes import (
+    NO_RESOURCE,
+    NOT_A_PLATFORM,
+    NUMBERS_CONTRADICT,
+    SHARED_MANAGER,
+)
+from halpipe.fields import Fields
+from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from halpipe.models import TaskModel
+
+VERSION = "1"
+READ, WRITE = "read", "write"
+DIRECTIONS = (READ, WRITE)
+
+MAX_BEATS = 256
+MAX_BURST = 4096
+"""AXI: a burst has at most 256 beats and does not cross a 4 KiB boundary."""
+
+BACKENDS = ("table", "axi-realm", "qos400", "memguard", "resctrl")
+
+_TOP = (
+    "halpipe-regulator", "name", "resource", "clock", "bus", "burst", "window", "guaranteed", "capacity",
+    "unspecified", "backend", "overshoot", "units", *BACKENDS,
+)  # fmt: skip
+_UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
+_SETTINGS: dict[str, dict[str, str]] = {
+    "table": {"depth": "1024"},
+    "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
+    "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
+    "memguard": {"line": "64B"},
+    "resctrl": {"kind": "intel", "domain": "0", "min": "10", "step": "10", "width": "8"},
+}
+_FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
+_HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
+
+
+@dataclass(frozen=True, slots=True)
+class UnitPort:
+    """How a unit reaches memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
+
+    `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl.
+    """
+
+    unit: str
+    manager: int
+    default: Mapping[str, int | None]
+    port: str = ""
+    core: int | None = None
+    group: str = ""
+    at: Location = field(default=Location(), compare=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Platform:
+    """A platform file: clock in Hz, window in cycles of it, sizes in bytes, bandwidths in bytes per second.
+
+    `guaranteed` is what a bound of 1 promises; `capacity` is what memory surely serves, of which the rest is room for
+    `overshoot`: bytes per window that a regulator lets pass above a budget (None: what the back-end is known for).
+    """
+
+    name: str
+    resource: str
+    clock: int
+    bus: int
+    burst: int
+    cycles: int
+    guaranteed: int
+    capacity: int
+    unspecified: str
+    backend: str
+    overshoot: int | None
+    units: Mapping[str, UnitPort]
+    settings: Mapping[str, Mapping[str, str]]
+    source: bytes = field(repr=False)
+    at: Location = field(default=Location(), compare=False)
+
+    @property
+    def window(self) -> Duration:
+        """The length of a window."""
+        return seconds(Fraction(self.cycles, self.clock))
+
+    @property
+    def promise(self) -> Fraction:
+        """Bytes per window that a bound of 1 promises, exact."""
+        return Fraction(self.guaranteed * self.cycles, self.clock)
+
+    @property
+    def window_capacity(self) -> int:
+        """Whole bytes that memory surely serves in a window."""
+        return self.capacity * self.cycles // self.clock
+
+    def regulated(self, model: TaskModel) -> str:
+        """Return the name of the resource of `model` that is regulated; raise `HalpipeError` if it is not clear."""
+        names = [resource.name for resource in model.resources]
+        if self.resource in names:
+            return self.resource
+        if not self.resource and len(names) == 1:
+            return names[0]
+        if self.resource:
+            message = f'model "{model.name}" has no resource "{self.resource}"'
+            help = did_you_mean(self.resource, names, _one_of(names))
+        else:
+            message = f'model "{model.name}" has {len(names)} resources, so that the platform must name one'
+            help = _one_of(names)
+        raise HalpipeError(NO_RESOURCE(message, at=self.at, path="platform resource", help=help))
+
+
+def _one_of(names: list[str]) -> str:
+    return (
+        f'write "resource: {names[0]}"; the model has: {", ".join(names)}' if names else "add a resource to the model"
+    )
+
+
+def read_platform(path: str) -> Platform:
+    """Read a platform file; raise `HalpipeError` with everything that is wrong in it."""
+    source = read_bytes(path)
+    document = parse_yaml(source, path)
+    if not isinstance(document, YamlMap) or document.get("halpipe-regulator") != VERSION:
+        help = 'begin it with "halpipe-regulator: 1"'
+        raise HalpipeError(NOT_A_PLATFORM("is no regulator platform of version 1", at=Location(path, 1), help=help))
+    findings = Findings()
+    platform = _Reader(Fields(path, findings, document, "platform", _TOP), path, source).platform()
+    if platform is None or findings.has_errors:
+        raise HalpipeError(*sort_diagnostics(findings.items))
+    return platform
+
+
+class _Reader:
+    """Reads the file in two steps: every value on its own, then what they must be to each other."""
+
+    def __init__(self, top: Fields, path: str, source: bytes) -> None:
+        self.top = top
+        self.path = path
+        self.source = source
+
+    def platform(self) -> Platform | None:
+        top = self.top
+        if not top.require("clock", "bus", "burst", "window", "guaranteed", "units"):
+            return None
+        clock = top.value("clock", read_frequency, 0)
+        bus, burst = top.value("bus", _bus, 0), top.value("burst", _positive_size, 0)
+        guaranteed = top.value("guaranteed", _positive_bandwidth, 0)
+        cycles = top.value("window", lambda text: _window(text, clock), 0)
+        capacity = top.value("capacity", _positive_bandwidth, guaranteed)
+        units = self._units()
+        settings = {name: self._settings(name) for name in BACKENDS}
+        found = Platform(
+            name=top.value("name", _name, PurePath(self.path).stem),
+            resource=top.value("resource", str, ""),
+            clock=clock,
+            bus=bus,
+            burst=burst,
+            cycles=cycles,
+            guaranteed=guaranteed,
+            capacity=capacity,
+            unspecified=top.value("unspecified", _word(*DIRECTIONS), READ),
+            backend=top.value("backend", _word(*BACKENDS), BACKENDS[0]),
+            overshoot=top.value("overshoot", parse_size, None),
+            units=units,
+            settings=settings,
+            source=self.source,
+            at=top.at(),
+        )
+        if all((clock, bus, burst, cycles, guaranteed, capacity)):
+            self._compare(found)
+            return found
+        return None
+
+    def _units(self) -> dict[str, UnitPort]:
+        units: dict[str, UnitPort] = {}
+        owner: dict[int, str] = {}
+        for name, f, at in self.top.entries("units", _UNIT, 'unit "{}"'):
+            f.require("manager")
+            manager = f.value("manager", _whole, -1)
+            if manager >= 0 and owner.setdefault(manager, name) != name:
+                f.complain(
+                    SHARED_MANAGER,
+                    f'manager {manager} is the one of unit "{owner[manager]}", too',
+                    "manager",
+                    help="give each unit a manager of its own, or model what shares a port as one unit",
+                )
+            units[name] = UnitPort(
+                unit=name,
+                manager=manager,
+                default={d: f.value(f"default-{d}", parse_size, None) for d in DIRECTIONS},
+                port=f.value("port", _name, ""),
+                core=f.value("core", _whole, None),
+                group=f.value("group", _name, ""),
+                at=at,
+            )
+        return units
+
+    def _settings(self, backend: str) -> dict[str, str]:
+        known = _SETTINGS[backend]
+        f = self.top.section(backend, tuple(known), f"platform {backend}")
+        if f is None:
+            return dict(known)
+        return {key: f.value(key, _SETTING_READERS.get((backend, key), _whole_text), known[key]) for key in known}
+
+    # ---- what the numbers must be to each other
+
+    def _compare(self, p: Platform) -> None:
+        if p.burst % p.bus:
+            below = p.burst // p.bus * p.bus
+            nearest = " or ".join(format_size(size) for size in (below, below + p.bus) if size)
+            self._contradict("burst", f"{p.burst} bytes are not whole beats of {p.bus} bytes", f"use {nearest}")
+        most = min(MAX_BURST, MAX_BEATS * p.bus)
+        if p.burst > most:
+            text = f"{format_size(p.burst)} are more than an AXI burst may have"
+            self._contradict("burst", text, f"use at most {format_size(most)}")
+        peak = p.bus * p.clock
+        for key, rate in (("guaranteed", p.guaranteed), ("capacity", p.capacity)):
+            if rate > peak:
+                text = f"{format_bandwidth(rate)} are more than the bus carries: {p.bus} bytes x {p.clock} Hz"
+                self._contradict(key, f"{text} = {format_bandwidth(peak)}", f"state at most {format_bandwidth(peak)}")
+        if p.capacity < p.guaranteed:
+            text = f"{format_bandwidth(p.capacity)} are less than the {format_bandwidth(p.guaranteed)} guaranteed"
+            self._contradict("capacity", text, f"state at least {format_bandwidth(p.guaranteed)}")
+        if p.burst > p.window_capacity:
+            least = -(-p.burst * p.clock // p.capacity)
+            text = f"{p.cycles} cycles carry {p.window_capacity} bytes, less than one burst of {p.burst}"
+            self._contradict("window", text, f"use at least {least} cycles ({seconds(Fraction(least, p.clock))})")
+        if p.cycles >= 2**32 or p.window_capacity >= 2**32:
+            self._contradict("window", "cycles and bytes of a window must fit into 32 bits", "use a shorter window")
+
+    def _contradict(self, key: str, message: str, help: str) -> None:
+        self.top.complain(NUMBERS_CONTRADICT, message, key if key in self.top else "", help=help)
+
+
+# ---------------------------------------------------------------------------------------------- single values
+
+
+def read_frequency(text: str) -> int:
+    """Read ``250MHz`` into whole Hz; raise ``ValueError`` that says what is wrong."""
+    match = _FREQUENCY.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"{quoted(text)} is not a frequency; write it as 250MHz or 533333333Hz")
+    hertz = Fraction(match[1]) * _HERTZ[match[2]]
+    if hertz.denominator != 1 or not hertz:
+        raise ValueError(f"{quoted(text)} is not a whole number of Hz above zero; round it down")
+    if hertz >= 2**32:
+        raise ValueError(f"{quoted(text)} does not fit into 32 bits; state at most 4.2GHz")
+    return hertz.numerator
+
+
+def _window(text: str, clock: int) -> int:
+    """Read cycles, or a duration that is whole cycles."""
+    if text.strip().isascii() and text.strip().isdigit():
+        cycles = Fraction(int(text.strip()[:20]))
+    else:
+        cycles = Duration.parse(text).in_unit("s") * clock
+    if not clock:
+        return 0
+    if cycles.denominator != 1 or cycles <= 0:
+        below = max(1, cycles.numerator // cycles.denominator)
+        near = " or ".join(f"{n} cycles ({seconds(Fraction(n, clock))})" for n in (below, below + 1))
+        raise ValueError(f"{quoted(text)} is not a whole number of cycles above zero; use {near}")
+    return cycles.numerator
+
+
+def _bus(text: str) -> int:
+    """Read the width of the bus, as ``128bit`` or ``16B``, into bytes: a power of two up to 128 (AXI)."""
+    bits = text.strip().removesuffix("bit")
+    size = Fraction(parse_rational(bits), 8) if bits != text.strip() else Fraction(parse_size(text))
+    if size not in {1, 2, 4, 8, 16, 32, 64, 128}:
+        raise ValueError(f"{quoted(text)} is no width of a bus; write 32bit, 64bit, 128bit, ... or 16B")
+    return size.numerator
+
+
+def _positive_size(text: str) -> int:
+    size = parse_size(text)
+    if not size:
+        raise ValueError(f"{quoted(text)} is nothing; write a size above zero")
+    return size
+
+
+def _positive_bandwidth(text: str) -> int:
+    rate = parse_bandwidth(text)
+    if not rate:
+        raise ValueError(f"{quoted(text)} is nothing; write a bandwidth above zero")
+    return rate
+
+
+def _whole(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) <= 9):
+        raise ValueError(f"{quoted(text)} is not a whole number from 0 on; correct it")
+    return int(text)
+
+
+def _whole_text(text: str) -> str:
+    return str(_whole(text))
+
+
+def _at_least(least: int, most: int) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if not least <= _whole(text) <= most:
+            raise ValueError(f"{quoted(text)} is out of range; write a number from {least} to {most}")
+        return text
+
+    return read
+
+
+def _word(*words: str) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(f"{quoted(text)} is not known; {did_you_mean(text, words, 'use ' + ', '.join(words))}")
+        return text
+
+    return read
+
+
+def _name(text: str) -> str:
+    """Read a name that may stand in file names, scripts and C."""
+    if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", text):
+        raise ValueError(f"{quoted(text)} is no plain name; use letters, digits, _ . and -")
+    return text
+
+
+def _address(text: str) -> str:
+    if not re.fullmatch(r"0x[0-9a-fA-F]{1,16}", text):
+        raise ValueError(f"{quoted(text)} is no address; write it as 0xa0000000")
+    return text.lower()
+
+
+def _size_text(text: str) -> str:
+    _positive_size(text)
+    return text
+
+
+def _frequency_text(text: str) -> str:
+    return f"{read_frequency(text)}Hz"
+
+
+_SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
+    ("table", "depth"): _at_least(2, 2**16 - 1),
+    ("axi-realm", "managers"): _at_least(1, 32),
+    ("axi-realm", "regions"): _at_least(1, 16),
+    ("axi-realm", "base"): _address,
+    ("qos400", "clock"): _frequency_text,
+    ("qos400", "granularity"): _word("mode", "phase"),
+    ("qos400", "burstiness"): _at_least(1, 2**16 - 1),
+    ("memguard", "line"): _size_text,
+    ("resctrl", "kind"): _word("intel", "amd", "mpam"),
+    ("resctrl", "min"): _at_least(1, 100),
+    ("resctrl", "step"): _at_least(1, 100),
+    ("resctrl", "width"): _at_least(1, 16),
+}

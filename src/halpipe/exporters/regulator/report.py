@@ -1,0 +1,249 @@
+"""What is told of an export: the table object as JSON, the report for people, and the same as JSON for tools."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.regulator.frames import TRANSITION
+from halpipe.exporters.regulator.phases import served
+from halpipe.exporters.regulator.windows import cut
+from halpipe.quantities import format_bandwidth, format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.exporters.regulator.backends.base import Backend
+    from halpipe.exporters.regulator.phases import Served
+    from halpipe.exporters.regulator.tables import Table, Tables
+
+VERSION = 1
+
+
+def format_json(value: Any) -> bytes:
+    """Return JSON with short lines: one entry, phase or window sum on each."""
+    return (_dump(value, 0) + "\n").encode()
+
+
+def _dump(value: Any, depth: int) -> str:
+    flat = json.dumps(value, ensure_ascii=True)
+    if len(flat) <= 160 - depth or not isinstance(value, dict | list) or not value:
+        return flat
+    pad = " " * (depth + 1)
+    if isinstance(value, dict):
+        inner = [f"{json.dumps(key)}: {_dump(item, depth + 1)}" for key, item in value.items()]
+        first, last = "{", "}"
+    else:
+        inner = [_dump(item, depth + 1) for item in value]
+        first, last = "[", "]"
+    return f"{first}\n" + ",\n".join(pad + item for item in inner) + f"\n{' ' * depth}{last}"
+
+
+# -------------------------------------------------------------------------------------------- tables.json
+
+
+def describe_tables(tables: Tables, schedule_digest: str, model_digest: str) -> dict[str, Any]:
+    """Return the table object as JSON values: what is loaded, and what a check needs to judge it."""
+    p = tables.platform
+    return {
+        "halpipe-regulator": VERSION,
+        "backend": tables.backend,
+        "schedule_sha256": schedule_digest,
+        "model_sha256": model_digest,
+        "platform": {
+            "name": p.name,
+            "resource": tables.resource,
+            "clock_hz": p.clock,
+            "bus_bytes": p.bus,
+            "burst_bytes": p.burst,
+            "window_cycles": p.cycles,
+            "guaranteed": p.guaranteed,
+            "capacity": p.capacity,
+            "unspecified": p.unspecified,
+            "table_depth": int(p.settings["table"]["depth"]),
+        },
+        "window_ns": format_rational(p.window.fraction),
+        "promise_bytes": format_rational(p.promise),
+        "capacity_bytes": p.window_capacity,
+        "units": [
+            {
+                "index": unit.index,
+                "unit": unit.name,
+                "manager": unit.manager,
+                "default": dict(unit.default),
+                "overshoot": dict(unit.overshoot),
+            }
+            for unit in tables.units
+        ],
+        "tables": [_describe(tables, table) for table in tables.tables],
+        "switches": [{"from": s.source, "to": s.target, "request": s.request} for s in tables.switches],
+    }
+
+
+def _describe(tables: Tables, table: Table) -> dict[str, Any]:
+    frame, burst = table.frame, tables.platform.burst
+    kind: dict[str, Any] = {"mode": frame.source}
+    if frame.kind == TRANSITION:
+        length = format_rational(tables.grid.ns(frame.length))
+        kind = {"from": frame.source, "to": frame.target, "length_ns": length, "cycles": frame.cycles}
+    return {
+        "index": table.index,
+        "name": table.name,
+        "kind": frame.kind,
+        **kind,
+        "windows": table.windows,
+        "successor": table.successor,
+        "rounding": table.rounding,
+        "entries": {
+            unit.name: [
+                {
+                    "window": e.window,
+                    "read_bytes": e.read * burst,
+                    "write_bytes": e.write * burst,
+                    "read_bursts": e.read,
+                    "write_bursts": e.write,
+                }
+                for e in table.entries(unit.name)
+            ]
+            for unit in tables.units
+        },
+    }
+
+
+# -------------------------------------------------------------------------------------------- report.json
+
+
+def describe_export(
+    tables: Tables, backend: Backend, findings: Sequence[Diagnostic], schedule_digest: str
+) -> dict[str, Any]:
+    """Return the report as JSON values; bytes are exact, as text where they are no integers."""
+    p = tables.platform
+    return {
+        "halpipe-regulator-report": VERSION,
+        "model": tables.model,
+        "platform": p.name,
+        "schedule_sha256": schedule_digest,
+        "backend": {"name": backend.name, **backend.facts(tables)},
+        "window": {"cycles": p.cycles, "ns": format_rational(p.window.fraction)},
+        "burst_bytes": p.burst,
+        "promise_bytes": format_rational(p.promise),
+        "capacity_bytes": p.window_capacity,
+        "reserved_bytes": tables.reserve,
+        "room_bursts": tables.room,
+        "tables": [_report_table(tables, table) for table in tables.tables],
+        "findings": [
+            {
+                "code": d.code,
+                "severity": str(d.severity),
+                "file": d.at.file.rpartition("/")[2],
+                "line": d.at.line,
+                "path": d.path,
+                "message": d.message,
+                "help": d.help,
+            }
+            for d in findings
+        ],
+    }
+
+
+def _report_table(tables: Tables, table: Table) -> dict[str, Any]:
+    phases = list(served(tables, table))
+    burst = tables.platform.burst
+    peak = max(table.totals, default=0)
+    return {
+        "name": table.name,
+        "windows": table.windows,
+        "successor": tables.tables[table.successor].name,
+        "rounding": table.rounding,
+        "peak_bytes": peak * burst,
+        "peak_window": table.totals.index(peak) if table.totals else 0,
+        "mean_bytes": format_rational(_rounded(mean(table) * burst)),
+        "worst_lag_bytes": format_rational(_rounded(max((s.lag for s in phases), default=Fraction(0)))),
+        "window_sums": [{"window": k, "bytes": total * burst} for k, total in _runs(table.totals)],
+        "phases": [_report_phase(tables, found) for found in phases],
+    }
+
+
+def _report_phase(tables: Tables, found: Served) -> dict[str, Any]:
+    phase = found.phase
+    return {
+        "task": phase.job.task,
+        "job": phase.job.index,
+        "unit": phase.row.unit,
+        "direction": phase.row.direction,
+        "begin_ns": format_rational(tables.grid.ns(phase.begin)),
+        "end_ns": format_rational(tables.grid.ns(phase.end)),
+        "promised_bytes": format_rational(_rounded(found.promised)),
+        "granted_bytes": format_rational(_rounded(found.granted)),
+        "lag_bytes": format_rational(_rounded(found.lag)),
+        "lag_ns": format_rational(_rounded(found.wait)),
+    }
+
+
+def _rounded(value: Fraction) -> Fraction:
+    """Return a value for people, to the thousandth."""
+    return Fraction(round(value * 1000), 1000)
+
+
+def _runs(values: Sequence[int]) -> Iterator[tuple[int, int]]:
+    k = 0
+    for value, run in groupby(values):
+        yield k, value
+        k += sum(1 for _ in run)
+
+
+def mean(table: Table) -> Fraction:
+    """Return the mean of the bursts granted per window."""
+    return Fraction(sum(table.totals), max(1, table.windows))
+
+
+# -------------------------------------------------------------------------------------------- report.txt
+
+
+def summarise(tables: Tables, backend: Backend, digest: str) -> str:
+    """Return the report for people: the setting, then one line for each table."""
+    p = tables.platform
+    used = {row.unit for row in tables.rows}
+    head = [
+        f"regulator tables of {tables.model} for {p.name}, back-end {backend.name}",
+        f"window {p.cycles} cycles = {p.window}, burst {p.burst} B, guaranteed {format_bandwidth(p.guaranteed)}",
+        f"capacity {p.window_capacity} B per window (what memory surely sustains, not the peak of its pins)",
+        f"reserved for overshoot: {tables.reserve} B; room for {tables.room} bursts per window",
+        f"units: {', '.join(u.name if u.name in used else u.name + ' (no access)' for u in tables.units)}",
+    ]
+    rows: list[tuple[str, ...]] = [("table", "windows", "then", "rounding", "peak", "mean", "worst lag", "entries")]
+    rows += [_line(tables, table) for table in tables.tables]
+    facts = [f"{key.replace('_', ' ')}: {value}" for key, value in backend.facts(tables).items() if _is_plain(value)]
+    return "\n".join([*head, "", *_aligned(rows), "", *facts, f"schedule {digest}", ""])
+
+
+def _is_plain(value: object) -> bool:
+    return isinstance(value, int | str)
+
+
+def _line(tables: Tables, table: Table) -> tuple[str, ...]:
+    burst, capacity = tables.platform.burst, tables.platform.window_capacity
+    lag = max((found.lag for found in served(tables, table)), default=Fraction(0))
+    entries = max((len(table.entries(unit.name)) for unit in tables.units), default=0)
+    return (
+        table.name,
+        str(table.windows),
+        tables.tables[table.successor].name,
+        table.rounding,
+        _share(Fraction(max(table.totals, default=0) * burst), capacity),
+        _share(mean(table) * burst, capacity),
+        f"{cut(lag)} B" if lag else "0",
+        str(entries),
+    )
+
+
+def _share(value: Fraction, capacity: int) -> str:
+    return f"{cut(value * 100 / capacity)} %"
+
+
+def _aligned(rows: Sequence[tuple[str, ...]]) -> list[str]:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

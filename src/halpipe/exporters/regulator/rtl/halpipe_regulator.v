@@ -1,0 +1,86 @@
+// Regulators for all managers of a memory, with the block that makes their windows and gives them orders all at once.
+//
+// Register space: 1 MiB each. 0: the windows (below); 1 + i: unit i, see regulator.rdl.
+//   0x000 ID           ro  0x48425746 ("HBWF")
+//   0x004 PARAMS       ro  units[7:0], version[31:24] = 1
+//   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on
+//   0x010 WINDOW       ro  windows since reset
+//   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
+//   0x01c REQ_TABLE    wo  table[7:0]: the request of every unit, in the same cycle
+// Modes are switched here and not unit by unit: a table that ended between two writes would leave the units in two modes.
+`default_nettype none
+module halpipe_regulator #(
+  parameter integer UNITS  = 4,          // 1 to 63
+  parameter integer DEPTH  = 1024,
+  parameter integer TABLES = 16,
+  parameter [31:0]  CYCLES = 32'd4096,   // of a window, until software states others
+  parameter         IMAGES = ""          // folder of unitN.tab.memh and unitN.hdr.memh, with its slash
+)(
+  input  wire                clk,
+  input  wire                rst_n,
+  input  wire                reg_write,
+  input  wire [25:0]         reg_addr,
+  input  wire [31:0]         reg_wdata,
+  output wire [31:0]         reg_rdata,
+  output wire                tick,       // last cycle of a window
+  input  wire [UNITS-1:0]    s_arvalid, output wire [UNITS-1:0] s_arready,
+  output wire [UNITS-1:0]    m_arvalid, input  wire [UNITS-1:0] m_arready,
+  input  wire [UNITS-1:0]    s_awvalid, output wire [UNITS-1:0] s_awready,
+  output wire [UNITS-1:0]    m_awvalid, input  wire [UNITS-1:0] m_awready,
+  input  wire [UNITS-1:0]    s_wvalid,  output wire [UNITS-1:0] s_wready,
+  output wire [UNITS-1:0]    m_wvalid,  input  wire [UNITS-1:0] m_wready,
+  input  wire [UNITS-1:0]    s_wlast,
+  input  wire [8*UNITS-1:0]  arlen, input wire [3*UNITS-1:0] arsize,
+  input  wire [8*UNITS-1:0]  awlen, input wire [3*UNITS-1:0] awsize
+);
+  wire        here = (reg_addr[25:20] == 6'd0);
+  reg         go;
+  reg  [31:0] cycles, cycle, window;
+  wire        req_valid = reg_write & here & (reg_addr[19:0] == 20'h0001c);
+  assign tick = (cycle == 32'd0);
+  always @(posedge clk or negedge rst_n)
+    if (!rst_n) begin
+      go <= 1'b0; cycles <= CYCLES; cycle <= CYCLES - 32'd1; window <= 0;
+    end else begin
+      if (reg_write & here & (reg_addr[19:0] == 20'h00008)) go <= reg_wdata[0];
+      if (reg_write & here & (reg_addr[19:0] == 20'h00018)) cycles <= (reg_wdata < 32'd4) ? 32'd4 : reg_wdata;
+      cycle <= tick ? cycles - 32'd1 : cycle - 32'd1;
+      if (tick) window <= window + 32'd1;
+    end
+
+  wire [31:0] data [0:63];
+  reg  [31:0] mine;
+  always @* case (reg_addr[19:0])
+    20'h00000: mine = 32'h48425746;
+    20'h00004: mine = {8'd1, 16'd0, UNITS[7:0]};
+    20'h00008: mine = {31'd0, go};
+    20'h00010: mine = window;
+    20'h00018: mine = cycles;
+    default:   mine = 32'd0;
+  endcase
+  assign data[0] = mine;
+  wire [5:0] chosen = (reg_addr[25:20] <= UNITS[5:0]) ? reg_addr[25:20] : 6'd0;
+  assign reg_rdata = data[chosen];
+
+  genvar i;
+  generate for (i = 0; i < UNITS; i = i + 1) begin : unit
+    localparam [7:0] TENS = 8'h30 + i / 10;
+    localparam [7:0] ONES = 8'h30 + i % 10;
+    // verilator lint_off WIDTH
+    halpipe_regulator_unit #(   // names of unlike length
+      .DEPTH(DEPTH), .TABLES(TABLES),
+      .TABFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".tab.memh"} : {IMAGES, "unit", TENS, ONES, ".tab.memh"}),
+      .HDRFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".hdr.memh"} : {IMAGES, "unit", TENS, ONES, ".hdr.memh"})
+    // verilator lint_on WIDTH
+    ) regulator (
+      .clk(clk), .rst_n(rst_n), .tick(tick), .all_go(go), .all_req_valid(req_valid), .all_req_table(reg_wdata[7:0]),
+      .reg_write(reg_write & (reg_addr[25:20] == i + 1)), .reg_addr(reg_addr[19:0]), .reg_wdata(reg_wdata),
+      .reg_rdata(data[i + 1]),
+      .s_arvalid(s_arvalid[i]), .s_arready(s_arready[i]), .m_arvalid(m_arvalid[i]), .m_arready(m_arready[i]),
+      .s_awvalid(s_awvalid[i]), .s_awready(s_awready[i]), .m_awvalid(m_awvalid[i]), .m_awready(m_awready[i]),
+      .s_wvalid(s_wvalid[i]), .s_wready(s_wready[i]), .m_wvalid(m_wvalid[i]), .m_wready(m_wready[i]),
+      .s_wlast(s_wlast[i]),
+      .arlen(arlen[8*i +: 8]), .arsize(arsize[3*i +: 3]), .awlen(awlen[8*i +: 8]), .awsize(awsize[3*i +: 3]));
+  end endgenerate
+endmodule
+`default_nettype wire

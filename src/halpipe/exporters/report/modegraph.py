@@ -1,0 +1,132 @@
+"""The graph of modes: nodes on an ellipse, an arrow for each allowed switch with the length of its table."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.models import Status
+
+if TYPE_CHECKING:
+    from halpipe.models import Schedule, TaskModel, TransitionTable
+
+MOST_MODES = 12
+"""More modes than this make a graph that nobody can read; the table of switches has them all."""
+
+WIDTH, HEIGHT = 760, 330
+NODE_WIDTH, NODE_HEIGHT = 144, 40
+_CHARACTERS = 19
+
+# Points of the unit circle in 1/1000, clockwise from the left, for each number of modes; no floating point, so that
+# the same model has the same picture on every machine. Made from cos and sin, rounded.
+_SINES = (0, 383, 707, 924, 1000, 924, 707, 383, 0, -383, -707, -924, -1000, -924, -707, -383)
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A mode: its place (middle of the box), caption, and the anchor of its section."""
+
+    x: int
+    y: int
+    caption: str
+    title: str
+    id: str
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Arrow:
+    """An allowed switch: a curve, and where its label stands. `kind` is ``ok``, ``missing`` or ``bad``."""
+
+    path: str
+    x: int
+    y: int
+    label: str
+    title: str
+    kind: str
+
+
+@dataclass(frozen=True, slots=True)
+class ModeGraph:
+    """Everything that the template needs to draw the graph."""
+
+    nodes: tuple[Node, ...]
+    arrows: tuple[Arrow, ...]
+    height: int
+    legend: tuple[tuple[str, str], ...]
+
+
+def build_mode_graph(model: TaskModel, schedule: Schedule) -> ModeGraph | None:
+    """Return the graph of the modes that `schedule` has; None where there is nothing to see, or too much."""
+    names = [mode.name for mode in schedule.modes]
+    if not 2 <= len(names) <= MOST_MODES:
+        return None
+    places = _places(len(names))
+    at = dict(zip(names, places, strict=True))
+    ids = {name: f"mode-{number}" for number, name in enumerate(names, 1)}
+    nodes = tuple(
+        Node(*at[mode.name], _short(mode.name), mode.name, ids[mode.name], mode.status is Status.VALID)
+        for mode in schedule.modes
+    )
+    tables = {(table.source, table.target): table for table in schedule.transitions}
+    allowed = [(pair.source, pair.target) for pair in model.allowed_transitions()]
+    pairs = [pair for pair in dict.fromkeys([*allowed, *tables]) if set(pair) <= set(names)]
+    arrows = tuple(_arrow(at[a], at[b], a, b, tables.get((a, b))) for a, b in pairs)
+    kinds = {arrow.kind for arrow in arrows}
+    meanings = (
+        ("ok", "switch with the length of its table; 0 means that the modes fit end to end"),
+        ("missing", "allowed, but this schedule has no table for it"),
+        ("bad", "no valid table was found"),
+    )
+    height = HEIGHT if len(names) > 2 else 150
+    return ModeGraph(nodes, arrows, height, tuple(entry for entry in meanings if entry[0] in kinds))
+
+
+def _places(count: int) -> list[tuple[int, int]]:
+    """Return the middles of the nodes, in the order of the modes, clockwise from the left."""
+    if count == 2:
+        return [(NODE_WIDTH, 75), (WIDTH - NODE_WIDTH, 75)]
+    reach_x, reach_y = WIDTH // 2 - NODE_WIDTH // 2 - 5, HEIGHT // 2 - NODE_HEIGHT
+    places = []
+    for number in range(count):
+        sixteenth, rest = divmod(16 * number, count)
+        across, down = (_between(sixteenth + shift, rest, count) for shift in (4, 0))
+        places.append((WIDTH // 2 - reach_x * across // 1000, HEIGHT // 2 - reach_y * down // 1000))
+    return places
+
+
+def _between(sixteenth: int, rest: int, count: int) -> int:
+    """Return the sine of `sixteenth` + `rest` / `count` sixteenths of a turn, in thousandths, between the two known."""
+    low, high = _SINES[sixteenth % 16], _SINES[(sixteenth + 1) % 16]
+    return low + (high - low) * rest // count
+
+
+def _arrow(
+    start: tuple[int, int], end: tuple[int, int], source: str, target: str, table: TransitionTable | None
+) -> Arrow:
+    """Return the curve from one node to another, bent to its left, so that the way back does not lie on it."""
+    (ax, ay), (bx, by) = _edge(start, end, 1), _edge(end, start, -1)
+    middle_x, middle_y = (ax + bx) // 2 + (by - ay) // 7, (ay + by) // 2 - (bx - ax) // 7
+    label_x, label_y = (ax + bx + 2 * middle_x) // 4, (ay + by + 2 * middle_y) // 4 + 4
+    path = f"M{ax} {ay}Q{middle_x} {middle_y} {bx} {by}"
+    if table is None:
+        return Arrow(
+            path, label_x, label_y, "no table", f"{source} to {target}: allowed, but without a table", "missing"
+        )
+    title = f"{source} to {target}: table of {table.length}, at worst {table.worst_latency} from the request"
+    kind = "ok" if table.status is Status.VALID else "bad"
+    return Arrow(path, label_x, label_y, str(table.length) if table.length else "0", title, kind)
+
+
+def _edge(start: tuple[int, int], end: tuple[int, int], side: int) -> tuple[int, int]:
+    """Return where the line from one node to another leaves its box, turned to one side by the bend of the curve."""
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    dx, dy = dx + side * dy // 4, dy - side * dx // 4
+    half_width, half_height = NODE_WIDTH // 2 + 3, NODE_HEIGHT // 2 + 3
+    if abs(dx) * half_height > abs(dy) * half_width:
+        return start[0] + (half_width if dx > 0 else -half_width), start[1] + dy * half_width // abs(dx)
+    return start[0] + dx * half_height // max(abs(dy), 1), start[1] + (half_height if dy > 0 else -half_height)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _CHARACTERS else f"{name[: _CHARACTERS - 1]}…"

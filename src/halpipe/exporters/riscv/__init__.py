@@ -1,0 +1,84 @@
+"""RISC-V bundles: task images, the runtime of the management core, and all to load, rebuild and check them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.base import ExportOptions, specific
+from halpipe.extent import Extent
+
+if TYPE_CHECKING:
+    from halpipe.fields import Fields
+    from halpipe.models import Schedule, TaskModel
+
+DEFAULT_PROFILE = "vcu118"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RiscvOptions(ExportOptions):
+    """What may be chosen of a bundle.
+
+    - `profile` is a name, or a file that ends in ``.yaml``; `toolchain` is ``auto``, ``zig`` or ``gcc``.
+    - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
+      is read.
+    """
+
+    profile: str = DEFAULT_PROFILE
+    toolchain: str = "auto"
+    sources: str = ""
+
+
+class RiscvExporter:
+    """Compiles the tasks of a schedule and writes them with a runtime that plays it, as a folder."""
+
+    name = "riscv"
+    summary = "bundle for a RISC-V multicore with scratchpads: images, runtime, tables, Makefile"
+    extent = Extent(
+        {
+            "units": "application cores with scratchpads, in the model's order",
+            "resources": "DMA channels, one for each resource whose phases move data",
+            "versions": "an image for each unit that it is scheduled on",
+            "accesses": "DMA transfers within their phases",
+            "transfers": "between buffers in main memory and variables of the task",
+            "modes": "tables of releases",
+            "transitions": "switches on request, at the hyperperiod's end",
+            "sources": "compiled, and part of the bundle",
+            "schedule": "every start is an instant of the timer",
+            "tables": "tables of releases between those of the modes",
+        },
+        ("Instants must be multiples of the timer's tick; boundaries of phases are rounded inwards.",),
+    )
+    needs_schedule = True
+    suffix = ""
+    keys = ("profile", "toolchain", "sources")
+
+    def options(self, common: ExportOptions, fields: Fields, base: str) -> RiscvOptions:
+        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
+
+        def below(text: str) -> str:
+            return f"{base}/{text}"
+
+        def profile(text: str) -> str:
+            return below(text) if text.endswith((".yaml", ".yml")) else text
+
+        return RiscvOptions(
+            title=common.title,
+            mode=common.mode,
+            profile=fields.value("profile", profile, DEFAULT_PROFILE),
+            toolchain=fields.value("toolchain", str, "auto"),
+            sources=fields.value("sources", below, ""),
+        )
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.riscv.bundle import build
+        from halpipe.exporters.selection import select
+
+        chosen = select(model, schedule, options.mode, self.name)
+        if options.mode:  # the bundle is a system of its own, that knows no other mode
+            model = replace(model, modes=(model.mode(options.mode),), transitions=())
+        return build(model, chosen, specific(RiscvOptions, options))
+
+
+FORMAT = RiscvExporter()

@@ -1,0 +1,239 @@
+"""From a verified schedule and C sources to the files of a bundle (paper, section V)."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe import __version__
+from halpipe.bundles import seal
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.exporters.native import paired
+from halpipe.exporters.riscv.backlog import Backlog, find_backlog, too_short
+from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
+from halpipe.exporters.riscv.cores import (
+    LINE,
+    aligned,
+    buffer_sizes,
+    channels_of,
+    cores_of,
+    jobs_of,
+    main_memory,
+)
+from halpipe.exporters.riscv.elf import Elf, read_elf
+from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
+from halpipe.exporters.riscv.operations import Operations, check_grid, check_version
+from halpipe.exporters.riscv.phases import check_phases, clock_of
+from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.render import Renderer
+from halpipe.exporters.riscv.sources import SourceTree
+from halpipe.exporters.riscv.target import operations_json, target_json
+from halpipe.exporters.riscv.toolchain import find_toolchain
+from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
+
+if TYPE_CHECKING:
+    from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.operations import Program, Table
+    from halpipe.exporters.riscv.phases import Clock
+    from halpipe.exporters.riscv.profile import Profile
+    from halpipe.models import Schedule, TaskModel
+
+RUNTIME = Path(__file__).with_name("runtime")
+MANAGEMENT = ("start.S", "runtime.c", "dma.c", "console.c")
+MONITOR = ("monitor.S", "monitor.c")
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """What is known before anything is compiled."""
+
+    profile: Profile
+    cores: dict[str, Core]
+    channels: dict[str, int]
+    memory: MainMemory
+    clock: Clock
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the management core does, and with which images."""
+
+    programs: list[Program]
+    tables: list[Table]
+    backlog: Backlog
+    images: list[Image]
+
+
+def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[str, bytes]:
+    """Return the files of the bundle, sealed; raise `HalpipeError` with everything that prevents it."""
+    profile = read_profile(options.profile)
+    findings = Findings()
+    tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
+    site = _survey(model, schedule, profile, tree)
+    findings.stop_on_errors()
+    toolchain = find_toolchain(options.toolchain)
+    render = Renderer(profile)
+    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+        shop = Workshop(Path(folder), toolchain)
+        for name, content in tree.files.items():
+            shop.write(name, content)
+        stage_runtime(shop)
+        shop.write("runtime/platform.h", render.platform(list(site.cores.values()), len(schedule.modes), site.memory))
+        needs = compile_parts(shop, site.parts, tree)
+        measured = measure(shop, needs, profile, render)
+        monitors = _monitors(shop, render, site)
+        at = site.memory.images + sum(aligned(elf.stored, LINE) for elf in monitors)
+        images = link_images(shop, needs, measured, (at, site.memory.buffers_base), render)
+        by_name = {(i.part.task, i.part.version.name, i.core.unit): i for i in images}
+        operations = Operations(site.clock, site.channels, site.memory, by_name)
+        tables = operations.tables(schedule)
+        backlog = find_backlog(tables, operations.programs, profile)
+        findings.extend(too_short(operations.programs, backlog, site.parts, profile))
+        findings.stop_on_errors()
+        plan = Plan(operations.programs, tables, backlog, images)
+        elf = _program(shop, render, site, model.name, plan, monitors)
+        files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
+    files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
+    facts = {
+        "model": model.name,
+        "profile": profile.name,
+        "toolchain": toolchain.title,
+        "generator": f"halpipe {__version__}",
+    }
+    return seal("riscv", files, facts)
+
+
+def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree) -> Site:
+    """Collect what is used and where it will be; findings go where those of the sources go."""
+    findings = tree.findings
+    used: dict[tuple[str, str], set[str]] = {}
+    for job in jobs_of(schedule):
+        used.setdefault((job.task, job.version), set()).update(job.units)
+    cores = cores_of(model, {unit for units in used.values() for unit in units}, profile, findings)
+    findings.stop_on_errors()
+    clock = clock_of(model, profile)
+    parts = []
+    for task in model.tasks:
+        for version in task.versions:
+            if (task.name, version.name) in used:
+                linked = tuple(cores[name] for name in cores if name in used[task.name, version.name])
+                path = f'task "{task.name}", version "{version.name}"'
+                part = Part(task.name, version, linked, tuple(tree.add(version, path)))
+                if check_phases(version, path, findings) and version.source is not None:
+                    check_version(part, clock, findings)
+                parts.append(part)
+    versions = [part.version for part in parts]
+    channels = channels_of(model, versions, profile, findings)
+    memory = main_memory(profile, buffer_sizes([(part.path, part.version) for part in parts], findings), findings)
+    check_grid(schedule, clock, findings)
+    return Site(profile, cores, channels, memory, clock, tuple(parts))
+
+
+def stage_runtime(shop: Workshop) -> None:
+    """Put the runtime's sources into the folder; what is made for the target is not among them."""
+    for file in sorted(RUNTIME.iterdir()):
+        if file.suffix in (".c", ".h", ".S"):
+            shop.write(f"runtime/{file.name}", file.read_bytes())
+
+
+def _object(name: str) -> str:
+    return f"build/runtime/{name.rpartition('.')[0] if not name.endswith('.S') else name[:-2] + '_S'}.o"
+
+
+def _compile_runtime(shop: Workshop, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Compile files of the runtime; return their objects."""
+    steps = [Compile(f"runtime/{name}", _object(name)) for name in names]
+    help = "the toolchain cannot compile halpipe's own runtime: try the other one, or another version"
+    failures = [COMPILE_FAILED(f"{steps[f.position].source}: {f.said[-500:]}", help=help) for f in shop.compile(steps)]
+    if failures:
+        raise HalpipeError(*failures)
+    return tuple(step.target for step in steps)
+
+
+def _link_runtime(shop: Workshop, steps: list[Link]) -> None:
+    help = "the tables may be too many for the space that the runtime has; deploy fewer modes at once"
+    failures = [LINK_FAILED(f"{steps[f.position].target}: {f.said[-500:]}", help=help) for f in shop.link(steps)]
+    if failures:
+        raise HalpipeError(*failures)
+
+
+def _monitors(shop: Workshop, render: Renderer, site: Site) -> list[Elf]:
+    """Compile the monitor once and link it for every core."""
+    objects = (*_compile_runtime(shop, MONITOR), MINIMAL.target)
+    steps = []
+    for core in site.cores.values():
+        script = f"link/monitor{core.hart}.ld"
+        shop.write(script, render.monitor_script(core))
+        steps.append(Link(script, f"build/images/monitor{core.hart}.elf", objects))
+    _link_runtime(shop, steps)
+    return [read_elf(shop.read(step.target)) for step in steps]
+
+
+def _program(shop: Workshop, render: Renderer, site: Site, name: str, plan: Plan, monitors: list[Elf]) -> bytes:
+    """Link runtime, tables and images to the one program that is loaded."""
+    pieces, places = [], []
+    at = front = site.memory.images
+    for core, elf in zip(site.cores.values(), monitors, strict=True):
+        segment = elf.segments[0]
+        pieces.append((f"images/monitor{core.hart}.elf", segment.offset, segment.size, at - front))
+        places.append((core, (at, segment.size)))
+        front = at + segment.size
+        at = aligned(front, LINE)
+    for image in plan.images:
+        for segment in image.segments:
+            pieces.append((image.file, segment.offset, segment.size, segment.source - front))
+            front = segment.source + segment.size
+    shop.write("runtime/images.S", render.images(pieces))
+    shop.write("runtime/tables.c", render.tables(name, plan.programs, plan.tables, places))
+    shop.write("link/bundle.ld", render.bundle_script(site.memory))
+    objects = _compile_runtime(shop, (*MANAGEMENT, "tables.c", "images.S"))
+    _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, MINIMAL.target))])
+    return shop.read("build/bundle.elf")
+
+
+def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel, plan: Plan) -> dict[str, bytes]:
+    """Return what tells people and programs about the bundle."""
+    cores, memory, title = list(site.cores.values()), site.memory, shop.toolchain.title
+    readme = render.readme(
+        model=model,
+        generator=f"halpipe {__version__}",
+        toolchain=title,
+        cores=cores,
+        memory=memory,
+        tables=plan.tables,
+        buffers=memory.buffers,
+    )
+    target = target_json(site.profile, title, cores, site.channels, memory, plan.images, plan.tables, plan.backlog)
+    return {
+        "target.json": target,
+        "operations.json": operations_json(plan.programs, plan.tables, cores),
+        "README.md": readme.encode(),
+        "Makefile": render.makefile(shop).encode(),
+    }
+
+
+def _built(shop: Workshop) -> dict[str, bytes]:
+    """Return what the program was made of: sources, scripts and images."""
+    kept = {step.source for step in shop.compiles} | {step.script for step in shop.links}
+    kept |= {f"runtime/{name}" for name in ("halpipe.h", "platform.h")} | set(_task_sources(shop))
+    files = {name: shop.read(name) for name in sorted(kept)}
+    return files | {step.target.removeprefix("build/"): shop.read(step.target) for step in shop.links[:-1]}
+
+
+def _task_sources(shop: Workshop) -> list[str]:
+    """Return the task sources and headers that were staged."""
+    return [p.relative_to(shop.folder).as_posix() for p in sorted((shop.folder / "src").rglob("*")) if p.is_file()]
+
+
+def _flat(elf: bytes, base: int) -> bytes:
+    """Return the program as it lies in main memory from `base` on."""
+    content = bytearray()
+    for segment in read_elf(elf).segments:
+        at = segment.source - base
+        content.extend(bytes(max(at + segment.size - len(content), 0)))
+        content[at : at + segment.size] = elf[segment.offset : segment.offset + segment.size]
+    return bytes(content)

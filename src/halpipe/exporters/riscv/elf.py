@@ -1,0 +1,66 @@
+"""What a bundle needs to know of an ELF file: the bytes to load, from where to where, and its symbols."""
+
+from __future__ import annotations
+
+import io
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Bytes to load: at `offset` in the file, stored at `source` in main memory, executed or used at `target`."""
+
+    offset: int
+    source: int
+    target: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """A symbol's address and size in bytes; `is_unique` is False where several have its name."""
+
+    address: int
+    size: int
+    is_unique: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Elf:
+    """Loadable segments that are not empty, as they lie in main memory, and the symbols by name."""
+
+    segments: tuple[Segment, ...]
+    symbols: dict[str, Symbol]
+
+    def address(self, name: str) -> int:
+        """Return the address of a symbol that the linker script defines."""
+        return self.symbols[name].address
+
+    @property
+    def stored(self) -> int:
+        """How many bytes of main memory the image takes, from its first to its last."""
+        if not self.segments:
+            return 0
+        return max(s.source + s.size for s in self.segments) - min(s.source for s in self.segments)
+
+
+def read_elf(data: bytes) -> Elf:
+    """Read a file that our own linker wrote."""
+    from elftools.elf.elffile import ELFFile
+
+    file = ELFFile(io.BytesIO(data))
+    found = (
+        Segment(header["p_offset"], header["p_paddr"], header["p_vaddr"], header["p_filesz"])
+        for header in file.iter_segments("PT_LOAD")
+        if header["p_filesz"]
+    )
+    segments = tuple(sorted(found, key=lambda segment: segment.source))
+    symbols: dict[str, Symbol] = {}
+    table: Any = file.get_section_by_name(".symtab")
+    named = [s for s in table.iter_symbols() if s.name and s["st_shndx"] != "SHN_UNDEF"] if table else []
+    counts = Counter(s.name for s in named)
+    for symbol in named:
+        symbols[symbol.name] = Symbol(symbol["st_value"], symbol["st_size"], counts[symbol.name] == 1)
+    return Elf(segments, symbols)

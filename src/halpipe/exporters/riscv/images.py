@@ -1,0 +1,242 @@
+"""Task images: compiled once for each version, linked for each core, measured and checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, Findings, Location
+from halpipe.exporters.riscv.codes import (
+    COMPILE_FAILED,
+    IMAGE_TOO_LARGE,
+    LINK_FAILED,
+    MAIN_MEMORY_FULL,
+    MISSING_ENTRY,
+    MISSING_SYMBOL,
+    NAME_CLASH,
+    SYMBOL_TOO_SMALL,
+)
+from halpipe.exporters.riscv.cores import LINE, aligned
+from halpipe.exporters.riscv.elf import read_elf
+from halpipe.exporters.riscv.phases import functions_of
+from halpipe.exporters.riscv.profile import MONITOR
+from halpipe.exporters.riscv.toolchain import compiler_errors
+from halpipe.exporters.riscv.workshop import Compile, Link
+from halpipe.quantities import format_size
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.exporters.riscv.cores import Core
+    from halpipe.exporters.riscv.elf import Elf, Segment
+    from halpipe.exporters.riscv.profile import Profile
+    from halpipe.exporters.riscv.render import Renderer
+    from halpipe.exporters.riscv.sources import SourceTree
+    from halpipe.exporters.riscv.toolchain import Failure
+    from halpipe.exporters.riscv.workshop import Workshop
+    from halpipe.models import Version
+
+MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A version that is deployed: `cores` are those that it is linked for, `sources` its files to compile."""
+
+    task: str
+    version: Version
+    cores: tuple[Core, ...]
+    sources: tuple[str, ...]
+
+    @property
+    def path(self) -> str:
+        """The version's name in diagnostics."""
+        return f'task "{self.task}", version "{self.version.name}"'
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """The variables that its transfers name."""
+        return tuple(sorted({t.symbol for access in self.version.accesses for t in access.transfers}))
+
+    @property
+    def defines(self) -> tuple[str, ...]:
+        """The definitions for the preprocessor."""
+        return self.version.source.defines if self.version.source else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A version as it is executed on one core."""
+
+    part: Part
+    core: Core
+    file: str
+    elf: Elf
+
+    @property
+    def entries(self) -> tuple[int, ...]:
+        """The addresses of its functions, one for each stretch of execution."""
+        return tuple(self.elf.address(name) for name in functions_of(self.part.version))
+
+    @property
+    def bss(self) -> tuple[int, int]:
+        """Where the monitor clears: first address, and number of bytes."""
+        begin = self.elf.address("hp_bss_begin")
+        return begin, self.elf.address("hp_bss_end") - begin
+
+    @property
+    def segments(self) -> tuple[Segment, ...]:
+        """What is loaded, in order."""
+        return self.elf.segments
+
+
+def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> dict[Part, tuple[str, ...]]:
+    """Compile every source once for each set of definitions; return the objects of every part.
+
+    Raise `HalpipeError` with everything that the compiler refuses.
+    """
+    objects: dict[tuple[str, tuple[str, ...]], tuple[str, Part]] = {}
+    needs = {}
+    for part in parts:
+        for source in part.sources:
+            objects.setdefault((source, part.defines), (f"build/obj/{len(objects)}.o", part))
+        needs[part] = (*(objects[source, part.defines][0] for source in part.sources), MINIMAL.target)
+    steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
+    owners = [part for _, part in objects.values()]
+    findings = Findings()
+    for failure in shop.compile(steps):
+        findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
+    findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
+    findings.stop_on_errors()
+    return needs
+
+
+def _broken(failure: Failure) -> Diagnostic:
+    help = "the toolchain cannot compile halpipe's own runtime: try the other one, or another version"
+    return COMPILE_FAILED(f"runtime: {failure.said[:500]}", help=help)
+
+
+def _refused(failure: Failure, step: Compile, part: Part, tree: SourceTree) -> Iterable[Diagnostic]:
+    found = compiler_errors(failure.said)
+    help = "correct the source; it is compiled freestanding as C11, without a C library"
+    for file, line, text in found:
+        name = str(tree.folder / file.removeprefix("src/")) if file.startswith("src/") else file
+        yield COMPILE_FAILED(text, at=Location(name, line), path=part.path, help=help)
+    if not found:
+        name = str(tree.folder / step.source.removeprefix("src/"))
+        yield COMPILE_FAILED(failure.said[-400:], at=Location(name), path=part.path, help=help)
+
+
+def measure(shop: Workshop, needs: dict[Part, tuple[str, ...]], profile: Profile, render: Renderer) -> dict[Part, Elf]:
+    """Link every part for the first of its cores to know its size, which is the same on each; check what it defines."""
+    steps = []
+    for i, part in enumerate(needs):
+        script = f"link/measure{i}.ld"
+        shop.write(script, render.image_script(part, part.cores[0], 0))
+        steps.append(Link(script, f"build/measure/{i}.elf", needs[part]))
+    findings = Findings()
+    failures = {failure.position: failure for failure in shop.link(steps, is_final=False)}
+    measured = {}
+    for i, part in enumerate(needs):
+        if i in failures:
+            findings.extend(_unlinkable(failures[i], part))
+            continue
+        measured[part] = read_elf(shop.read(steps[i].target))
+        findings.extend(_faults(part, measured[part], profile))
+    findings.stop_on_errors()
+    return measured
+
+
+def _unlinkable(failure: Failure, part: Part) -> Iterable[Diagnostic]:
+    source = part.version.source
+    assert source is not None
+    errors = [line for line in failure.said.splitlines() if "warning:" not in line and not line.startswith(">>>")]
+    text = " ".join(" ".join(errors).split())[:400]
+    if "duplicate symbol" in text or "multiple definition" in text:
+        yield NAME_CLASH(text, at=source.at, path=part.path, help="rename one of them, or make it static")
+    else:
+        help = "define it in a source of the version; there is no C library and no floating point"
+        yield LINK_FAILED(text, at=source.at, path=part.path, help=help)
+
+
+def _faults(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
+    source = part.version.source
+    assert source is not None
+    for name in functions_of(part.version):
+        if name not in elf.symbols:
+            help = "define it in one of the files " + ", ".join(source.files)
+            yield MISSING_ENTRY(f'no source defines the function "{name}"', at=source.at, path=part.path, help=help)
+    for access in part.version.accesses:
+        for transfer in access.transfers:
+            symbol = elf.symbols.get(transfer.symbol)
+            if symbol is None:
+                help = f"define it: uint8_t {transfer.symbol}[{transfer.size}];"
+                yield MISSING_SYMBOL(
+                    f'no source defines the variable "{transfer.symbol}"', at=transfer.at, path=part.path, help=help
+                )
+            elif not symbol.is_unique:
+                help = "rename one of them"
+                yield NAME_CLASH(
+                    f'several variables are called "{transfer.symbol}"', at=transfer.at, path=part.path, help=help
+                )
+            elif symbol.size < transfer.size:
+                message = f'moves {transfer.size} bytes, but "{transfer.symbol}" has {symbol.size}'
+                help = "make the sizes agree"
+                yield SYMBOL_TOO_SMALL(message, at=transfer.at, path=part.path, help=help)
+            elif elf.address("hp_bss_begin") <= symbol.address < elf.address("hp_bss_end"):
+                help = "define it as a plain global variable, without attributes"
+                message = f'"{transfer.symbol}" shares a section with other variables, and would be cleared with them'
+                yield MISSING_SYMBOL(message, at=transfer.at, path=part.path, help=help)
+    yield from _capacity(part, elf, profile)
+
+
+def _capacity(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
+    core = part.cores[0]
+    code = elf.address("hp_code_end") - core.ispm.base - MONITOR
+    data = elf.address("hp_data_end") - core.dspm.base - profile.stack
+    kept = profile.dspm.size - profile.data_room
+    for what, size, room, others in (
+        ("code", code, profile.code_room, f"the monitor has {MONITOR}"),
+        ("data", data, profile.data_room, f"stack and mailbox have {kept}"),
+    ):
+        if size > room:
+            memory = "instruction" if what == "code" else "data"
+            message = f"{what} has {size} bytes, the {memory} scratchpad has room for {room} ({others})"
+            help = f"make it {size - room} bytes smaller, or work on pieces that are transferred one after the other"
+            assert part.version.source is not None
+            yield IMAGE_TOO_LARGE(message, at=part.version.source.at, path=part.path, help=help)
+
+
+def link_images(
+    shop: Workshop,
+    needs: dict[Part, tuple[str, ...]],
+    measured: dict[Part, Elf],
+    room: tuple[int, int],
+    render: Renderer,
+) -> list[Image]:
+    """Link every part for each of its cores, packed one after the other into `room` (first address, end)."""
+    at, end = room
+    placed: list[tuple[Part, Core, Link]] = []
+    for part in needs:
+        for core in part.cores:
+            number = len(placed)
+            script, target = f"link/{number}.ld", f"build/images/{number}.elf"
+            shop.write(script, render.image_script(part, core, at))
+            placed.append((part, core, Link(script, target, needs[part])))
+            at = aligned(at + measured[part].stored, LINE)
+    findings = Findings()
+    if at > end:
+        help = "use fewer or smaller versions, or make main memory in the profile larger"
+        findings.add(
+            MAIN_MEMORY_FULL(f"{len(placed)} images need {format_size(at - end)} more than there is", help=help)
+        )
+    findings.stop_on_errors()
+    for failure in shop.link([step for _, _, step in placed]):
+        findings.extend(_unlinkable(failure, placed[failure.position][0]))
+    findings.stop_on_errors()
+    images = []
+    for part, core, step in placed:
+        elf = read_elf(shop.read(step.target))
+        assert elf.stored == measured[part].stored, "an image has the same size on every core"
+        images.append(Image(part, core, step.target.removeprefix("build/"), elf))
+    return images

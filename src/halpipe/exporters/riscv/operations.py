@@ -1,0 +1,218 @@
+"""From jobs to operations of the management core: a program for every version on its units, and tables of releases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.durations import Duration, greatest_common_divisor
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv.phases import Clock, functions_of, phases_of, stretches
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.diagnostics import Findings, Location
+    from halpipe.exporters.riscv.cores import MainMemory
+    from halpipe.exporters.riscv.images import Image, Part
+    from halpipe.models import Access, Job, Schedule
+
+COPY, DONE, RUN, STOP = "copy", "done", "run", "stop"
+_ORDER = {DONE: 0, STOP: 0, RUN: 1, COPY: 2}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Operation:
+    """One operation, `at` ticks after the job's start. What the fields of each kind mean is in runtime/halpipe.h.
+
+    A transfer knows its phase, and how many ticks it and those after it in the phase need.
+    """
+
+    at: int
+    kind: str
+    unit: int
+    channel: int = 0
+    source: int = 0
+    target: int = 0
+    size: int = 0
+    limit: int = 0
+    rank: int = 0
+    ranks: int = 1
+    what: str = ""
+    access: Access | None = None
+    needs: int = 0
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """Its place among the operations of its program, and at equal ticks among all."""
+        return self.at, _ORDER[self.kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """What is done for one job of a version on its units (core indices; the first one leads)."""
+
+    task: str
+    version: str
+    units: tuple[int, ...]
+    operations: tuple[Operation, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """A job of a table: starts at `tick`, and is done by `program` (index)."""
+
+    tick: int
+    program: int
+    job: Job
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A mode, or the transition from mode `origin` to mode `target` (indices of modes)."""
+
+    name: str
+    origin: int
+    target: int
+    length: int
+    releases: tuple[Release, ...]
+
+    @property
+    def is_mode(self) -> bool:
+        """Whether the table repeats."""
+        return self.origin == self.target
+
+
+@dataclass(slots=True)
+class Operations:
+    """The programs and tables of a schedule, made of images by their (task, version, unit)."""
+
+    clock: Clock
+    channels: dict[str, int]
+    memory: MainMemory
+    images: dict[tuple[str, str, str], Image]
+    programs: list[Program] = field(default_factory=list)
+    _known: dict[tuple[str, str, tuple[str, ...]], int] = field(default_factory=dict)
+
+    def tables(self, schedule: Schedule) -> list[Table]:
+        """Return all tables, modes first."""
+        index = {mode.name: i for i, mode in enumerate(schedule.modes)}
+        found = [
+            Table(m.name, index[m.name], index[m.name], self.clock.up(m.hyperperiod), self._releases(m.jobs))
+            for m in schedule.modes
+        ]
+        for t in schedule.transitions:
+            name = f"{t.source}->{t.target}"
+            jobs = self._releases(t.jobs)
+            found.append(Table(name, index[t.source], index[t.target], self.clock.up(t.length), jobs))
+        return found
+
+    def _releases(self, jobs: Iterable[Job]) -> tuple[Release, ...]:
+        found = [Release(self.clock.up(job.start), self._program(job), job) for job in jobs]
+        return tuple(sorted(found, key=lambda r: (r.tick, self.programs[r.program].units, r.job.task, r.job.index)))
+
+    def _program(self, job: Job) -> int:
+        key = (job.task, job.version, job.units)
+        if key not in self._known:
+            images = [self.images[job.task, job.version, unit] for unit in job.units]
+            self._known[key] = len(self.programs)
+            operations = sorted(self._operations(images), key=lambda o: o.key)
+            units = tuple(image.core.index for image in images)
+            self.programs.append(Program(job.task, job.version, units, tuple(operations)))
+        return self._known[key]
+
+    def _operations(self, images: list[Image]) -> Iterable[Operation]:
+        part = images[0].part
+        for access in phases_of(part.version):
+            yield from self._phase(access, images)
+        functions = functions_of(part.version)
+        found, _ = stretches(part.version, len(functions), self.clock)
+        for position, stretch in enumerate(found):
+            for rank, image in enumerate(images):
+                begin, size = image.bss if position == 0 else (0, 0)
+                yield Operation(
+                    at=stretch.begin,
+                    kind=RUN,
+                    unit=image.core.index,
+                    source=image.entries[position],
+                    target=begin,
+                    size=size,
+                    limit=stretch.end - stretch.begin,
+                    rank=rank,
+                    ranks=len(images),
+                    what=functions[position],
+                )
+                yield Operation(at=stretch.end, kind=STOP, unit=image.core.index, what=functions[position])
+
+    def _phase(self, access: Access, images: list[Image]) -> Iterable[Operation]:
+        """Yield the transfers of a phase, one after the other, and the check at its end that they are complete."""
+        at, end = self.clock.up(access.start), self.clock.down(access.end)
+        channel = self.channels[access.resource]
+        transfers = list(self._transfers(access, images))
+        rest = sum(self.clock.transfer(access.resource, size) for _, _, size, _, _ in transfers)
+        for source, target, size, unit, what in transfers:
+            yield Operation(
+                at=at,
+                kind=COPY,
+                unit=unit,
+                channel=channel,
+                source=source,
+                target=target,
+                size=size,
+                limit=max(end - at, 0),
+                what=what,
+                access=access,
+                needs=rest,
+            )
+            taken = self.clock.transfer(access.resource, size)
+            at, rest = at + taken, rest - taken
+        unit = images[0].core.index
+        yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
+
+    def _transfers(self, access: Access, images: list[Image]) -> Iterable[tuple[int, int, int, int, str]]:
+        """Yield (from, to, bytes, core, what). Each member of a gang reads; the first one writes."""
+        if access.kind is AccessKind.LOAD:
+            for image in images:
+                for s in image.segments:
+                    yield s.source, s.target, s.size, image.core.index, "image"
+        members = images if access.kind is not AccessKind.WRITE else images[:1]
+        for transfer in access.transfers:
+            buffer = self.memory.buffers[transfer.buffer].base
+            for image in members:
+                symbol = image.elf.symbols[transfer.symbol].address
+                ends = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
+                yield *ends, transfer.size, image.core.index, transfer.buffer
+
+
+def check_version(part: Part, clock: Clock, findings: Findings) -> None:
+    """Collect what of a version leaves no order of execution."""
+    functions = functions_of(part.version)
+    found, why = stretches(part.version, len(functions), clock)
+    if not found:
+        help = (
+            'let a job read, execute and write in this order, or name one function for each gap: entry="first second"'
+        )
+        findings.add(PHASE_ORDER(why, at=part.version.at, path=part.path, help=help))
+
+
+def check_grid(schedule: Schedule, clock: Clock, findings: Findings) -> None:
+    """Collect instants of the schedule that are no multiples of the tick."""
+    instants: list[tuple[Duration, str, str, Location]] = []
+    for mode in schedule.modes:
+        path = f'mode "{mode.name}"'
+        instants.append((mode.hyperperiod, "the hyperperiod", path, mode.at))
+        instants += [
+            (job.start, "the start", f'{path}, job {job.index} of task "{job.task}"', job.at) for job in mode.jobs
+        ]
+    for table in schedule.transitions:
+        path = f'transition from "{table.source}" to "{table.target}"'
+        instants.append((table.length, "the length", path, table.at))
+        instants += [
+            (job.start, "the start", f'{path}, job {job.index} of task "{job.task}"', job.at) for job in table.jobs
+        ]
+    for instant, what, path, at in instants:
+        if greatest_common_divisor((instant, clock.tick)) != clock.tick:
+            help = f"schedule with --tick {clock.tick}, or with periods that are multiples of it"
+            message = f"{what} {instant} is no multiple of the timer's tick {clock.tick}"
+            findings.add(OFF_GRID(message, at=at, path=path, help=help))

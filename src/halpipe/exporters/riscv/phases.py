@@ -1,0 +1,139 @@
+"""What happens within one job, in ticks from its start: transfers in memory phases, and execution between them.
+
+A job acquires, executes and restitutes: it loads its image, reads, executes, writes. With several functions, there are
+several such stretches. Everything is exact; boundaries of phases are rounded inwards to ticks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO, Duration, seconds
+from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.diagnostics import Findings
+    from halpipe.exporters.riscv.profile import Profile
+    from halpipe.models import Access, TaskModel, Version
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The ticks of the timer, and how long transfers take on each resource."""
+
+    tick: Duration
+    setup: Duration
+    bandwidths: dict[str, int]
+
+    def transfer(self, resource: str, size: int) -> int:
+        """Return the ticks that one transfer of `size` bytes has to itself."""
+        moving = seconds(Fraction(size, self.bandwidths[resource]))
+        return math.ceil((self.setup + moving) / self.tick)
+
+    def up(self, instant: Duration) -> int:
+        """Return the first tick that is not before `instant`."""
+        return math.ceil(instant / self.tick)
+
+    def down(self, instant: Duration) -> int:
+        """Return the last tick that is not after `instant`."""
+        return math.floor(instant / self.tick)
+
+
+def clock_of(model: TaskModel, profile: Profile) -> Clock:
+    """Return the clock of a target; the DMA engine is no faster than a resource states that it is."""
+    rate = profile.dma.bandwidth
+    bandwidths = {r.name: min(rate, r.bandwidth) if r.bandwidth else rate for r in model.resources}
+    return Clock(profile.tick, profile.dma.setup, bandwidths)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """An execution from tick `begin` to tick `end`: one function of the entry."""
+
+    begin: int
+    end: int
+
+
+def moves_data(access: Access) -> bool:
+    """Whether the management core has something to transfer in a phase."""
+    return access.kind is AccessKind.LOAD or bool(access.transfers)
+
+
+def phases_of(version: Version) -> list[Access]:
+    """Return the phases in which something is moved, by their start."""
+    return sorted(filter(moves_data, version.accesses), key=lambda access: (access.start, access.end))
+
+
+def check_phases(version: Version, path: str, findings: Findings) -> bool:
+    """Collect what keeps the phases of a version from being played; return whether there is nothing."""
+    before = len(findings.items)
+    if load_of(version) is None:
+        help = "let `halpipe deploy prepare` add it, and schedule the prepared model"
+        findings.add(NO_LOAD_PHASE("no load phase begins with the job", at=version.at, path=path, help=help))
+    for access in phases_of(version):
+        if access.bound != 1:
+            help = 'set bound="1"'
+            findings.add(SHARED_PHASE(f"the phase has bound {access.bound}", at=access.at, path=path, help=help))
+        if access.kind is None:
+            help = 'say kind="read" or kind="write"'
+            findings.add(KINDLESS_PHASE("the phase has transfers, but no kind", at=access.at, path=path, help=help))
+        if access.kind is AccessKind.LOAD and access.start > ZERO:
+            help = "let the one load phase of the version begin with the job"
+            findings.add(PHASE_ORDER(f"a load phase begins at {access.start}", at=access.at, path=path, help=help))
+    return len(findings.items) == before
+
+
+def load_of(version: Version) -> Access | None:
+    """Return the phase in which a version is loaded."""
+    return next((a for a in version.accesses if a.kind is AccessKind.LOAD and a.start == ZERO), None)
+
+
+def stretches(version: Version, functions: int, clock: Clock) -> tuple[list[Stretch], str]:
+    """Return one stretch for each of the functions, or say why there are not as many.
+
+    One function: from the end of the last phase that brings data to the start of the first that takes data away. More
+    of them: the gaps between phases.
+    """
+    assert version.wcet is not None, "models without WCET do not validate"
+    moving = phases_of(version)
+    if functions == 1:
+        found = [_single(moving, clock, version.wcet)]
+        if found[0] is None:
+            return [], "a write phase comes before a read phase, so no single execution can do"
+    else:
+        found = [*gaps(moving, clock, version.wcet)]
+    held = [stretch for stretch in found if stretch is not None and stretch.begin < stretch.end]
+    if len(held) == functions:
+        return held, ""
+    return [], f"phases leave {len(held)} stretches of time for {functions} functions"
+
+
+def _single(moving: list[Access], clock: Clock, wcet: Duration) -> Stretch | None:
+    acquired = max((a.end for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
+    restituted = min((a.start for a in moving if a.kind is AccessKind.WRITE), default=wcet)
+    last_read = max((a.start for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
+    if last_read >= restituted:
+        return None
+    return Stretch(clock.up(acquired), clock.down(restituted))
+
+
+def gaps(moving: list[Access], clock: Clock, wcet: Duration) -> Iterable[Stretch]:
+    """Yield the time between phases, rounded inwards to ticks; it may be empty then."""
+    front = ZERO
+    for access in moving:
+        if access.start > front:
+            yield Stretch(clock.up(front), clock.down(access.start))
+        front = max(front, access.end)
+    if wcet > front:
+        yield Stretch(clock.up(front), clock.down(wcet))
+
+
+def functions_of(version: Version) -> tuple[str, ...]:
+    """Return the functions that the entry of a version names."""
+    return () if version.source is None else tuple(version.source.entry.split())

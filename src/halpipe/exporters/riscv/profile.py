@@ -1,0 +1,288 @@
+"""Target profiles: memory map, clocks and DMA engine of a board or simulator, as data.
+
+The profiles that come with halpipe are files beside this module; a user's own is a file of the same form.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.durations import Duration, seconds
+from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
+from halpipe.fields import Fields
+from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.quantities import parse_bandwidth, parse_size
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+FOLDER = Path(__file__).with_name("profiles")
+VERSION = "1"
+
+MONITOR = 4096
+"""Bytes at the beginning of an instruction scratchpad that the monitor has."""
+
+MAILBOX = 256
+"""Bytes at the end of a data scratchpad: what the management core and the monitor tell each other."""
+
+RESERVED = 1024
+"""Bytes at the end of a data scratchpad that jobs do not have: mailbox and monitor stack."""
+
+_KEYS = (
+    "halpipe-profile",
+    "summary",
+    "cores",
+    "clock",
+    "timebase",
+    "main",
+    "ispm",
+    "dspm",
+    "stack",
+    "service",
+    "clint",
+    "uart",
+    "dma",
+    "finisher",
+    "qemu",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """Bytes [base, base + size)."""
+
+    base: int
+    size: int
+
+    @property
+    def end(self) -> int:
+        """The first address behind it."""
+        return self.base + self.size
+
+    def meets(self, other: Region) -> bool:
+        """Whether some byte is in both."""
+        return self.base < other.end and other.base < self.end
+
+
+@dataclass(frozen=True, slots=True)
+class Scratchpads:
+    """One memory for each core, `stride` apart."""
+
+    base: int
+    stride: int
+    size: int
+
+    def of(self, core: int) -> Region:
+        """Return the memory of application core `core`, counted from 0."""
+        return Region(self.base + core * self.stride, self.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Dma:
+    """The DMA engine; `setup` is the longest time from the instant of a transfer until its bytes flow.
+
+    `kind` is ``pdma`` (SiFive's engine) or ``copy`` (none: the management core copies).
+    """
+
+    kind: str
+    base: int
+    stride: int
+    channels: int
+    bandwidth: int
+    setup: Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none.
+
+    `service` is the longest time that the management core needs for one operation.
+    """
+
+    name: str
+    summary: str
+    cores: int
+    clock: int
+    timebase: int
+    main: Region
+    ispm: Scratchpads
+    dspm: Scratchpads
+    stack: int
+    service: Duration
+    clint: int
+    uart_kind: str
+    uart: int
+    dma: Dma
+    finisher: int
+    qemu: tuple[str, ...]
+
+    @property
+    def tick(self) -> Duration:
+        """The resolution of the timer: jobs are released at its multiples."""
+        return seconds(Fraction(1, self.timebase))
+
+    @property
+    def patience(self) -> int:
+        """Ticks by which an operation may be late because of others at the same instant: four for each core.
+
+        These are the end of a job, the release of the next, and the end of one phase and the start of another.
+        """
+        return math.ceil(4 * self.cores * self.service / self.tick)
+
+    @property
+    def code_room(self) -> int:
+        """Bytes of code that an image may have."""
+        return self.ispm.size - MONITOR
+
+    @property
+    def data_room(self) -> int:
+        """Bytes of constants, data, .bss and transfer buffers that an image may have."""
+        return self.dspm.size - RESERVED - self.stack
+
+
+def names() -> list[str]:
+    """Return the names of the profiles that come with halpipe."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def read_profile(name: str) -> Profile:
+    """Return a profile by its name, or from a file if `name` ends in ``.yaml``; raise `HalpipeError` with all wrong."""
+    if name.endswith((".yaml", ".yml")):
+        path = name
+    elif name in names():
+        path = str(FOLDER / f"{name}.yaml")
+    else:
+        help = did_you_mean(name, names(), "there are " + ", ".join(names()) + "; or name a file that ends in .yaml")
+        raise HalpipeError(UNKNOWN_PROFILE(f'there is no profile "{name}"', help=help))
+    document = parse_yaml(read_bytes(path), path)
+    if not isinstance(document, YamlMap) or document.get("halpipe-profile") != VERSION:
+        help = f'begin it with "halpipe-profile: {VERSION}"'
+        raise HalpipeError(BAD_PROFILE(f"is no profile of version {VERSION}", at=Location(path, 1), help=help))
+    findings = Findings()
+    fields = Fields(path, findings, document, "profile", _KEYS)
+    profile = _profile(Path(path).stem, fields)
+    if not findings.has_errors:
+        findings.extend(BAD_PROFILE(m, at=Location(path), help="correct the profile") for m in _faults(profile))
+    findings.stop_on_errors()
+    return profile
+
+
+def _profile(name: str, f: Fields) -> Profile:
+    f.require("cores", "clock", "timebase", "main", "ispm", "dspm", "service", "clint", "uart", "dma")
+    main = f.section("main", ("base", "size"), "main")
+    uart = f.section("uart", ("kind", "base"), "uart")
+    if main is not None:
+        main.require("base", "size")
+    if uart is not None:
+        uart.require("kind", "base")
+    return Profile(
+        name=name,
+        summary=f.value("summary", str, ""),
+        cores=f.value("cores", _whole(1, 64), 1),
+        clock=f.value("clock", _whole(1000, 10**11), 1000),
+        timebase=f.value("timebase", _whole(1000, 10**9), 1000),
+        main=Region(main.value("base", _address, 0), main.value("size", _size, 0)) if main else Region(0, 0),
+        ispm=_scratchpads(f, "ispm"),
+        dspm=_scratchpads(f, "dspm"),
+        stack=f.value("stack", _size, 8192),
+        service=f.value("service", Duration.parse, Duration(0)),
+        clint=f.value("clint", _address, 0),
+        uart_kind=uart.value("kind", _one_of("sifive", "ns16550"), "") if uart else "",
+        uart=uart.value("base", _address, 0) if uart else 0,
+        dma=_dma(f),
+        finisher=f.value("finisher", _address, 0),
+        qemu=tuple(stated.value for stated in f.texts("qemu", str)),
+    )
+
+
+def _scratchpads(f: Fields, key: str) -> Scratchpads:
+    section = f.section(key, ("base", "stride", "size"), key)
+    if section is None:
+        return Scratchpads(0, 0, 0)
+    section.require("base", "stride", "size")
+    return Scratchpads(
+        section.value("base", _address, 0), section.value("stride", _address, 0), section.value("size", _size, 0)
+    )
+
+
+def _dma(f: Fields) -> Dma:
+    section = f.section("dma", ("kind", "base", "stride", "channels", "bandwidth", "setup"), "dma")
+    if section is None:
+        return Dma("", 0, 0, 0, 1, Duration(0))
+    section.require("kind", "bandwidth", "setup")
+    kind = section.value("kind", _one_of("pdma", "copy"), "")
+    if kind == "pdma":
+        section.require("base")
+    return Dma(
+        kind=kind,
+        base=section.value("base", _address, 0),
+        stride=section.value("stride", _address, 4096),
+        channels=section.value("channels", _whole(1, 64), 1),
+        bandwidth=section.value("bandwidth", _bandwidth, 1),
+        setup=section.value("setup", Duration.parse, Duration(0)),
+    )
+
+
+def _faults(p: Profile) -> Iterator[str]:
+    memories = {"main": p.main}
+    for core in range(p.cores):
+        memories |= {f"ispm of core {core + 1}": p.ispm.of(core), f"dspm of core {core + 1}": p.dspm.of(core)}
+    known = list(memories.items())
+    for i, (name, region) in enumerate(known):
+        if region.base % 4096 or region.size % 4096:
+            yield f"{name} does not begin and end at multiples of 4 KiB"
+        if region.end > 2**40:
+            yield f"{name} ends beyond 2^40"
+        yield from (f"{name} and {other} overlap" for other, its in known[i + 1 :] if region.meets(its))
+    if p.code_room <= 0:
+        yield f"ispm has no room beside the monitor's {MONITOR} bytes"
+    if p.data_room <= 0 or p.stack % 16:
+        yield "dspm has no room beside stack and mailbox, or the stack is no multiple of 16 bytes"
+
+
+_ADDRESS = re.compile(r"0[xX][0-9a-fA-F]{1,10}|[0-9]{1,12}")
+
+
+def _address(text: str) -> int:
+    if _ADDRESS.fullmatch(text) is None:
+        raise ValueError(f"{text[:40]!r} is not an address; write it as 0x80000000")
+    return int(text, 0) if text[:2] in ("0x", "0X") else int(text)
+
+
+def _size(text: str) -> int:
+    size = parse_size(text)
+    if not 0 < size <= 2**34:
+        raise ValueError(f"{text} is out of range; write a size above 0 and up to 16GiB")
+    return size
+
+
+def _bandwidth(text: str) -> int:
+    value = parse_bandwidth(text)
+    if not value:
+        raise ValueError(f"{text} moves nothing; write a bandwidth above zero")
+    return value
+
+
+def _whole(least: int, most: int) -> Callable[[str], int]:
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and len(text) <= 18 and least <= int(text) <= most):
+            raise ValueError(f"{text[:40]!r} is not a whole number from {least} to {most}; correct it")
+        return int(text)
+
+    return read
+
+
+def _one_of(*words: str) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if text not in words:
+            raise ValueError(f'"{text}" is unknown; write {" or ".join(words)}')
+        return text
+
+    return read

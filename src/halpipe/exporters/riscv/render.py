@@ -1,0 +1,136 @@
+"""Everything of a bundle that is text made from templates: linker scripts, tables, the Makefile and the README."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.riscv.cores import FAULT_RECORDS, PAGE, TRACE_RECORDS
+from halpipe.exporters.riscv.phases import functions_of
+from halpipe.exporters.riscv.profile import MONITOR
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.images import Part
+    from halpipe.exporters.riscv.operations import Program, Table
+    from halpipe.exporters.riscv.profile import Profile
+    from halpipe.exporters.riscv.workshop import Workshop
+
+FOLDER = Path(__file__).with_name("templates")
+
+DECISION = 2
+"""Ticks before the end of a hyperperiod at which the runtime reads a mode request."""
+
+
+def margin(profile: Profile) -> int:
+    """Return the ticks by which a modelled execution ends before its deadline: at least 2 us."""
+    return -(-2 * profile.timebase // 1_000_000)
+
+
+@dataclass(slots=True)
+class Renderer:
+    """Fills the templates for one target."""
+
+    profile: Profile
+    environment: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        import jinja2
+
+        self.environment = jinja2.Environment(
+            loader=jinja2.FileSystemLoader(FOLDER), undefined=jinja2.StrictUndefined, keep_trailing_newline=True
+        )
+        self.environment.trim_blocks = self.environment.lstrip_blocks = False
+        self.environment.filters["hex"] = hex
+
+    def _fill(self, template: str, **values: Any) -> str:
+        text: str = self.environment.get_template(template).render(**values)
+        return text
+
+    def image_script(self, part: Part, core: Core, at: int) -> str:
+        """Return the linker script of an image that is stored at address `at`."""
+        return self._fill(
+            "image.ld",
+            part=part,
+            core=core,
+            at=at,
+            functions=list(functions_of(part.version)),
+            symbols=list(part.symbols),
+            code=core.ispm.base + MONITOR,
+            data=core.dspm.base + self.profile.stack,
+        )
+
+    def monitor_script(self, core: Core) -> str:
+        """Return the linker script of a core's monitor."""
+        return self._fill("monitor.ld", core=core, stack=self.profile.stack, room=MONITOR)
+
+    def bundle_script(self, memory: MainMemory) -> str:
+        """Return the linker script of the whole."""
+        return self._fill("bundle.ld", memory=memory)
+
+    def platform(self, cores: Sequence[Core], modes: int, memory: MainMemory) -> str:
+        """Return the header with the constants of the target."""
+        return self._fill(
+            "platform.h",
+            profile=self.profile,
+            cores=list(cores),
+            modes=modes,
+            memory=memory,
+            decision=DECISION,
+            margin=margin(self.profile),
+            trace=TRACE_RECORDS,
+            faults=FAULT_RECORDS,
+        )
+
+    def tables(
+        self,
+        model: str,
+        programs: Sequence[Program],
+        tables: Sequence[Table],
+        monitors: Sequence[tuple[Core, tuple[int, int]]],
+    ) -> str:
+        """Return the operation tables as C; `monitors` are (address in main memory, bytes) for each core."""
+        modes = [table for table in tables if table.is_mode]
+        switches = [[-1] * len(modes) for _ in modes]
+        for index, table in enumerate(tables):
+            if not table.is_mode:
+                switches[table.origin][table.target] = index
+        names = {core.index: core.unit for core, _ in monitors}
+        return self._fill(
+            "tables.c",
+            model=model,
+            tick=self.profile.tick,
+            programs=programs,
+            tables=list(tables),
+            switches=switches,
+            monitors=monitors,
+            units=lambda program: " ".join(names[u] for u in program.units),
+        )
+
+    def images(self, pieces: Sequence[tuple[str, int, int, int]]) -> str:
+        """Return the assembler file of the loaded bytes: (file, offset, size, bytes to skip before)."""
+        return self._fill("images.S", pieces=pieces)
+
+    def makefile(self, shop: Workshop) -> str:
+        """Return the Makefile that repeats the recipe."""
+        return self._fill(
+            "Makefile",
+            toolchain=shop.toolchain,
+            flags=" ".join(shop.toolchain.flags),
+            link_flags=" ".join(shop.toolchain.link_flags),
+            compiles=shop.compiles,
+            links=shop.links,
+            defines=lambda step: " ".join(shlex.quote(f"-D{d}").replace("$", "$$") for d in step.defines),
+        )
+
+    def dummy(self, most: int) -> str:
+        """Return the source of dummy tasks with up to `most` executions in a job."""
+        return self._fill("dummy.c", most=most)
+
+    def readme(self, **values: Any) -> str:
+        """Return what a person needs to know who has the folder and nothing else."""
+        return self._fill("README.md", profile=self.profile, page=PAGE, **values)

@@ -1,0 +1,104 @@
+"""The C sources of the versions that are deployed: found below one folder, with the headers that they include."""
+
+from __future__ import annotations
+
+import posixpath
+import re
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
+from halpipe.files import read_bytes
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from halpipe.diagnostics import Findings, Location
+    from halpipe.models import Version
+
+COMPILED = (".c", ".S", ".s")
+_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,200}")
+_DEFINE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(=[^\s$]*)?")
+_FILE = re.compile(r"(?!\.)[A-Za-z0-9_.+@~%=-]+(/(?!\.)[A-Za-z0-9_.+@~%=-]+)*")
+
+
+@dataclass(slots=True)
+class SourceTree:
+    """Files by their name in the bundle (``src/...``), read from below `folder`, and nothing from elsewhere."""
+
+    folder: Path
+    findings: Findings
+    files: dict[str, bytes] = field(default_factory=dict)
+    complained: set[str] = field(default_factory=set)
+
+    def add(self, version: Version, path: str) -> list[str]:
+        """Take the files of a version; return those to compile, by their names in the bundle."""
+        source = version.source
+        if source is None:
+            help = 'name them: <source files="task.c" entry="step"/>, or let `halpipe deploy prepare --dummy` make some'
+            self.findings.add(NO_SOURCE("the version has no sources", at=version.at, path=path, help=help))
+            return []
+        for name in (*source.entry.split(), *(t.symbol for a in version.accesses for t in a.transfers)):
+            if _IDENTIFIER.fullmatch(name) is None:
+                help = "use a C identifier"
+                self.findings.add(BAD_NAME(f'"{name[:60]}" is no C identifier', at=source.at, path=path, help=help))
+        for define in source.defines:
+            if _DEFINE.fullmatch(define) is None:
+                help = "write NAME or NAME=value, without blanks and $"
+                self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
+        taken = [self._take(name, source.at, path) for name in source.files]
+        return [name for name in taken if name.endswith(COMPILED)]
+
+    def _take(self, name: str, at: Location, path: str) -> str:
+        """Read a file and what it includes; return its name in the bundle, empty if it cannot be had."""
+        first, waiting = "", [posixpath.normpath(name)]
+        while waiting:
+            normal = waiting.pop()
+            staged = f"src/{normal}"
+            content = b"" if staged in self.files else self._content(normal, at, path)
+            if content is None:
+                continue
+            if staged not in self.files:
+                self.files[staged] = content
+                waiting += self._included(normal, content)
+            first = first or staged
+        return first
+
+    def _included(self, name: str, content: bytes) -> list[str]:
+        """Return the files that a file includes with quotes, as far as they are there; the compiler misses others."""
+        folder = posixpath.dirname(name)
+        found = [
+            posixpath.normpath(posixpath.join(folder, n.decode("utf-8", "replace"))) for n in _INCLUDE.findall(content)
+        ]
+        return [name for name in found if name.startswith("..") or (self.folder / name).is_file()]
+
+    def _content(self, normal: str, at: Location, path: str) -> bytes | None:
+        if normal.startswith(("..", "/")):
+            self._outside(normal, at, path)
+            return None
+        if _FILE.fullmatch(normal) is None:
+            help = "rename it to letters, digits and _ . + @ ~ % = -"
+            self.findings.add(BAD_NAME(f"{normal[:80]!r} is no usable file name", at=at, path=path, help=help))
+            return None
+        return self._read(normal, at, path)
+
+    def _read(self, name: str, at: Location, path: str) -> bytes | None:
+        file = self.folder / name
+        if not file.resolve().is_relative_to(self.folder.resolve()):
+            self._outside(name, at, path)
+            return None
+        try:
+            return read_bytes(file)
+        except HalpipeError as failure:
+            why = failure.diagnostics[0].message
+            help = f"sources are sought in {self.folder}; --sources names another folder"
+            self.findings.add(MISSING_FILE(f'source "{name}": {why}', at=at, path=path, help=help))
+            return None
+
+    def _outside(self, name: str, at: Location, path: str) -> None:
+        help = f"move it below {self.folder}, or name a folder that holds it all with --sources"
+        if name not in self.complained:
+            self.complained.add(name)
+            self.findings.add(OUTSIDE_FILE(f'source "{name}" lies outside', at=at, path=path, help=help))

@@ -1,0 +1,157 @@
+"""What programs need to know of a bundle: ``target.json`` (where things are), ``operations.json`` (what is done)."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
+from halpipe.exporters.riscv.operations import COPY, DONE, RUN
+from halpipe.exporters.riscv.render import DECISION, margin
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.exporters.riscv.backlog import Backlog
+    from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.images import Image
+    from halpipe.exporters.riscv.operations import Operation, Program, Table
+    from halpipe.exporters.riscv.profile import Profile, Region
+
+VERSION = 1
+
+
+def target_json(
+    profile: Profile,
+    toolchain: str,
+    cores: Sequence[Core],
+    channels: dict[str, int],
+    memory: MainMemory,
+    images: Sequence[Image],
+    tables: Sequence[Table],
+    backlog: Backlog,
+) -> bytes:
+    """Return the memory map, the clocks, and the place of everything; see docs/reference/riscv-bundle.md."""
+    buffers = memory.buffers.items()
+    return _json(
+        {
+            "halpipe-target": VERSION,
+            "profile": profile.name,
+            "toolchain": toolchain,
+            **_board(profile),
+            "entry": hex(memory.base),
+            "units": [_unit(core) for core in cores],
+            "resources": [{"name": name, "channel": channel} for name, channel in channels.items()],
+            "control": hex(memory.control),
+            "trace": {"base": hex(memory.trace), "capacity": TRACE_RECORDS, "record": TRACE_RECORD},
+            "faults": {"base": hex(memory.faults), "capacity": FAULT_RECORDS, "record": FAULT_RECORD},
+            "tables": [{**_table(t), "lateness": str(backlog.tables[i])} for i, t in enumerate(tables)],
+            "buffers": [{"name": name, "address": hex(r.base), "size": r.size} for name, r in buffers],
+            "images": [_image(image) for image in images],
+        }
+    )
+
+
+def _board(profile: Profile) -> dict[str, Any]:
+    dma = profile.dma
+    return {
+        "clock": profile.clock,
+        "timebase": profile.timebase,
+        "main": _region(profile.main),
+        "clint": {"base": hex(profile.clint)},
+        "uart": {"kind": profile.uart_kind, "base": hex(profile.uart)},
+        "dma": {
+            "kind": dma.kind,
+            "base": hex(dma.base),
+            "stride": dma.stride,
+            "channels": dma.channels,
+            "bandwidth": dma.bandwidth,
+            "setup": str(dma.setup),
+        },
+        "service": str(profile.service),
+        "finisher": hex(profile.finisher) if profile.finisher else "",
+        "qemu": list(profile.qemu),
+        "decision": DECISION,
+        "margin": margin(profile),
+    }
+
+
+def _unit(core: Core) -> dict[str, Any]:
+    return {
+        "name": core.unit,
+        "hart": core.hart,
+        "ispm": _region(core.ispm),
+        "dspm": _region(core.dspm),
+        "monitor": hex(core.ispm.base),
+        "mailbox": hex(core.mailbox),
+    }
+
+
+def _region(region: Region) -> dict[str, Any]:
+    return {"base": hex(region.base), "size": region.size}
+
+
+def _table(table: Table) -> dict[str, Any]:
+    ends = {"mode": table.origin} if table.is_mode else {"from": table.origin, "to": table.target}
+    return {"name": table.name, **ends, "length": table.length, "releases": len(table.releases)}
+
+
+def _image(image: Image) -> dict[str, Any]:
+    begin, size = image.bss
+    return {
+        "task": image.part.task,
+        "version": image.part.version.name,
+        "unit": image.core.unit,
+        "file": image.file,
+        "entries": [hex(entry) for entry in image.entries],
+        "load": [{"source": hex(s.source), "target": hex(s.target), "size": s.size} for s in image.segments],
+        "bss": {"base": hex(begin), "size": size},
+        "symbols": {
+            name: {"address": hex(image.elf.symbols[name].address), "size": image.elf.symbols[name].size}
+            for name in image.part.symbols
+        },
+    }
+
+
+def operations_json(programs: Sequence[Program], tables: Sequence[Table], cores: Sequence[Core]) -> bytes:
+    """Return what the management core does, in ticks from a job's start (programs) or a table's (releases)."""
+    units = [core.unit for core in cores]
+    return _json(
+        {
+            "halpipe-operations": VERSION,
+            "programs": [
+                {
+                    "task": program.task,
+                    "version": program.version,
+                    "units": [units[u] for u in program.units],
+                    "operations": [_operation(o, units) for o in program.operations],
+                }
+                for program in programs
+            ],
+            "tables": [
+                {
+                    **_table(table),
+                    "releases": [
+                        {"tick": r.tick, "program": r.program, "task": r.job.task, "index": r.job.index}
+                        for r in table.releases
+                    ],
+                }
+                for table in tables
+            ],
+        }
+    )
+
+
+def _operation(o: Operation, units: Sequence[str]) -> dict[str, Any]:
+    found: dict[str, Any] = {"at": o.at, "kind": o.kind, "unit": units[o.unit], "what": o.what}
+    if o.kind in (COPY, DONE):
+        found["channel"] = o.channel
+    if o.kind == COPY:
+        found |= {"source": hex(o.source), "target": hex(o.target), "size": o.size}
+    if o.kind == RUN:
+        found |= {"entry": hex(o.source), "limit": o.limit}
+    return found
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1, ensure_ascii=True) + "\n").encode()

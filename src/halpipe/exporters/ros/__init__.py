@@ -1,0 +1,79 @@
+"""Export to ROS 2 on Linux: one executor for each unit, callback groups, and timers that start every job on time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.base import ExportOptions, specific
+from halpipe.extent import Extent
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.fields import Fields
+    from halpipe.models import Schedule, TaskModel
+
+PRIORITY = 80
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosOptions(ExportOptions):
+    """`cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 99.
+
+    The title is not used. Units that `cpus` does not name get no affinity.
+    """
+
+    cpus: Mapping[str, int] | None = None
+    priority: int = PRIORITY
+
+
+class RosExporter:
+    """Writes one YAML file from which a launcher makes executors, callback groups and timers."""
+
+    name = "ros"
+    summary = "ROS 2 on Linux (YAML): executors with core affinity, callback groups, timers with offsets"
+    extent = Extent(
+        {
+            "units": "`units`, and an executor for each that has jobs",
+            "tasks": "`tasks` with their periods",
+            "timing": "`offset`, `slack` and `deadline` of a task",
+            "versions": "`versions` with WCET, units and gang size",
+            "precedence": "`after` of a version",
+            "chains": "`chains` with their limits",
+            "modes": "`modes` with the tasks that run in them",
+            "transitions": "`transitions` with their limits",
+            "schedule": "timers with period and offset, in callback groups of the executor of their unit",
+        },
+        (
+            "Resources, access phases, transfers, sources and origins are not written.",
+            "Transition tables are not written: executors do not switch between modes.",
+            "Jobs start at whole nanoseconds, and by time, also those of tasks without a period.",
+            "The callback of a gang runs on one CPU; the others are only kept free for it.",
+        ),
+    )
+    needs_schedule = True
+    suffix = ".yaml"
+    keys = ("cpus", "priority")
+
+    def options(self, common: ExportOptions, fields: Fields, base: str) -> RosOptions:
+        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.ros.settings import cpu_number, priority
+
+        cpus = None
+        if (section := fields.section("cpus", (), f"{fields.path} cpus")) is not None:
+            found = {unit: section.get(unit, cpu_number) for unit in section}
+            cpus = {unit: stated.value for unit, stated in found.items() if stated is not None}
+        chosen = fields.value("priority", priority, PRIORITY)
+        return RosOptions(title=common.title, mode=common.mode, cpus=cpus, priority=chosen)
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return one document; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.ros.document import format_executors
+        from halpipe.exporters.selection import select
+
+        chosen = select(model, schedule, options.mode, self.name)
+        return {"": format_executors(model, chosen, specific(RosOptions, options))}
+
+
+FORMAT = RosExporter()

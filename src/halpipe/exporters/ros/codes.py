@@ -1,0 +1,22 @@
+"""The diagnostics of the ROS export: HAL0897 to HAL0899."""
+
+from halpipe.diagnostics import error, warning
+
+UNREALISED = warning(
+    "HAL0897",
+    "ROS executors cannot do what the schedule says",
+    "Executors and timers start callbacks by time on the CPUs of their executors. What a schedule holds beyond that is "
+    "listed in the exported file, too, and needs other means.",
+)
+BAD_CPU = error(
+    "HAL0898",
+    "CPU of a unit is wrong",
+    "Each unit has a Linux CPU of its own, by its number; two units on one CPU would share what the schedule gives "
+    "to each of them alone.",
+)
+TOO_FINE = error(
+    "HAL0899",
+    "Schedule does not repeat within whole nanoseconds",
+    "ROS timers count whole nanoseconds. A hyperperiod that is no whole number of them is repeated until it is; this "
+    "one would need too many timers.",
+)
