@@ -9,6 +9,8 @@ import typer
 from halpipe import __version__
 from halpipe.cli import (
     bench,
+    compare,
+    deploy,
     diff,
     doctor,
     explain,
@@ -59,7 +61,9 @@ app.command("size")(size.size)
 app.command("sensitivity")(sensitivity.sensitivity)
 app.command("show")(show.show)
 app.command("diff")(diff.diff)
-app.command("export")(export.export)
+app.add_typer(export.app, name="export")
+app.command("compare")(compare.compare)
+app.add_typer(deploy.app, name="deploy")
 app.command("run")(run.run)
 app.command("generate")(generate.generate)
 app.command("bench")(bench.bench)

@@ -11,13 +11,26 @@ from halpipe.cli import output
 from halpipe.diagnostics import Exit
 
 PACKAGES = ("lxml", "xmlschema", "numpy", "numba", "pyyaml", "jinja2", "typer", "rich", "graphviz")
-EXTRAS = {"autosar-data": "halpipe[arxml]", "ortools": "halpipe[exact]", "distributed": "halpipe[cluster]"}
-PROGRAMS = {"dot": "apt-get install graphviz"}
+EXTRAS = {
+    "autosar-data": "halpipe[arxml]",
+    "ortools": "halpipe[exact]",
+    "distributed": "halpipe[cluster]",
+    "ziglang": "halpipe[riscv]",
+    "pyelftools": "halpipe[riscv]",
+    "unicorn": "halpipe[riscv]",
+}
+PROGRAMS = {
+    "dot": "apt-get install graphviz",
+    "verilator": "apt-get install verilator g++ make",
+    "iverilog": "apt-get install iverilog",
+    "qemu-system-riscv64": "apt-get install qemu-system-misc",
+    "riscv64-unknown-elf-gcc": "apt-get install gcc-riscv64-unknown-elf",
+}
 
 
 def doctor() -> int:
     """Say what is installed, what is missing, and how to get it."""
-    from halpipe.pipeline.stages import EXPORTERS, IMPORTERS, formats
+    from halpipe.pipeline.stages import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
 
     output.result(
         f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
@@ -33,6 +46,7 @@ def doctor() -> int:
         output.result(f"  {name}: {'found' if shutil.which(name) else f'not found (optional): {install}'}")
     output.result(f"  importers: {', '.join(formats(IMPORTERS))}")
     output.result(f"  exporters: {', '.join(formats(EXPORTERS))}")
+    output.result(f"  bundles: {', '.join(formats(DEPLOYMENTS))}")
     return Exit.FINDINGS if missing else Exit.OK
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -11,41 +11,92 @@ from halpipe.cli.parameters import DiagnosticFormat, Output, Quiet, Verbose
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from halpipe.importers.base import Coverage, Imported
 
+T = TypeVar("T")
 SHOWN_REASONS = 12
 
 
 def import_(
-    source: Annotated[str, typer.Argument(metavar="FORMAT", help="arxml or ros.")],
+    source: Annotated[str, typer.Argument(metavar="FORMAT", help="amalthea, arxml or ros.")],
     paths: Annotated[list[str], typer.Argument(help="Files and directories.")],
     output_file: Output,
     overlay: Annotated[
         list[str] | None, typer.Option(help="YAML file with what the source cannot say; repeatable, later wins.")
     ] = None,
     granularity: Annotated[str, typer.Option(help="ARXML: one task per runnable, event or ostask.")] = "runnable",
+    wcet: Annotated[
+        str, typer.Option(help="AMALTHEA: the WCET is the upper, average or lower of a stated execution time.")
+    ] = "upper",
+    memory: Annotated[
+        str, typer.Option(help="AMALTHEA: accesses to memory are within the stated time, added to it, or none.")
+    ] = "within",
+    mapping: Annotated[
+        str, typer.Option(help="AMALTHEA: tasks run where the mapping is stated, or free on all units.")
+    ] = "stated",
+    calibrate: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE", help="ROS: CSV of measured callback durations, for WCETs; repeatable."),
+    ] = None,
+    quantile: Annotated[
+        str, typer.Option(metavar="Q", help="ROS: which of the measured durations is the WCET; 1 is the maximum.")
+    ] = "1",
+    margin: Annotated[
+        str, typer.Option(metavar="SHARE", help="ROS: what is added to it, as a share of it: 0.2 adds a fifth.")
+    ] = "0",
+    groups: Annotated[
+        str,
+        typer.Option(help="ROS: exclusive callback groups are ignored, or resources that tasks with a WCET hold."),
+    ] = "ignored",
     name: Annotated[str, typer.Option(help="Name of the model; otherwise the source's own.")] = "",
     strict: Annotated[bool, typer.Option(help="Every loss is an error (exit code 5).")] = False,
     coverage: Annotated[
         bool, typer.Option(help="List every element that was ignored or defaulted, with its line.")
     ] = False,
+    report: Annotated[str, typer.Option(metavar="FILE", help="Write the account of the import as JSON.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
-    """Read AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
+    """Read AMALTHEA, AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
     from halpipe.exporters.native import format_model
     from halpipe.files import write_output
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.account import format_account
+    from halpipe.importers.base import ImportOptions, group_rule, quantile_of
     from halpipe.pipeline.stages import import_model
+    from halpipe.quantities import parse_rational
 
     output.choose(format, quiet=quiet, verbose=verbose)
-    options = ImportOptions(name=name, granularity=granularity, strict=strict)
+    if calibrate and source != "ros":
+        raise typer.BadParameter("only the ROS importer reads measurements", param_hint="--calibrate")
+    options = ImportOptions(
+        name=name,
+        granularity=granularity,
+        wcet=wcet,
+        memory=memory,
+        mapping=mapping,
+        calibrate=tuple(calibrate or ()),
+        quantile=_read(quantile, quantile_of, "--quantile"),
+        margin=_read(margin, parse_rational, "--margin"),
+        groups=_read(groups, group_rule, "--groups"),
+        strict=strict,
+    )
     imported = import_model(source, paths, overlay or [], options)
     write_output(output_file, format_model(imported.model))
+    if report:
+        write_output(report, format_account(imported))
     output.report(imported.diagnostics)
     summarise(imported, output_file, every=coverage)
     return Exit.OK
+
+
+def _read(text: str, read: Callable[[str], T], option: str) -> T:
+    try:
+        return read(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint=option) from None
 
 
 def summarise(imported: Imported, written: str, *, every: bool) -> None:

@@ -17,3 +17,9 @@ DiagnosticFormat = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show errors only.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every diagnostic, notes too.")]
+WorkerCount = Annotated[
+    int,
+    typer.Option(
+        "--workers", min=0, help="Threads and processes (0: one per processor); the result is the same for any number."
+    ),
+]

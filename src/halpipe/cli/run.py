@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
 from halpipe.diagnostics import Exit
 
 
@@ -15,14 +16,15 @@ def run(
     pipeline: Annotated[
         str, typer.Argument(metavar="PIPELINE", help="YAML file that names sources, stages and exports.")
     ],
+    workers: WorkerCount = 1,
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Run a whole pipeline from one file: import, validate, schedule, verify, export."""
-    from halpipe.cli.export import write_export
+    from halpipe.cli.export.writing import write_export
     from halpipe.cli.import_ import summarise
-    from halpipe.cli.searching import find_schedule
+    from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.exporters.native import format_model
     from halpipe.files import write_output
     from halpipe.importers.native import read_model, read_schedule
@@ -38,7 +40,7 @@ def run(
         write_output(plan.model, format_model(imported.model))
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
-    code = find_schedule(model, plan.search, plan.schedule)
+    code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code
     schedule = read_schedule(plan.schedule)

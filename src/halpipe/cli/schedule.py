@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
+from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose, WorkerCount
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -46,13 +46,23 @@ def schedule(
     tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
     mode: Annotated[list[str] | None, typer.Option(help="Schedule this mode only; repeatable.")] = None,
     engine: Annotated[
-        Engine, typer.Option(help="anneal; or exact, for small systems: OR-Tools CP-SAT.")
+        Engine,
+        typer.Option(
+            help="anneal; or exact, for small systems: CP-SAT. Only with one worker is its answer reproducible."
+        ),
     ] = Engine.ANNEAL,
     quality: Annotated[
         Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
     ] = Improve.FIRST,
     freeze: Annotated[
         str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
+    ] = "",
+    workers: WorkerCount = 1,
+    portfolio: Annotated[
+        int, typer.Option(min=1, help="Searches of a mode that take turns when the first is not quick.")
+    ] = 4,
+    quantise: Annotated[
+        str, typer.Option(metavar="FILE", help="Regulator platform: starts and bounds that it can serve exactly.")
     ] = "",
     resume: Annotated[bool, typer.Option(help="Go on with a search that was stopped; the result is the same.")] = False,
     target: Annotated[str, typer.Option(help="With --quality cost: stop once the cost F is at most this.")] = "",
@@ -64,9 +74,10 @@ def schedule(
 
     Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
     """
-    from halpipe.cli.searching import find_schedule
+    from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.schedule import Quality, SearchOptions
+    from halpipe.pipeline.stages import burst_grid
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)
@@ -74,8 +85,13 @@ def schedule(
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
+    options = replace(options, portfolio=portfolio, workers=workers_of(workers))
+    if time_limit:
+        options = replace(options, effort=None)  # the clock alone ends the exact engine
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
+    if quantise:
+        options = replace(options, grid=burst_grid(quantise))
     return find_schedule(system, options, output_file, time_limit, resume=resume)
 
 

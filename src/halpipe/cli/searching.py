@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.cli import output
-from halpipe.diagnostics import Exit
+from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.files import STDIO, write_output
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
     from halpipe.pipeline.checkpoint import Checkpoint
     from halpipe.pipeline.schedule import Scheduled, SearchOptions
+    from halpipe.pipeline.workers import Workers
 
 SLOW_START = 1.5
 """Seconds without a sign of the kernel after which its compilation is announced."""
@@ -36,6 +37,7 @@ class Watch:
 
     def __init__(self, time_limit: float) -> None:
         self.interrupted = False
+        self._lock = threading.Lock()
         self._began = time.monotonic()
         self._deadline = self._began + time_limit if time_limit else None
         self._progress: Progress | None = None
@@ -63,15 +65,18 @@ class Watch:
         """Show how far the search is; return whether it may go on."""
         self._announcement.cancel()
         if not output.Settings.quiet and sys.stderr.isatty():
-            self._show(mode, moves, budget, best)
+            with self._lock:
+                self._show(mode, moves, budget, best)
         return not self.interrupted and (self._deadline is None or time.monotonic() < self._deadline)
 
     def _announce(self) -> None:
-        output.inform("compiling the search kernel; this happens once per installation and takes about 20 s")
+        output.inform("compiling the search kernel; this happens once per installation and takes about 10 s")
 
     def _show(self, mode: str, moves: int, budget: int, best: int) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        from halpipe.pipeline.schedule import CONSTRUCTING, SWITCHES
 
         if self._progress is None:
             columns = (
@@ -83,8 +88,12 @@ class Watch:
             self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
             self._progress.start()
         if mode not in self._bars:
-            self._bars[mode] = self._progress.add_task(f"mode {mode}", total=budget, state="")
-        state = "constructing" if best < 0 else f"{moves} moves, best cost {best}"
+            what = mode if mode == SWITCHES else f"mode {mode}"
+            self._bars[mode] = self._progress.add_task(what, total=budget, state="")
+        if mode == SWITCHES:
+            state = f"{moves} of {budget} mode pairs"
+        else:
+            state = "constructing" if best == CONSTRUCTING else f"{moves} moves, best cost {best}"
         self._progress.update(self._bars[mode], completed=moves, state=state)  # type: ignore[arg-type]
 
 
@@ -112,13 +121,20 @@ def find_schedule(
             checkpoint.load()
         options = replace(options, keeper=checkpoint)
     with Watch(time_limit) as watch, _handling(watch):
-        scheduled = schedule_model(model, options, watch.on_progress)
+        try:
+            scheduled = schedule_model(model, options, watch.on_progress)
+        except HalpipeError as failure:
+            if failure.exit is Exit.INTERRUPTED and not watch.interrupted:  # it was the time limit
+                failure.exit = Exit.NOT_FOUND
+            raise
     output.report(scheduled.diagnostics)
     if scheduled.is_complete:
         write_output(target, format_schedule(scheduled.schedule))
-        if checkpoint is not None:
-            checkpoint.remove()
         _summarise(scheduled, target, time.monotonic() - began)
+        if checkpoint is not None:
+            _finish(checkpoint, unimproved=scheduled.unimproved)
+        if watch.interrupted:
+            return Exit.INTERRUPTED
         return Exit.FINDINGS if any(d.is_error for d in scheduled.diagnostics) else Exit.OK
     if checkpoint is not None:
         checkpoint.write()
@@ -134,6 +150,24 @@ def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkp
     path = Path(target)
     identity = fingerprint(model, options, __version__)
     return Checkpoint(str(path.with_name(f"{path.stem}.resume")), identity, time.monotonic)
+
+
+def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
+    """Remove the checkpoint, unless the schedule could be improved further from there."""
+    if not unimproved:
+        checkpoint.remove()
+        return
+    checkpoint.write()
+    output.inform("the schedule is valid, but improving it was cut short; --resume goes on from here")
+
+
+def workers_of(count: int) -> Workers:
+    """Return as many workers as the user asked for; for 0 as many as there are processors for this process."""
+    from halpipe.pipeline.workers import Workers
+
+    if count:
+        return Workers(count)
+    return Workers(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
@@ -153,6 +187,7 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
 def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupted: bool) -> int:
     """Save the best placement beside the target, which stays as it was, and say what is still wrong with it."""
     from halpipe.exporters.native import format_schedule
+    from halpipe.models import Status
     from halpipe.pipeline.stages import explain_failure
 
     output.report(explain_failure(model, scheduled, interrupted=interrupted))
@@ -160,6 +195,8 @@ def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupt
         path = Path(target)
         best = str(path.with_name(f"{path.stem}.best{path.suffix or '.xml'}"))
         write_output(best, format_schedule(scheduled.schedule))
-        output.inform(f"{best}: best placement so far, not valid; {target} was not touched")
+        valid = all(mode.status is Status.VALID for mode in scheduled.schedule.modes)
+        what = "what was found so far, not complete" if valid else "best placement so far, not valid"
+        output.inform(f"{best}: {what}; {target} was not touched")
         output.inform("--resume goes on from here; with a larger --budget if that was spent")
     return Exit.INTERRUPTED if interrupted else Exit.NOT_FOUND

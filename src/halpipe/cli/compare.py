@@ -1,0 +1,80 @@
+"""``halpipe compare``."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, ScheduleFile, Verbose
+from halpipe.diagnostics import Exit
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.pipeline.compare import Comparison
+
+COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest", "WCET")
+
+
+def compare(
+    schedule: ScheduleFile,
+    trace: Annotated[str, typer.Argument(metavar="TRACE", help="CSV, BTF or Trace Event JSON; - is standard input.")],
+    mode: Annotated[str, typer.Option(help="The mode that ran, where the trace does not say.")] = "",
+    tolerance: Annotated[str, typer.Option(help="Lateness that is forgiven, such as 10us.")] = "0ms",
+    origin: Annotated[
+        str, typer.Option(help="Instant of the trace at which the schedule starts; auto: no job is early.")
+    ] = "auto",
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Compare what ran with the schedule: lateness, overruns, order, missing and extra jobs of every task."""
+    from halpipe.importers.native import read_schedule
+    from halpipe.importers.traces import read_traces
+    from halpipe.pipeline.compare import CompareOptions
+    from halpipe.pipeline.compare import compare as compare_line
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    zero = None if origin == "auto" else _duration(origin, "--origin")
+    options = CompareOptions(mode=mode, tolerance=_duration(tolerance, "--tolerance"), origin=zero)
+    tables = read_schedule(schedule)
+    recording = read_traces(trace)
+    lines = [compare_line(tables, line, options) for line in recording.traces]
+    found = [*recording.diagnostics, *(d for line in lines for d in line.diagnostics)]
+    if output.is_text():
+        _show(lines)
+    output.report(found, sys.stdout)
+    return Exit.FINDINGS if any(d.is_error for d in found) else Exit.OK
+
+
+def _show(lines: list[Comparison]) -> None:
+    from rich.table import Table
+
+    from halpipe.cli.answers import console
+
+    screen = console()
+    for line in lines:
+        if line.name:
+            screen.print(line.name)
+        shown = Table(*COLUMNS, box=None, pad_edge=False)
+        for column in shown.columns[1:]:
+            column.justify = "right"
+        for row in line.rows:
+            spans = (row.least, row.median, row.worst, row.worst_end, row.longest, row.budget)
+            shown.add_row(row.task, str(row.seen), str(row.missing), str(row.extra), *map(_text, spans))
+        screen.print(shown)
+
+
+def _text(span: Duration | None) -> str:
+    return "" if span is None else str(span)
+
+
+def _duration(text: str, option: str) -> Duration:
+    from halpipe.durations import Duration
+
+    try:
+        return Duration.parse(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint=option) from None

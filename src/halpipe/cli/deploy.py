@@ -1,0 +1,96 @@
+"""``halpipe deploy``: from a bundle to what it does on its target."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.export.riscv import Profile, Sources, Toolchain
+from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
+from halpipe.diagnostics import Exit
+
+if TYPE_CHECKING:
+    from halpipe.exporters.riscv.prepare import Prepared
+
+app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles.")
+
+
+@app.command("prepare")
+def prepare(
+    model: ModelFile,
+    output_file: Output,
+    profile: Profile = "vcu118",
+    toolchain: Toolchain = "auto",
+    sources: Sources = "",
+    dummy: Annotated[bool, typer.Option("--dummy", help="Make sources for versions that have none.")] = False,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Compile the tasks, and give each version a load phase, and memory phases long enough, for a RISC-V target."""
+    from pathlib import Path
+
+    from halpipe.exporters.native import format_model
+    from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.files import STDIO, write_output, write_outputs
+    from halpipe.importers.native import read_model
+    from halpipe.pipeline.stages import prepare_model
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    options = RiscvOptions(profile=profile, toolchain=toolchain, sources=sources)
+    prepared = prepare_model(read_model(model), options, dummy=dummy)
+    output.report(prepared.diagnostics)
+    document = format_model(prepared.model)
+    if output_file == STDIO:
+        if prepared.files:
+            raise typer.BadParameter("--dummy writes a source file beside the model; name a file", param_hint="-o")
+        write_output(STDIO, document)
+        return Exit.OK
+    beside = Path(sources) if sources else Path(output_file).parent
+    write_outputs({output_file: document, **{str(beside / name): text for name, text in prepared.files.items()}})
+    output.inform(f"{output_file}: {_what(prepared)}")
+    return Exit.OK
+
+
+def _what(prepared: Prepared) -> str:
+    grown = sum(found.code == "HAL0864" for found in prepared.diagnostics)
+    return f"{grown} versions have longer phases now" if grown else "all phases are long enough"
+
+
+@app.command("check")
+def check(
+    bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
+    engine: Annotated[str, typer.Option(help="What plays the bundle; auto takes the best that is installed.")] = "auto",
+    cycles: Annotated[int, typer.Option(min=0, help="Hyperperiods of every mode; 0: enough.")] = 0,
+    modelled: Annotated[
+        bool, typer.Option("--modelled", help="Let every job take its scheduled time, whatever it computes.")
+    ] = False,
+    seed: Seed = 1,
+    trace: Annotated[str, typer.Option(metavar="FILE", help="Write the executions that were seen (CSV).")] = "",
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Play a bundle and hold it against its schedule; any deviation is an error."""
+    from halpipe.deploy.base import CheckOptions
+    from halpipe.files import write_output
+    from halpipe.pipeline.stages import check_bundle
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    execution = "modelled" if modelled else "real"
+    checked = check_bundle(bundle, CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution))
+    for line in checked.lines:
+        output.result(line)
+    for name, content in checked.files.items() if trace else ():
+        write_output(_beside(trace, name.removeprefix("trace")), content)
+    output.report(checked.diagnostics)
+    return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
+
+
+def _beside(file: str, suffix: str) -> str:
+    """Return the name of a further file: ``seen-2.csv`` beside ``seen.csv``."""
+    from pathlib import Path
+
+    return str(Path(file).with_name(Path(file).stem + suffix + Path(file).suffix)) if suffix else file

@@ -1,0 +1,45 @@
+"""``halpipe export ros``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.export.writing import ModeName, write_export
+from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, ScheduleFile, Verbose
+from halpipe.diagnostics import Exit
+
+
+def ros(
+    model: ModelFile,
+    schedule: ScheduleFile,
+    output_file: Output,
+    mode: ModeName = "",
+    cpus: Annotated[
+        str, typer.Option(metavar="UNIT=CPU,...", help="Linux CPU of each unit; otherwise in the model's order.")
+    ] = "",
+    priority: Annotated[int, typer.Option(min=1, max=99, help="Priority of the executors, SCHED_FIFO.")] = 80,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Write executors, callback groups and timers (YAML) that realise a schedule with ROS 2 on Linux."""
+    from halpipe.exporters.ros import RosOptions
+    from halpipe.exporters.ros.settings import cpus_of
+    from halpipe.exporters.ros.unrealised import unrealised
+    from halpipe.exporters.selection import select
+    from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline.stages import export
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    try:
+        options = RosOptions(mode=mode, cpus=cpus_of(cpus) if cpus else None, priority=priority)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--cpus") from None
+    system, tables = read_model(model), read_schedule(schedule)
+    contents = export("ros", system, tables, options)
+    output.report(unrealised(system, select(system, tables, mode, "ros"), options))
+    write_export(contents, output_file)
+    return Exit.OK
