@@ -1,0 +1,106 @@
+"""Stress the bandwidth regulator: ``python benchmarks/regulator.py --configurations 60 --seeds 1 2``.
+
+Random systems (those of the tests) are exported, checked exactly, and simulated with every kind of traffic. Prints what
+was simulated and every violation; the last line is JSON. Needs Verilator, or Icarus Verilog and much time.
+"""
+
+import argparse
+import json
+import random
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import regulator_bundles as bundles
+import regulator_systems as systems
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.regulator import DEPLOYMENT
+from halpipe.deploy.regulator.observe import judge
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.simulate import choose_engine, design_of, play
+from halpipe.deploy.regulator.stimuli import TRAFFIC, plan
+from halpipe.diagnostics import render_text
+
+
+def stress(configurations: int, seeds: list[int], windows: int) -> dict[str, object]:
+    """Return what was simulated and what was found."""
+    engine, told = choose_engine("auto")
+    if engine is None:
+        raise SystemExit(told)
+    count = dict.fromkeys(("configurations", "runs", "windows", "unit_windows", "cycles", "switches", "carried"), 0)
+    count |= {"violations": 0, "greedy_runs": 0, "greedy_exact": 0}
+    seconds = 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        for number in range(configurations):
+            rng = random.Random(number)
+            shape = systems.random_shape(rng)
+            files = systems.export(Path(folder), *systems.random_system(rng, shape), shape)
+            target = bundles.target(files)
+            tables = read_tables(target.bundle)
+            arithmetic = DEPLOYMENT.check(target, CheckOptions(engine="arithmetic"))
+            found = list(arithmetic.diagnostics)
+            with tempfile.TemporaryDirectory() as built:
+                player = engine.build(design_of(target.bundle, tables), built)
+                for seed in seeds:
+                    for traffic in TRAFFIC:
+                        run = plan(tables, traffic, seed, windows=windows)
+                        begin = time.perf_counter()
+                        trace = play(target.bundle, tables, player, run)
+                        seconds += time.perf_counter() - begin
+                        verdict = judge(tables, run, trace, target.bundle.at("table"))
+                        found += verdict.findings
+                        count["runs"] += 1
+                        count["windows"] += verdict.windows
+                        count["unit_windows"] += 2 * len(tables.units) * verdict.windows
+                        count["cycles"] += verdict.windows * tables.platform.window_cycles
+                        count["switches"] += verdict.switches
+                        count["carried"] += verdict.carried
+                        if traffic is TRAFFIC[0]:
+                            count["greedy_runs"] += 1
+                            count["greedy_exact"] += verdict.used == verdict.granted
+            count["configurations"] += 1
+            count["violations"] += len(found)
+            for finding in found:
+                print(f"configuration {number}: {render_text(finding)}")
+    return {"engine": engine.name, **count, "simulation_s": round(seconds, 1)}
+
+
+def bus_time(cycles: int = 250_000) -> dict[str, object]:
+    """Return how long four greedy masters take for a millisecond of a bus of 250 MHz."""
+    engine, _ = choose_engine("auto")
+    assert engine is not None
+    rng = random.Random(0)
+    shape = systems.random_shape(rng)
+    with tempfile.TemporaryDirectory() as folder:
+        files = systems.export(Path(folder), *systems.random_system(rng, shape), shape)
+        target = bundles.target(files)
+        tables = read_tables(target.bundle)
+        player = engine.build(design_of(target.bundle, tables), folder)
+        run = plan(tables, TRAFFIC[0], 1, windows=cycles // shape.window, repeats=200)
+        times = []
+        for _ in range(5):
+            begin = time.perf_counter()
+            play(target.bundle, tables, player, run)
+            times.append(time.perf_counter() - begin)
+    simulated = len(run.expected) * shape.window
+    return {"units": shape.units, "cycles": simulated, "best_s": round(min(times), 3)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--configurations", type=int, default=60)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--windows", type=int, default=400)
+    wanted = parser.parse_args()
+    begin = time.perf_counter()
+    result = stress(wanted.configurations, wanted.seeds, wanted.windows)
+    total = round(time.perf_counter() - begin, 1)
+    print(json.dumps({**result, "total_s": total, "millisecond": bus_time()}))
+    sys.exit(1 if result["violations"] else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""Drive the RoboRacer stack round a track, in a closed loop with a simulated car: `python drive.py --help`."""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import host
+from picture import picture
+from report import course, lap_table, summary
+from track import circuit
+from world import Lap, Opponent, World
+
+import halpipe
+from halpipe.deploy.riscv import Board, CoSimulation, Plant
+from halpipe.deploy.riscv.check import Outcome, judge, tolerance_of
+from halpipe.deploy.riscv.sequence import played_tables
+from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.diagnostics import HalpipeError, render_text
+from halpipe.importers.native import read_model, read_schedule
+from halpipe.pipeline.stages import open_target
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from halpipe.deploy.base import Target
+    from halpipe.durations import Duration
+    from halpipe.models import Schedule, TaskModel
+
+HERE = Path(__file__).parent
+MOST = 8000  # cycles: 200 s
+FARTHER = 0.3  # of a lap, before the safe stop
+STILL = 20  # cycles without motion end the drive
+SHOWN = 5  # findings
+
+
+@dataclass
+class Drive:
+    """Some laps against an opponent, some alone, then a safe stop. Meets the stack at the beginning of every cycle."""
+
+    world: World
+    race_laps: int = 3
+    trial_laps: int = 2
+    finished: bool = False
+    modes: list[str] = field(default_factory=list)  # in force at each moment
+    requested: str | None = "race"
+    still: int = 0
+
+    def cycle(self, time: int, read: Callable[[str], bytes], write: Callable[[str, bytes], None]) -> str | None:
+        """Exchange data at `time` in ns; return the mode that is requested now, in force from the next cycle on."""
+        self.modes.append(self.requested or self.modes[-1])
+        if self.modes[-1] != "race":
+            self.world.opponent = None  # it leaves the track
+        self.world.exchange(time / 10**9, read, write)
+        self.requested = self._request()
+        moving = self.modes[-1] != "safe-stop" or self.world.car.speed > 0
+        self.still = 0 if moving else self.still + 1
+        self.finished = self.still >= STILL
+        return self.requested
+
+    def _request(self) -> str | None:
+        laps = self.world.progress / self.world.track.length
+        if self.modes[-1] == "race" and laps >= self.race_laps:
+            return "time-trial"
+        if self.modes[-1] == "time-trial" and laps >= self.race_laps + self.trial_laps + FARTHER:
+            return "safe-stop"
+        return None
+
+    def mode_of(self, lap: Lap) -> str:
+        """The mode in which most of a lap was driven."""
+        middle = (lap.begin + lap.end) / 2
+        return self.modes[next(i for i, m in enumerate(self.world.moments) if m.time >= middle)]
+
+    @property
+    def collisions(self) -> int:
+        """In how many moments the car touches a wall or the opponent."""
+        return sum(m.clearance <= 0 or (m.gap is not None and m.gap <= 0) for m in self.world.moments)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether all laps were driven and the car stands, without a scratch."""
+        return self.finished and len(self.world.laps) >= self.race_laps + self.trial_laps and not self.collisions
+
+
+def a_drive(seed: int, race_laps: int, trial_laps: int) -> Drive:
+    """Make a drive that begins on the start line, with an opponent some metres ahead."""
+    track = circuit()
+    opponent = Opponent(track, s=3.0) if race_laps else None
+    return Drive(World(track, seed=seed, opponent=opponent), race_laps=race_laps, trial_laps=trial_laps)
+
+
+def on_this_computer(drive: Drive, model: TaskModel, schedule: Schedule, sources: Path) -> int:
+    """Drive with the tasks compiled for this computer, in the order of the schedule; return the tables played."""
+    with tempfile.TemporaryDirectory() as folder:
+        computer = host.Host(model, schedule, host.programs(model, sources, Path(folder)))
+        computer.run(drive, MOST)
+    return len(computer.played)
+
+
+class Track(Plant):
+    """The drive as the co-simulation of a bundle sees it: what is outside of the board."""
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+
+    def cycle(self, board: Board, now: Duration, cycle: int, table: str) -> None:
+        """Exchange data when the table of a mode begins; those of transitions have no length here."""
+        if "->" not in table:
+            mode = self.drive.cycle(int(now.ns), board.read, board.write)
+            if mode is not None:
+                board.request(mode)
+
+
+def on_a_board(drive: Drive, target: Target, tables: int, execution: str) -> Outcome:
+    """Drive with a bundle on a simulated board, for so many tables; every job is held against the schedule."""
+    simulation = CoSimulation(target, plant=Track(drive), cycles=tables, execution=execution)
+    run = simulation.run()
+    first = target.schedule.modes[0].name
+    expected = played_tables(target.schedule, first, run.requests, tables, run.site.tick)
+    return judge(target, simulation, run, expected)
+
+
+def written(drive: Drive) -> dict[str, str]:
+    """What is written of a drive, by file name."""
+    laps = [(drive.mode_of(lap), lap.time) for lap in drive.world.laps]
+    return {
+        "laps.csv": lap_table(drive),
+        "drive.csv": course(drive),
+        "drive.svg": picture(drive.world, drive.modes, laps),
+    }
+
+
+def drive_by_files(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dict[str, str]]:
+    """Drive with a model and its schedule, on this computer."""
+    model, schedule = read_model(chosen.inputs[0]), read_schedule(chosen.inputs[1])
+    violations = halpipe.verify(model, schedule)
+    if violations:
+        raise HalpipeError(*violations)
+    on_this_computer(drive, model, schedule, HERE)
+    return drive.succeeded, written(drive)
+
+
+def drive_by_bundle(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dict[str, str]]:
+    """Drive with a bundle on a simulated board, and with its sources on this computer: both must be the same."""
+    target = open_target(chosen.inputs[0])
+    here = copy.deepcopy(drive)
+    tables = on_this_computer(here, target.model, target.schedule, Path(chosen.inputs[0]) / "src")
+    outcome = on_a_board(drive, target, tables, chosen.execution)
+    same = course(drive) == course(here)
+    found = outcome.findings
+    lines = [*map(render_text, found[:SHOWN]), *summary_lines(target, [outcome], tolerance_of(outcome.run.site))]
+    lines.append(f"{len(found)} deviations from the schedule")
+    lines.append("on this computer the tasks drive " + ("the same course" if same else "ANOTHER course"))
+    sys.stdout.write("\n".join(lines) + "\n")
+    trace = trace_csv(outcome).decode()
+    return drive.succeeded and same and not found, {**written(drive), "trace.csv": trace}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Drive, write what happened, and return 0 if all went well."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    what = "a bundle, to drive on a simulated board; or a model and its schedule, to drive on this computer"
+    parser.add_argument("inputs", nargs="+", metavar="FILE", help=what)
+    parser.add_argument("-o", "--output", type=Path, default=HERE / "out" / "drive", help="folder for what is written")
+    parser.add_argument("--execution", choices=("real", "modelled"), default="real", help="of a bundle (default real)")
+    parser.add_argument("--seed", type=int, default=1, help="of all noise (default 1)")
+    parser.add_argument("--race-laps", type=int, default=3, help="against the opponent (default 3)")
+    parser.add_argument("--trial-laps", type=int, default=2, help="alone (default 2)")
+    chosen = parser.parse_args(arguments)
+    if len(chosen.inputs) > 2:
+        parser.error("give a bundle, or a model and its schedule")
+    drive = a_drive(chosen.seed, chosen.race_laps, chosen.trial_laps)
+    try:
+        drive_it = drive_by_bundle if len(chosen.inputs) == 1 else drive_by_files
+        succeeded, files = drive_it(chosen, drive)
+    except HalpipeError as error:
+        sys.stderr.write("\n".join(map(render_text, error.diagnostics)) + "\n")
+        return 1
+    sys.stdout.write(summary(drive))
+    chosen.output.mkdir(parents=True, exist_ok=True)
+    for name, text in files.items():
+        (chosen.output / name).write_text(text, encoding="utf-8")
+        sys.stdout.write(f"{chosen.output / name}: written\n")
+    return 0 if succeeded else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
