@@ -1,15 +1,20 @@
-"""Commands run as their users run them: in a process of their own."""
+"""Commands as their users run them, most of them without a process of their own."""
 
-import os
 import subprocess
 import sys
+import time
+from functools import partial
 
 import pytest
 
+from command_line import run_here
 from halpipe.exporters.native import format_model
 from support import access, after, chain, model, task, version
 
 CORES = "c1 c2"
+
+PATIENCE = 300
+"""Seconds after which a process hangs. On a fresh machine, the first search compiles its kernel for half a minute."""
 
 
 def small_model():
@@ -25,15 +30,6 @@ def hopeless_model():
     return model(*(task(name, "10ms", version("v", wcet, CORES)) for name, wcet in wcets.items()), units=CORES)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def compiled_kernel(tmp_path_factory):
-    """Compile the search kernel before any test looks at the clock; on a fresh machine that takes half a minute."""
-    folder = tmp_path_factory.mktemp("warm")
-    (folder / "model.xml").write_bytes(format_model(small_model()))
-    command = [sys.executable, "-m", "halpipe", "schedule", "model.xml", "-q", "-o", "schedule.xml"]
-    subprocess.run(command, cwd=folder, check=True, timeout=600)
-
-
 @pytest.fixture
 def folder(tmp_path):
     (tmp_path / "model.xml").write_bytes(format_model(small_model()))
@@ -43,18 +39,36 @@ def folder(tmp_path):
 
 @pytest.fixture
 def halpipe(folder):
-    """Run halpipe in the folder and return the finished process; its output is text."""
+    """Run halpipe in the folder, within this process, and return it as a finished one."""
+    return partial(run_here, folder)
 
-    def run(*arguments, stdin=None, env=None):
+
+@pytest.fixture
+def halpipe_process(folder):
+    """Run halpipe in the folder as its users do: where start-up, pipes, other processes or signals are the subject."""
+
+    def run(*arguments, stdin=None):
         return subprocess.run(
             [sys.executable, "-m", "halpipe", *map(str, arguments)],
             cwd=folder,
             input=stdin,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=PATIENCE,
             check=False,
-            env={**os.environ, **(env or {})},
         )
 
     return run
+
+
+@pytest.fixture
+def wait_until():
+    """Wait for a condition, however busy the machine is."""
+
+    def wait(condition):
+        until = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < until, "waited in vain"
+            time.sleep(0.05)
+
+    return wait

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -43,22 +42,20 @@ def test_an_unknown_suite_or_row_is_wrong_usage(halpipe, arguments, named):
 
 
 @pytest.mark.slow
-def test_a_killed_bench_goes_on_and_comes_to_the_same_results(halpipe, folder):
+def test_a_killed_bench_goes_on_and_comes_to_the_same_results(halpipe_process, folder, wait_until):
     command = ("bench", "tiny", "--seeds", 2, "--budget", 500, "--limit", 0, "-o")
-    assert halpipe(*command, "whole").returncode == 0
+    assert halpipe_process(*command, "whole").returncode == 0
     journal = folder / "cut" / "journal.jsonl"
     running = subprocess.Popen([sys.executable, "-m", "halpipe", *map(str, command), "cut"], cwd=folder)
-    until = time.monotonic() + 60
-    while not (journal.exists() and journal.read_bytes().count(b"\n") >= 2) and time.monotonic() < until:
-        time.sleep(0.01)
+    wait_until(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= 2)
     running.send_signal(signal.SIGKILL)
     running.wait()
     with journal.open("ab") as stream:
         stream.write(b'{"record": {"key": "half a li')
-    refused = halpipe(*command, "cut")
+    refused = halpipe_process(*command, "cut")
     assert refused.returncode == 1
     assert "HAL0934" in refused.stderr
-    resumed = halpipe(*command, "cut", "--resume")
+    resumed = halpipe_process(*command, "cut", "--resume")
     assert resumed.returncode == 0, resumed.stderr
     assert "of 4 sets are finished already" in resumed.stderr
     assert not journal.exists()
@@ -66,21 +63,21 @@ def test_a_killed_bench_goes_on_and_comes_to_the_same_results(halpipe, folder):
 
 
 @pytest.mark.slow
-def test_processes_give_the_same_schedules(halpipe, folder):
-    assert halpipe(*TINY, "-o", "one").returncode == 0
-    done = halpipe(*TINY, "--jobs", 2, "-o", "two")
+def test_processes_give_the_same_schedules(halpipe_process, folder):
+    assert halpipe_process(*TINY, "-o", "one").returncode == 0
+    done = halpipe_process(*TINY, "--jobs", 2, "-o", "two")
     assert done.returncode == 0, done.stderr
     assert results(folder / "one")["results_sha256"] == results(folder / "two")["results_sha256"]
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_schedules(halpipe, folder):
+def test_a_cluster_gives_the_same_schedules(halpipe_process, folder):
     distributed = pytest.importorskip("distributed", reason="the extra [cluster] is not installed")
-    assert halpipe(*TINY, "-o", "here").returncode == 0
+    assert halpipe_process(*TINY, "-o", "here").returncode == 0
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, protocol="tcp"
     ) as cluster:
-        done = halpipe(*TINY, "--cluster", cluster.scheduler_address, "-o", "there")
+        done = halpipe_process(*TINY, "--cluster", cluster.scheduler_address, "-o", "there")
     assert done.returncode == 0, done.stderr
     assert results(folder / "here")["results_sha256"] == results(folder / "there")["results_sha256"]
     assert results(folder / "there")["machine"]["executor"] == "dask.distributed"

@@ -4,25 +4,26 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
-from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.schedule import SWITCHES, Quality, SearchOptions
 from halpipe.pipeline.stages import schedule_model
-from support import access, after, mode, model, task, version
+from halpipe.pipeline.workers import Workers
+from support import access, after, chain, mode, model, task, version
 
 UNITS = "u1 u2 u3"
 
 
 def tight_model():
-    """Three units 95 % busy with tasks of three lengths: takes the search some hundred moves."""
+    """Three units without a gap in mode one, filled by tasks of six lengths: takes the search some hundred moves."""
     tasks = []
-    for number in range(18):
-        wcet = (5, 6, 8)[number % 3]
+    for number, wcet in enumerate([3, 4, 5, 6, 7, 7, 8] * 3):
         parts = [access("mem", 0, 1)] if number % 3 == 0 else []
         if number % 6 == 5:
             parts.append(after(f"t{number - 1}", 0, 30, "end"))
@@ -31,36 +32,99 @@ def tight_model():
 
 
 class Stop:
-    """Lets a search run for some slices and then stops it."""
+    """Lets the search of a mode run for some slices and then stops it; switches are searched in one go."""
 
     def __init__(self, slices):
         self.left = slices
 
     def __call__(self, *progress):
-        self.left -= 1
-        return self.left > 0
+        if progress[0] != SWITCHES:
+            self.left -= 1
+        return self.left > 0 or progress[0] == SWITCHES
 
 
+@pytest.mark.parametrize("workers", [1, 3])
 @pytest.mark.parametrize("slices", [1, 2, 5, 9])
-def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices):
+@pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
+def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
+    from halpipe.pipeline.anneal import portfolio
+    from halpipe.pipeline.anneal import slices as kernel_slices
+
+    monkeypatch.setattr(kernel_slices, "SLICE_WORK", work)
+    monkeypatch.setattr(portfolio, "LEAD", 2)
+    monkeypatch.setattr(portfolio, "TURN", 2)
+    system = parse_model(format_model(tight_model()), "m.xml")
+    options = SearchOptions(seed=12, budget=400)
+    straight = schedule_model(system, options, lambda *progress: True)
+    parts, resumed = in_parts(tmp_path, system, options, slices, workers)
+    assert parts > 1
+    assert resumed.schedule == straight.schedule
+
+
+@pytest.mark.parametrize("quality", [Quality.COST, Quality.MARGIN])
+def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, quality):
+    """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
+    from halpipe.pipeline import schedule
     from halpipe.pipeline.anneal import slices as kernel_slices
 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
-    system = parse_model(format_model(tight_model()), "m.xml")
-    options = SearchOptions(seed=3, budget=400)
+    monkeypatch.setattr(schedule, "POLISH_BUDGET", 30)
+    system = parse_model(format_model(loose_model()), "m.xml")
+    options = SearchOptions(seed=1, quality=quality)
     straight = schedule_model(system, options, lambda *progress: True)
+    assert straight.schedule != schedule_model(system, SearchOptions(seed=1), lambda *progress: True).schedule
+    parts, resumed = in_parts(tmp_path, system, options, 2)
+    assert parts > 2
+    assert not resumed.unimproved
+    assert resumed.schedule == straight.schedule
+
+
+def in_parts(tmp_path, system, options, slices, workers=1):
+    """Stop the search after so many slices, again and again; return how often, and the last result."""
     path = str(tmp_path / "s.resume")
     identity = fingerprint(system, options, "1")
     ticks = iter(range(0, 10**9, 10))  # a clock that is always late: every slice is saved
-    while True:
+    for part in range(1, 1000):
         checkpoint = Checkpoint(path, identity, lambda: next(ticks))
         if os.path.exists(path):
             checkpoint.load()
-        kept = SearchOptions(seed=3, budget=400, keeper=checkpoint)
-        part = schedule_model(system, kept, Stop(slices + 1))
-        if not part.stopped:
-            break
-    assert part.schedule == straight.schedule
+        kept = replace(options, keeper=checkpoint, workers=Workers(workers))
+        found = schedule_model(system, kept, Stop(slices + 1))
+        if not found.stopped and not found.unimproved:
+            return part, found
+        checkpoint.write()
+    raise AssertionError("makes no progress")
+
+
+def loose_model():
+    """Four units of which two are enough, slack, and a chain: much to improve."""
+    units = "u1 u2 u3 u4"
+    tasks = [task(f"t{n}", 40, version("v", (5, 6, 8)[n % 3], units), slack=Fraction(1, 8)) for n in range(9)]
+    return model(*tasks, units=units, chains=[chain("c", "t0 t3 t5")])
+
+
+def test_an_improvement_cut_short_leaves_a_valid_schedule_and_goes_on(halpipe, folder):
+    (folder / "loose.xml").write_bytes(format_model(loose_model()))
+    command = ("schedule", "loose.xml", "--quality", "cost", "-o")
+    assert halpipe(*command, "straight.xml").returncode == 0
+    cut = halpipe(*command, "s.xml", "--time-limit", "0.000001")
+    assert cut.returncode == 0, cut.stderr
+    assert "cut short" in cut.stderr
+    assert halpipe("verify", "loose.xml", "s.xml").returncode == 0
+    assert (folder / "s.xml").read_bytes() != (folder / "straight.xml").read_bytes()
+    assert (folder / "s.resume").exists()
+    assert halpipe(*command, "s.xml", "--resume").returncode == 0
+    assert (folder / "s.xml").read_bytes() == (folder / "straight.xml").read_bytes()
+    assert not (folder / "s.resume").exists()
+
+
+def test_any_number_of_workers_gives_the_same_bytes(halpipe, folder):
+    (folder / "tight.xml").write_bytes(format_model(tight_model()))
+    for count in (1, 2, 0):
+        done = halpipe("schedule", "tight.xml", "--workers", count, "-o", f"{count}.xml")
+        assert done.returncode in (0, 1), done.stderr
+    first, *others = ((folder / f"{count}.xml").read_bytes() for count in (1, 2, 0))
+    assert others == [first, first]
 
 
 def test_what_does_not_belong_is_refused(tmp_path, halpipe, folder):
@@ -76,13 +140,12 @@ def test_what_does_not_belong_is_refused(tmp_path, halpipe, folder):
     assert not (folder / "s.xml").exists()
 
 
-def test_a_killed_search_leaves_a_checkpoint_that_resumes(folder):
+@pytest.mark.slow  # the first checkpoint comes after five seconds of searching; stopped ones above are quicker
+def test_a_killed_search_leaves_a_checkpoint_that_resumes(folder, wait_until):
     (folder / "tight.xml").write_bytes(format_model(impossible_model()))
     command = [sys.executable, "-m", "halpipe", "schedule", "tight.xml", "--budget", "100000000", "-o", "s.xml"]
     search = subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 60
-    while not (folder / "s.resume").exists() and time.monotonic() < deadline:
-        time.sleep(0.2)
+    wait_until(lambda: search.poll() is not None or (folder / "s.resume").exists())
     search.send_signal(signal.SIGKILL)
     search.wait()
     assert (folder / "s.resume").exists()

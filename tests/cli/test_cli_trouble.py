@@ -1,10 +1,12 @@
 """Trouble: bad files, full devices, closed pipes, Ctrl-C, bugs. Never a traceback, never a damaged output."""
 
 import os
+import re
+import resource
 import signal
 import subprocess
 import sys
-import time
+from pathlib import Path
 
 import pytest
 
@@ -70,8 +72,18 @@ def test_a_closed_pipe_is_no_error(halpipe, folder):
     assert ended.stderr == ""
 
 
+def is_searching(process, folder):
+    """Tell whether the search takes signals: at once where the system says so, else by its first checkpoint."""
+    try:
+        status = Path(f"/proc/{process.pid}/status").read_text()
+    except OSError:
+        return (folder / "s.resume").exists()
+    caught = int(re.search(r"^SigCgt:\s*(\w+)", status, re.MULTILINE)[1], 16)
+    return caught >> (signal.SIGTERM - 1) & 1 == 1
+
+
 @pytest.mark.parametrize("signum", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_saves_the_best_so_far(folder, signum):
+def test_ctrl_c_saves_the_best_so_far(folder, wait_until, signum):
     search = subprocess.Popen(
         [sys.executable, "-m", "halpipe", "schedule", "hopeless.xml", "--budget", "1000000000", "-o", "s.xml"],
         cwd=folder,
@@ -79,9 +91,9 @@ def test_ctrl_c_saves_the_best_so_far(folder, signum):
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
-    time.sleep(3)
+    wait_until(lambda: search.poll() is not None or is_searching(search, folder))
     search.send_signal(signum)
-    _, said = search.communicate(timeout=60)
+    _, said = search.communicate(timeout=300)
     assert search.returncode == 130
     assert "Traceback" not in said
     assert "HAL0402" in said
@@ -116,7 +128,7 @@ def test_help_is_quick_and_loads_nothing_heavy():
         "import sys, halpipe.cli; code = halpipe.cli.invoke(['--help']); "
         f"print(code, [m for m in {heavy} if m in sys.modules], file=sys.stderr)"
     )
-    began = time.monotonic()
+    began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "0 []"
-    assert time.monotonic() - began < 2
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 2  # of the processor, busy or not

@@ -9,9 +9,9 @@ from halpipe.importers.native import read_schedule
 from halpipe.models import Status
 
 
-def test_model_to_verified_schedule_and_report(halpipe, folder):
+def test_model_to_verified_schedule_and_report(halpipe, halpipe_process, folder):
     assert halpipe("validate", "model.xml").returncode == 0
-    made = halpipe("schedule", "model.xml", "-o", "schedule.xml")
+    made = halpipe_process("schedule", "model.xml", "-o", "schedule.xml")
     assert (made.returncode, made.stdout) == (0, "")
     assert "verified" in made.stderr
     checked = halpipe("verify", "model.xml", "schedule.xml")
@@ -22,13 +22,13 @@ def test_model_to_verified_schedule_and_report(halpipe, folder):
         assert (folder / name).stat().st_size > 100
 
 
-def test_standard_input_and_output(halpipe, folder):
+def test_standard_input_and_output(halpipe_process, folder):
     text = (folder / "model.xml").read_text()
-    made = halpipe("schedule", "-", "-o", "-", stdin=text)
+    made = halpipe_process("schedule", "-", "-o", "-", stdin=text)
     assert made.returncode == 0
     assert made.stdout.startswith('<?xml version="1.0" encoding="UTF-8"?>\n<schedule')
     (folder / "schedule.xml").write_text(made.stdout)
-    assert halpipe("verify", "model.xml", "schedule.xml").returncode == 0
+    assert halpipe_process("verify", "model.xml", "schedule.xml").returncode == 0
 
 
 def test_same_seed_same_bytes_and_the_seed_is_recorded(halpipe, folder):
@@ -97,8 +97,9 @@ def test_show_prints_every_job(halpipe):
 def test_doctor_names_versions_and_formats(halpipe):
     said = halpipe("doctor")
     assert said.returncode == 0
-    assert "importers: arxml, ros" in said.stdout
-    assert "exporters: graph, report, trace" in said.stdout
+    assert "importers: amalthea, arxml, ros" in said.stdout
+    (exporters,) = [line for line in said.stdout.splitlines() if line.strip().startswith("exporters:")]
+    assert {"amalthea", "graph", "report", "trace"} <= set(exporters.partition(":")[2].replace(",", " ").split())
 
 
 def test_findings_as_json_and_sarif(halpipe, folder):
@@ -126,8 +127,11 @@ def test_notes_are_counted_and_shown_on_request(halpipe, folder):
 
 
 def test_every_verb_has_help(halpipe):
-    for command in app.registered_commands:
-        helped = halpipe(command.name, "--help")
+    verbs = [((), command) for command in app.registered_commands]
+    verbs += [((group.name,), c) for group in app.registered_groups for c in group.typer_instance.registered_commands]
+    assert len(verbs) > len(app.registered_commands)
+    for group, command in verbs:
+        helped = halpipe(*group, command.name, "--help")
         assert helped.returncode == 0
         assert command.callback.__doc__.split(".")[0].split(":")[0] in " ".join(helped.stdout.split())
 
@@ -139,3 +143,33 @@ def test_usage_errors(halpipe):
     unknown = halpipe("export", "raport", "model.xml", "-o", "r.html")
     assert unknown.returncode == 1
     assert 'did you mean "report"' in unknown.stderr
+
+
+def test_compare_a_trace_with_the_schedule(halpipe, folder):
+    assert halpipe("schedule", "model.xml", "-o", "schedule.xml").returncode == 0
+    assert halpipe("export", "btf", "model.xml", "schedule.xml", "-o", "run.btf").returncode == 0
+    clean = halpipe("compare", "schedule.xml", "run.btf")
+    assert (clean.returncode, clean.stderr) == (0, "")
+    lines = (folder / "run.btf").read_text().splitlines()
+    last = next(number for number, line in reversed([*enumerate(lines)]) if line.endswith("terminate"))
+    time, _, rest = lines[last].partition(",")
+    lines[last] = f"{int(time) + 7},{rest}"
+    (folder / "late.btf").write_text("\n".join(lines))
+    late = halpipe("compare", "schedule.xml", "late.btf", "--format", "json")
+    assert late.returncode == 1
+    assert {"HAL1106", "HAL1107"} <= {found["code"] for found in json.loads(late.stdout)}
+    assert halpipe("compare", "schedule.xml", "late.btf", "--tolerance", "7ns").returncode == 0
+    assert halpipe("compare", "schedule.xml", "late.btf", "--tolerance", "soon").returncode == 2
+    assert halpipe("compare", "schedule.xml", "model.xml").returncode == 1
+
+
+def test_show_draws_every_mode_and_lists_the_switches(halpipe, folder):
+    assert halpipe("schedule", "model.xml", "-o", "schedule.xml").returncode == 0
+    shown = halpipe("show", "schedule.xml")
+    planned = read_schedule(str(folder / "schedule.xml"))
+    assert shown.returncode == 0
+    for table in planned.modes:
+        assert f"mode {table.name}: {len(table.jobs)} jobs" in shown.stdout
+        one = halpipe("show", "schedule.xml", "--mode", table.name).stdout
+        assert [m.name for m in planned.modes if f"mode {m.name}:" in one] == [table.name]
+    assert halpipe("show", "schedule.xml", "--mode", "nonsense").returncode == 2

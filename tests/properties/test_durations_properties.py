@@ -4,7 +4,7 @@ from contextlib import suppress
 from fractions import Fraction
 from functools import reduce
 
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import strategies
@@ -17,8 +17,9 @@ from halpipe.quantities import (
     parse_rational,
     parse_size,
 )
+from profiles import examples
 
-FAST = settings(max_examples=100, deadline=None, derandomize=True)
+FAST = examples(100)
 
 rationals = st.fractions(min_value=0, max_value=10**12, max_denominator=10**9)
 spans = rationals.map(Duration)

@@ -3,27 +3,28 @@
 import pytest
 import verify_systems as systems
 from explain_systems import random_system
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import render_text
 from halpipe.models import Status
-from halpipe.pipeline.exact import Answer, solve_exact
+from halpipe.pipeline.exact import Answer, Effort, solve_exact
 from halpipe.pipeline.explain.invalid import ABOUT_A_MODE
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
+from profiles import examples
 
 pytest.importorskip("ortools")
 
 RANDOMS = st.randoms(use_true_random=False)
-MANY = settings(max_examples=100, deadline=None, derandomize=True)
-SOME = settings(max_examples=40, deadline=None, derandomize=True)
+MANY = examples(100)
+SOME = examples(40)
 
 
 def exact(system):
     """The answer for the only mode; that a schedule found passes verify is checked inside."""
-    return solve_exact(system, system.modes[0], seconds=20).status
+    return solve_exact(system, system.modes[0], Effort(work=20)).status
 
 
 def texts(system):

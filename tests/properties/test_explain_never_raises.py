@@ -2,12 +2,13 @@
 
 import verify_systems as systems
 from explain_systems import random_system
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from test_validate_soundness import MODELS
 
 from halpipe.diagnostics import render_text
 from halpipe.pipeline.explain import Verdict, explain
+from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)
 
@@ -21,20 +22,20 @@ def answer(system, plan=None):
     return explanation
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@examples(100)
 @given(MODELS)
 def test_wild_models(system):
     assert answer(system) == answer(system)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@examples(40)
 @given(RANDOMS)
 def test_wild_schedules(rng):
     system, plan = systems.wild_system(rng)
     assert answer(system, plan) == answer(system, plan)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@examples(40)
 @given(RANDOMS)
 def test_hard_systems(rng):
     system = random_system(rng)

@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.durations import milliseconds
@@ -10,6 +10,7 @@ from halpipe.models import Status
 from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
+from profiles import examples
 
 shares = st.integers(0, 20).map(lambda n: Fraction(n, 20))
 
@@ -38,7 +39,7 @@ def parameters(draw):
     )
 
 
-@settings(max_examples=120, deadline=None, derandomize=True)
+@examples(120)
 @given(parameters(), st.integers(0, 10**9))
 def test_the_witness_is_a_valid_schedule(wanted, seed):
     model, schedule = generate_with_witness(wanted, seed)

@@ -1,15 +1,16 @@
 """At the growth that sensitivity gives the schedule verifies; with anything more it does not."""
 
 import verify_systems as systems
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import render_text
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.growth import common_tick
 from halpipe.pipeline.whatif.sensitivity import grown, sensitivities
+from profiles import examples
 
-MANY = settings(max_examples=60, deadline=None, derandomize=True)
+MANY = examples(60)
 
 
 def faults(system, plan):
@@ -41,7 +42,7 @@ def test_growth_in_one_mode_is_exact(rng):
     assert check(system, plan) > 0
 
 
-@settings(MANY, max_examples=25)
+@examples(25)
 @given(st.randoms(use_true_random=False))
 def test_growth_across_switches_is_exact(rng):
     system, plan = systems.switching_system(rng)

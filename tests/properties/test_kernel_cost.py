@@ -5,23 +5,24 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scheduler_systems import random_problem
 
 from halpipe.pipeline.anneal.dealing import deal_anyhow
-from halpipe.pipeline.anneal.kernel import load, move, next_temperature, total_cost
+from halpipe.pipeline.anneal.kernel import anneal, load, luby, move, next_temperature, restart, total_cost
 from halpipe.pipeline.anneal.naming import named_jobs
 from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import BEST, COST, INSERTED, new_state
+from halpipe.pipeline.anneal.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
 from halpipe.pipeline.cost import cost_terms
 from halpipe.pipeline.expand import expand
 from halpipe.pipeline.placement import Placement
 from halpipe.pipeline.problem import build_problem
+from profiles import examples
 from support import chain, model, task, version
 
 SEEDS = st.integers(0, 2**32)
-FAST = settings(max_examples=120, deadline=None, derandomize=True)
+FAST = examples(120)
 NOISE = gumbel_table()
 
 
@@ -122,7 +123,9 @@ def reference_cost(system, problem, start, option):
     access, integral = access_cost(problem, placement)
     assert terms.access == integral
     scale = problem.tick // placement.tick
-    return access / scale + int(problem.arrays.unit_weight) * (terms.overlap + terms.precedence) / scale, terms
+    arrays = problem.arrays
+    weighted = int(arrays.lane_weight[0]) * terms.overlap + int(arrays.unit_weight) * terms.precedence
+    return (access + weighted) / scale, terms
 
 
 @FAST
@@ -154,7 +157,7 @@ def test_the_kernel_and_the_reference_agree_on_the_cost(seed):
             assert (state.register[COST] == 0) == (terms.total <= 0)
 
 
-@settings(FAST, max_examples=60)
+@examples(60)
 @given(SEEDS)
 def test_the_best_placement_has_the_best_cost(seed):
     system, problem = random_problem(seed, grouped=False)
@@ -165,7 +168,7 @@ def test_the_best_placement_has_the_best_cost(seed):
             assert reference_cost(system, problem, state.best_start, state.best_option)[0] == min(costs)
 
 
-@settings(FAST, max_examples=40)
+@examples(40)
 @given(SEEDS)
 def test_a_placement_that_is_loaded_costs_what_it_cost(seed):
     _, problem = random_problem(seed, grouped=True)
@@ -177,6 +180,44 @@ def test_a_placement_that_is_loaded_costs_what_it_cost(seed):
             assert load(problem.arrays, fresh) == state.register[COST] == fresh.register[BEST]
             check_profiles(problem, fresh)
             assert fresh.best_start.tolist() == state.start.tolist()
+
+
+@examples(40)
+@given(SEEDS)
+def test_a_restart_leaves_nothing_and_goes_on_with_the_right_cost(seed):
+    _, problem = random_problem(seed, grouped=True)
+    for state in list(walk(problem, seed, 40))[-1:]:
+        restart(problem.arrays, state)
+        assert state.register[COST] == total_cost(problem.arrays, state)
+        assert (state.register[INSERTED], state.start.max()) == (0, -1)
+        check_profiles(problem, state)
+        for _ in range(40):
+            next_temperature(problem.arrays, state)
+            move(problem.arrays, state, NOISE)
+            assert state.register[COST] == total_cost(problem.arrays, state)
+        check_profiles(problem, state)
+        check_phases(problem, state)
+
+
+def test_costs_hold_through_cycles_and_their_restarts():
+    """What has no schedule is searched for long enough for restarts to happen by themselves."""
+    system = model(*(task(f"t{n}", 10, version("v", 1)) for n in range(11)))
+    problem = build_problem(expand(system, system.modes[0]), system.units, [])
+    state = new_state(problem.arrays, 1, problem.mean_wcet)
+    restarts = 0
+    for _ in range(20):
+        anneal(problem.arrays, state, NOISE, max(1, int(state.register[CYCLE_LEFT])))
+        assert state.register[COST] == total_cost(problem.arrays, state)
+        anneal(problem.arrays, state, NOISE, 1)
+        restarts += state.register[INSERTED] == 1
+        assert state.register[COST] == total_cost(problem.arrays, state)
+    assert 0 < restarts < 20
+    check_profiles(problem, state)
+
+
+def test_cycles_follow_lubys_sequence():
+    """The n-th term is 2^(k-1) for n = 2^k - 1, else the term at n - 2^(k-1) + 1 (Luby, Sinclair, Zuckerman 1993)."""
+    assert [luby(n) for n in range(1, 16)] == [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8]
 
 
 def test_of_jobs_that_end_together_the_one_started_later_is_newer():
@@ -198,7 +239,7 @@ def test_of_jobs_that_end_together_the_one_started_later_is_newer():
 @pytest.mark.slow
 @pytest.mark.parametrize("grouped", [True, False])
 def test_costs_at_length(grouped):
-    @settings(FAST, max_examples=1500)
+    @examples(1500)
     @given(SEEDS)
     def check(seed):
         system, problem = random_problem(seed, grouped=grouped)

@@ -6,7 +6,7 @@ from io import BytesIO
 
 import pytest
 import xmlschema
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -14,9 +14,10 @@ import strategies
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import parse_model, parse_schedule
+from profiles import examples
 
-FAST = settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-FEW = settings(FAST, max_examples=10)
+FAST = examples(40)
+FEW = examples(10)
 
 
 def schema_root(kind):
@@ -118,7 +119,7 @@ def refusal(data):
     return None
 
 
-@settings(FAST, max_examples=60)
+@examples(60)
 @given(strategies.task_models, st.data())
 def test_a_damaged_file_is_refused_or_read_but_never_fails(model, data):
     """Bytes of a good file are replaced, dropped or doubled; the reader either accepts or explains."""

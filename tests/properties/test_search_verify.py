@@ -4,7 +4,7 @@ import random
 
 import pytest
 import verify_systems as systems
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scheduler_systems import random_model
 
@@ -18,9 +18,10 @@ from halpipe.pipeline.anneal import slices as kernel_slices
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.stages import validate_model
 from halpipe.pipeline.verify import verify
+from profiles import examples
 
 SEEDS = st.integers(0, 2**32)
-FAST = settings(max_examples=100, deadline=None, derandomize=True)
+FAST = examples(100)
 BUDGET = 2000
 """Moves per task: a tenth of the default, which is plenty for a handful of tasks."""
 
@@ -164,7 +165,7 @@ def test_other_seeds_give_other_schedules():
     assert any(one.modes != other.modes for one, other in pairs)
 
 
-@settings(FAST, max_examples=60)
+@examples(60)
 @given(SEEDS, st.integers(0, 12))
 def test_a_search_that_is_stopped_returns_every_job(seed, slices):
     """Stopped after any number of moves, in the construction too, the placement is complete and its cost stated."""
@@ -188,7 +189,7 @@ def test_a_search_that_is_stopped_returns_every_job(seed, slices):
     check(system, scheduled.schedule)
 
 
-@settings(FAST, max_examples=60)
+@examples(60)
 @given(SEEDS, st.integers(1, 3))
 def test_a_budget_too_small_to_place_all_jobs_is_survived(seed, budget):
     system = random_model(seed)

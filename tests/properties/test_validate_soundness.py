@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 import verify_systems as systems
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import render_text
@@ -24,9 +24,10 @@ from halpipe.models import (
 )
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.verify import verify
+from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)
-FAST = settings(max_examples=100, deadline=None, derandomize=True)
+FAST = examples(100)
 
 # A version that no job can use is an error even where another version saves the schedule.
 ABOUT_ONE_VERSION = {codes.WCET_BEYOND_DEADLINE.id}
@@ -96,7 +97,7 @@ MODELS = st.builds(
 )
 
 
-@settings(max_examples=120, deadline=None, derandomize=True)
+@examples(120)
 @given(MODELS)
 def test_any_model_is_judged_the_same_twice_without_raising(system):
     findings = validate(system)

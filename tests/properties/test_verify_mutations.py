@@ -7,11 +7,12 @@ import pytest
 import verify_mutants as mutants
 import verify_oracle as oracle
 import verify_systems as systems
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import render_text
 from halpipe.pipeline.verify import codes, verify
+from profiles import examples
 
 # The rule of the oracle to which each code belongs; what stands for something malformed is "file".
 RULE_OF = {
@@ -34,7 +35,7 @@ RULE_OF = {
 }
 
 RANDOMS = st.randoms(use_true_random=False)
-FAST = settings(max_examples=80, deadline=None, derandomize=True)
+FAST = examples(80)
 
 
 def errors(system, plan):
@@ -62,7 +63,7 @@ def test_switches_valid_by_construction_are_accepted(rng):
     assert {d.code for d in errors(system, plan)} <= {codes.AGAINST_ITSELF.id}
 
 
-@settings(FAST, max_examples=5)
+@examples(5)
 @given(rng=RANDOMS)
 @pytest.mark.parametrize("name", mutants.OPERATORS)
 def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rng):
@@ -122,13 +123,13 @@ def compare_rules(system, plan):
     assert line - in_modes <= on_line
 
 
-@settings(FAST, max_examples=250)
+@examples(250)
 @given(RANDOMS)
 def test_the_same_rules_are_broken_in_wild_schedules(rng):
     compare_rules(*systems.wild_system(rng))
 
 
-@settings(FAST, max_examples=150)
+@examples(150)
 @given(RANDOMS)
 @example(random.Random(0))
 def test_the_same_rules_are_broken_in_wild_switches(rng):

@@ -4,15 +4,16 @@ from dataclasses import replace
 from fractions import Fraction
 
 import verify_systems as systems
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.whatif.size import fewest_units, largest_factor, lowest_bandwidth
 from halpipe.pipeline.whatif.trial import proofs
+from profiles import examples
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@examples(40)
 @given(st.randoms(use_true_random=False))
 def test_no_bound_excludes_a_system_that_has_a_schedule(rng):
     """At the size that it has, and at any that is easier."""

@@ -21,6 +21,10 @@ def read(*files):
     return FORMAT.read([str(DATA / file) for file in files], ImportOptions())
 
 
+def is_design(path):
+    return path.suffix == ".yaml" and (path.name.startswith("asd_") or path.parent.name == "asd_examples")
+
+
 @pytest.fixture(scope="module")
 def autoware():
     return read("caret_autoware_architecture.yaml")
@@ -95,13 +99,49 @@ def test_a_navigation_stack_gets_its_periods_from_a_recording():
 
 
 @pytest.mark.parametrize(
-    "path", sorted(p for p in DATA.rglob("*") if p.is_file() and not p.name.startswith("caret_")), ids=lambda p: p.name
+    "path",
+    sorted(p for p in DATA.rglob("*") if p.is_file() and not p.name.startswith("caret_") and not is_design(p)),
+    ids=lambda p: p.name,
 )
 def test_any_other_file_alone_is_refused_with_a_reason(path):
     with pytest.raises(HalpipeError) as caught:
         read(path)
     assert any(diagnostic.is_error for diagnostic in caught.value.diagnostics)
     assert all(diagnostic.message for diagnostic in caught.value.diagnostics)
+
+
+@pytest.mark.parametrize("path", sorted(filter(is_design, DATA.rglob("*"))), ids=lambda p: p.name)
+def test_a_design_file_alone_gives_tasks_or_the_reason_why_not(path):
+    stated = sum("periodic:" in line for line in path.read_text().splitlines())
+    try:
+        imported = read(path)
+    except HalpipeError as refused:
+        assert not stated
+        assert {codes.NO_TASKS.id} == {d.code for d in refused.diagnostics if d.is_error}  # noqa: PT017
+    else:
+        assert len(imported.model.tasks) >= stated > 0
+        assert not any(d.is_error for d in imported.diagnostics)
+
+
+def test_the_examples_of_autoware_system_design():
+    """Four lidars at 10 Hz, one of two detectors in simulation, a localizer of 100 Hz; nothing is left over."""
+    imported = read("asd_examples")
+    model = imported.model
+    assert [mode.name for mode in model.modes] == ["default", "simulation"]
+    assert [unit.name for unit in model.units] == ["main_ecu", "dummy_ecu_1", "dummy_ecu_2"]
+    lidars = [task for task in model.tasks if task.name.startswith("/sensing/lidar/lidar_")]
+    assert {str(task.period) for task in lidars} == {"100ms"}
+    assert str(model.task("/localization/slam").period) == "10ms"
+    tracker = model.task("/perception/object_recognition/node_tracker/update")
+    assert [(v.name, len(v.precedences)) for v in tracker.versions] == [("default", 2), ("simulation", 1)]
+    detector = "/perception/object_recognition/detector_a2/node_detector"
+    assert {run.task for run in model.mode("default").runs} - {run.task for run in model.mode("simulation").runs} == {
+        detector,
+        detector.replace("node_detector", "node_filter"),
+    }
+    codes_found = {d.code for d in imported.diagnostics}
+    assert codes.LOOSE_CONNECTION.id not in codes_found
+    assert codes.MISSING_ENTITY.id not in codes_found
 
 
 @pytest.mark.slow

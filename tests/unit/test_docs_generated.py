@@ -24,7 +24,7 @@ def pages():
     return load_script().pages()
 
 
-@pytest.mark.parametrize("name", ["diagnostics.md", "checks.md", "exit-codes.md", "cli.md", "schemas.md"])
+@pytest.mark.parametrize("name", ["diagnostics.md", "checks.md", "exit-codes.md", "cli.md", "schemas.md", "formats.md"])
 def test_page_is_up_to_date(pages, name):
     on_disk = SCRIPT.parent / "reference" / name
     assert on_disk.exists(), "run make docs"
@@ -60,9 +60,12 @@ def test_every_verb_and_each_of_its_options_is_listed(pages):
 
     from halpipe.cli.app import app
 
-    sections = dict(re.findall(r"^## halpipe ([\w-]+)\n(.*?)(?=^## |\Z)", pages["cli.md"], re.MULTILINE | re.DOTALL))
-    commands = get_command(app).commands
-    assert list(sections) == list(commands)
+    sections = dict(re.findall(r"^## halpipe ([\w -]+)\n(.*?)(?=^## |\Z)", pages["cli.md"], re.MULTILINE | re.DOTALL))
+    commands = {}
+    for name, command in get_command(app).commands.items():
+        inside = getattr(command, "commands", None)
+        commands |= {f"{name} {verb}": c for verb, c in inside.items()} if inside else {name: command}
+    assert sorted(sections) == sorted(commands)
     for name, command in commands.items():
         for parameter in command.params:
             flags = [flag for flag in parameter.opts if flag.startswith("-") and flag != "--help"]

@@ -15,7 +15,7 @@ import halpipe
 
 SOURCE = Path(halpipe.__file__).parent
 
-FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "fields"}
+FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "fields", "bundles", "extent"}
 
 # Part of the package -> the parts it may import besides itself. The longest matching name rules.
 MAY_IMPORT = {
@@ -25,47 +25,66 @@ MAY_IMPORT = {
     "diagnostics": set(),
     "files": {"diagnostics"},
     "fields": {"diagnostics", "files", "suggest"},
+    "extent": set(),
+    "bundles": {"diagnostics", "files"},
     "models": {"diagnostics", "durations", "quantities"},
     "schemas": {"diagnostics", "suggest"},
     "importers": FOUNDATION | {"models", "schemas"},
     "exporters": FOUNDATION | {"models", "schemas"},
+    # Checks of bundles share nothing with the exporters that write them.
+    "deploy": FOUNDATION | {"models"},
     "pipeline": FOUNDATION | {"models"},
     # The checker shares nothing with the solver or the exporters, so that a fault of theirs cannot hide in it.
     "pipeline.verify": {"models", "durations", "quantities", "diagnostics"},
     # Pipeline files, the table of stages and the runner wire the three groups together, and nothing else does.
-    "pipeline.plan": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
-    "pipeline.stages": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
-    "pipeline.run": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
+    "pipeline.plan": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
+    "pipeline.stages": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
+    "pipeline.run": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
     # A benchmark is the whole chain from file to file, with a watch in its hand.
     "pipeline.bench": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
-    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "pipeline"},
+    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline"},
 }
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"cli", "pipeline.run", "pipeline.bench"},
+    "time": {"cli", "pipeline.run", "pipeline.bench", "deploy"},
     "datetime": {"cli", "pipeline.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
     "random": {"pipeline.generate"},
     "signal": {"cli", "pipeline.run"},
     # Graphviz is a program; the one function that starts it is called from the command line only.
-    "subprocess": {"cli", "pipeline.run", "exporters.graph"},
+    "subprocess": {"cli", "pipeline.run", "exporters.graph", "exporters.riscv", "deploy"},
     "multiprocessing": {"cli", "pipeline.run"},
-    "concurrent": {"cli", "pipeline.run"},
-    "threading": {"cli", "pipeline.run"},
+    "concurrent": {"cli", "pipeline.run", "pipeline.workers", "exporters.riscv"},
+    "threading": {"cli", "pipeline.run", "pipeline.workers", "pipeline.checkpoint"},
     "socket": set(),
     "urllib": set(),
-    "tempfile": {"cli", "pipeline.run", "pipeline.bench"},
-    "os": {"cli", "pipeline.run", "files"},
+    "tempfile": {"cli", "pipeline.run", "pipeline.bench", "exporters.riscv", "deploy"},
+    "os": {"cli", "pipeline.run", "files", "exporters.riscv", "deploy"},
     "platform": {"cli"},
-    "shutil": {"cli"},
+    "shutil": {"cli", "files", "exporters.riscv", "deploy"},
 }
 
 # What of these modules only computes with text: free for all.
 PURE = {f"os.path.{name}" for name in ("basename", "dirname", "join", "normpath", "split", "splitext")}
-PURE |= {"os.fsencode", "os.fsdecode", "os.fspath", "urllib.parse.quote"}
+PURE |= {"os.fsencode", "os.fsdecode", "os.fspath"}
+PURE |= {f"urllib.parse.{name}" for name in ("quote", "quote_plus", "unquote_plus")}
 
-HEAVY = ("lxml", "yaml", "xmlschema", "numpy", "numba", "jinja2", "graphviz", "ortools", "autosar_data", "distributed")
+HEAVY = (
+    "lxml",
+    "yaml",
+    "xmlschema",
+    "numpy",
+    "numba",
+    "jinja2",
+    "graphviz",
+    "ortools",
+    "autosar_data",
+    "distributed",
+    "unicorn",
+    "elftools",
+    "ziglang",
+)
 
 MODULES = sorted(SOURCE.rglob("*.py"))
 

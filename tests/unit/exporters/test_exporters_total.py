@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
-from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.graph import FORMAT as GRAPH
+from halpipe.exporters.graph import GraphOptions
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
@@ -61,7 +61,7 @@ def schedules(draw, wild):
 
 
 def write(exporter, planned, cluster=False):
-    return exporter.write(SYSTEM, planned, ExportOptions(cluster=cluster))[""].decode()
+    return exporter.write(SYSTEM, planned, GraphOptions(cluster=cluster))[""].decode()
 
 
 @given(schedules(wild=False), st.booleans())

@@ -8,8 +8,7 @@ from golden_file import assert_golden
 from lxml import etree
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.graph import FORMAT, render_svg
+from halpipe.exporters.graph import FORMAT, GraphOptions, render_svg
 from support import after, chain, model, task, version
 
 needs_dot = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
@@ -17,7 +16,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 def write(system, planned=None, **options):
-    files = FORMAT.write(system, planned, ExportOptions(**options))
+    files = FORMAT.write(system, planned, GraphOptions(**options))
     assert list(files) == [""]
     return files[""].decode()
 

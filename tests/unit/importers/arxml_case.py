@@ -341,3 +341,92 @@ def rte(*mappings, prototype=""):
 
 def core(name, number):
     return container("EcuC/EcucHardware/EcucCoreDefinition", name, params={"EcucCoreId": number})
+
+
+# ------------------------------------------------------------------------------------------- timing extension
+
+
+def cse(tag, factor, code=0):
+    """A time of the timing extension; code 0 counts microseconds."""
+    return el(tag, el("CSE-CODE", str(code)), el("CSE-CODE-FACTOR", str(factor)))
+
+
+def observed(name, runnable_path, what, prototype=""):
+    """A timing description event of ``Type/Runnable``: ACTIVATED, STARTED or TERMINATED."""
+    where = el("COMPONENT-IREF", ref("TARGET-COMPONENT-REF", f"/T/{prototype}")) if prototype else ""
+    owner, entity = runnable_path.split("/")
+    return named(
+        "TD-EVENT-SWC-INTERNAL-BEHAVIOR",
+        name,
+        where,
+        ref("RUNNABLE-REF", f"/T/{owner}/B/{entity}"),
+        el("TD-EVENT-SWC-INTERNAL-BEHAVIOR-TYPE", f"RUNNABLE-ENTITY-{what}"),
+    )
+
+
+def data_observed(name, port, what):
+    """A timing description event of the data at ``Type/port``: SENT or RECEIVED."""
+    return named(
+        "TD-EVENT-VARIABLE-DATA-PROTOTYPE",
+        name,
+        ref("DATA-ELEMENT-REF", "/T/If/value"),
+        ref("PORT-REF", f"/T/{port}"),
+        el("TD-EVENT-VARIABLE-DATA-PROTOTYPE-TYPE", f"VARIABLE-DATA-PROTOTYPE-{what}"),
+    )
+
+
+def event_chain(name, stimulus, response, *segments):
+    inner = [ref("SEGMENT-REF", f"/Timing/X/{segment}") for segment in segments]
+    return named(
+        "TIMING-DESCRIPTION-EVENT-CHAIN",
+        name,
+        ref("STIMULUS-REF", f"/Timing/X/{stimulus}"),
+        ref("RESPONSE-REF", f"/Timing/X/{response}"),
+        el("SEGMENT-REFS", *inner),
+    )
+
+
+def latency(name, chain, maximum, kind="REACTION"):
+    """A latency constraint; the maximum in microseconds."""
+    scope = ref("SCOPE-REF", f"/Timing/X/{chain}")
+    return named("LATENCY-TIMING-CONSTRAINT", name, el("LATENCY-CONSTRAINT-TYPE", kind), scope, cse("MAXIMUM", maximum))
+
+
+def triggering(kind, name, event, *content):
+    return named(f"{kind}-EVENT-TRIGGERING", name, ref("EVENT-REF", f"/Timing/X/{event}"), *content)
+
+
+def extension(descriptions, *requirements, guarantees=()):
+    """A package ``/Timing`` with the timing extension ``X``."""
+    return package(
+        "Timing",
+        named(
+            "SYSTEM-TIMING",
+            "X",
+            el("TIMING-DESCRIPTIONS", *descriptions),
+            el("TIMING-GUARANTEES", *guarantees),
+            el("TIMING-REQUIREMENTS", *requirements),
+        ),
+    )
+
+
+def execution_time(kind, name, runnable_path, value, factor, hardware="", code=0):
+    owner, entity = runnable_path.split("/")
+    on = ref("HW-ELEMENT-REF", f"/T/{hardware}") if hardware else ""
+    return named(
+        f"{kind}-EXECUTION-TIME",
+        name,
+        ref("EXECUTABLE-ENTITY-REF", f"/T/{owner}/B/{entity}"),
+        on,
+        cse(value, factor, code),
+    )
+
+
+def implementation(*times):
+    return named("SWC-IMPLEMENTATION", "Impl", named("RESOURCE-CONSUMPTION", "Used", el("EXECUTION-TIMES", *times)))
+
+
+def hardware(*names):
+    """Processing units ``/T/name``."""
+    category = el("HW-CATEGORY-REFS", ref("HW-CATEGORY-REF", "/T/ProcessingUnit"))
+    return named("HW-CATEGORY", "ProcessingUnit") + "".join(named("HW-ELEMENT", name, category) for name in names)

@@ -1,7 +1,7 @@
 """Damaged input gives a model or findings, never anything else."""
 
 from arxml_case import FIXTURES
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -9,6 +9,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.tree import NS
 from halpipe.importers.base import ImportOptions
+from profiles import examples
 
 SOURCES = [
     (FIXTURES / "findings" / f"{name}.arxml").read_bytes()
@@ -39,7 +40,7 @@ def attempt(path):
         assert findings_of(path, granularity)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(150, HealthCheck.function_scoped_fixture)
 @given(source=st.sampled_from(SOURCES), data=st.data())
 def test_damaged_elements(source, data, tmp_path):
     root = etree.fromstring(source)
@@ -65,7 +66,7 @@ def test_damaged_elements(source, data, tmp_path):
     attempt(path)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(60, HealthCheck.function_scoped_fixture)
 @given(source=st.sampled_from(SOURCES), data=st.data())
 def test_damaged_bytes(source, data, tmp_path):
     start = data.draw(st.integers(0, len(source)))

@@ -69,10 +69,19 @@ def test_a_task_of_several_events_runs_while_any_of_them_does(tmp_path):
     )
     group = mode_group("Power", "Sleep Off Run")
     imported = read(write(tmp_path, package("T", group, pump)))
-    assert runs(imported) == {"Run": {"Pump/Step"}, "Sleep": {"Pump/Step"}, "Off": set()}
+    assert runs(imported) == {"Run": {"Pump/Step"}, "Sleep": {"Pump/Step"}}
+    assert [note.message for note in found(imported, codes.EMPTY_MODE)] == ['no task runs in mode "Off"']
 
 
 def test_modules_are_disabled_too(tmp_path):
     off = el("DISABLED-IN-MODE-IREFS", el("DISABLED-IN-MODE-IREF", ref("TARGET-MODE-REF", "/T/Power/Sleep")))
-    com = module("Com", event("BSW-TIMING-EVENT", "T", "Com/Main", off, el("PERIOD", "0.005")), entities="Main")
-    assert runs(read(write(tmp_path, package("T", POWER, com)))) == {"Run": {"BSW/Com/Main"}, "Sleep": set()}
+    com = module(
+        "Com",
+        event("BSW-TIMING-EVENT", "T", "Com/Main", off, el("PERIOD", "0.005")),
+        event("BSW-TIMING-EVENT", "U", "Com/Other", el("PERIOD", "0.005")),
+        entities="Main Other",
+    )
+    assert runs(read(write(tmp_path, package("T", POWER, com)))) == {
+        "Run": {"BSW/Com/Main", "BSW/Com/Other"},
+        "Sleep": {"BSW/Com/Other"},
+    }

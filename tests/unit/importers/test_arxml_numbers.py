@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.durations import Duration
-from halpipe.importers.arxml.numbers import is_symbolic, parse_double, parse_number, parse_seconds
+from halpipe.importers.arxml.numbers import is_symbolic, parse_cse, parse_double, parse_number, parse_seconds
 
 
 @pytest.mark.parametrize(
@@ -74,3 +74,34 @@ def test_no_text_breaks_the_readers(text):
 )
 def test_names_in_place_of_numbers(text, symbolic):
     assert is_symbolic(text) is symbolic
+
+
+@given(st.integers(min_value=0, max_value=2**40), st.integers(min_value=0, max_value=6))
+def test_codes_of_time_are_powers_of_ten_apart(factor, code):
+    time = parse_cse(str(code), str(factor))
+    assert time == Duration(factor * 1000 * 10**code)
+    assert parse_cse(str(code + 1), str(factor)) == time * 10
+
+
+@pytest.mark.parametrize(
+    ("code", "time"),
+    [
+        ("0", "1us"),
+        ("3", "1ms"),
+        ("6", "1s"),
+        ("8", "60s"),
+        ("9", "3600s"),
+        ("26", "1ns"),
+        ("28", "100ns"),
+        ("0x1", "10us"),
+    ],
+)
+def test_codes_name_their_unit(code, time):
+    assert parse_cse(code, "1") == Duration.parse(time)
+
+
+@pytest.mark.parametrize(
+    ("code", "factor"), [("100", "5"), ("11", "5"), ("", "5"), ("0.5", "5"), ("0", "-5"), ("0", "x")]
+)
+def test_what_counts_no_time_is_none(code, factor):
+    assert parse_cse(code, factor) is None

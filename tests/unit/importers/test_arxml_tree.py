@@ -141,7 +141,7 @@ def test_elements_of_one_path_and_different_kinds_are_told_apart(tmp_path):
 
 
 def test_a_dangling_reference_suggests_where_the_name_exists(tmp_path):
-    path = write(tmp_path, package("T", PUMP.replace("/T/Pump/B/Step", "/t/Pump/B/Step")))
+    path = write(tmp_path, package("T", PUMP.replace("/T/Pump/B/Step", "/Other/Pump/B/Step")))
     (dangling,) = [d for d in refusal(path).diagnostics if d.code == codes.DANGLING.id]
     assert "/T/Pump/B/Step" in dangling.help
 

@@ -23,6 +23,7 @@ EXAMPLE = Path(__file__).parents[3] / "examples" / "roboracer" / "graph" / "arch
         ("tasks.dot", FileKind.DOT),
         ("rqt_topics.dot", FileKind.DOT),
         ("bag/metadata.yaml", FileKind.BAG),
+        ("design/nodes.yaml", FileKind.DESIGN),
     ],
 )
 def test_content_decides(file, kind):
@@ -47,7 +48,7 @@ def refusal_of(data):
         (b"<launch/>", "is XML"),
         (b"", "is empty"),
         (b"- 1\n- 2\n", "is not a mapping"),
-        (b"autoware_system_design_format: 0.3.0\nname: X.node\n", "Autoware System Design"),
+        (b"ros__parameters: {}\n", "ROS parameter file"),
         (b"rosbag2_bagfile_information: 3\n", "not the architecture.yaml of CARET"),
     ],
 )

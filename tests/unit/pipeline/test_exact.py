@@ -6,7 +6,7 @@ import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline import codes, exact
-from halpipe.pipeline.exact import Answer, ExactResult, is_small, solve_exact
+from halpipe.pipeline.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
 from halpipe.pipeline.expand import expand
 from halpipe.pipeline.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
@@ -14,8 +14,8 @@ from support import access, after, chain, model, task, version
 pytest.importorskip("ortools")
 
 
-def answer(system, **options):
-    return solve_exact(system, system.modes[0], **options).status
+def answer(system, effort=PLAIN):
+    return solve_exact(system, system.modes[0], effort).status
 
 
 def holds(system):
@@ -134,14 +134,36 @@ def hard():
 def test_same_input_same_jobs():
     tasks = [task(f"t{k}", p, version("v", "1ms", "u1 u2"), slack=Fraction(1, 2)) for k, p in enumerate((4, 6, 6, 12))]
     system = model(*tasks, units="u1 u2")
-    first = solve_exact(system, system.modes[0], seed=5)
+    first = solve_exact(system, system.modes[0], Effort(seed=5))
     assert first.jobs
-    assert solve_exact(system, system.modes[0], seed=5) == first
+    assert solve_exact(system, system.modes[0], Effort(seed=5)) == first
 
 
 def test_without_effort_the_answer_is_unknown_not_infeasible():
+    assert answer(endless(), Effort(work=1e-9)) is Answer.UNKNOWN
+
+
+def endless():
+    """A set over which CP-SAT thinks for long."""
     tasks = [task(f"t{k}", 30, version("v", "7ms", "u1 u2 u3")) for k in range(13)]
-    assert answer(model(*tasks, units="u1 u2 u3"), seconds=1e-9) is Answer.UNKNOWN
+    return model(*tasks, units="u1 u2 u3")
+
+
+def test_the_clock_ends_the_search_too():
+    assert answer(endless(), Effort(work=None, clock=0.05)) is Answer.UNKNOWN
+    assert answer(endless(), Effort(work=None, clock=0.05, workers=2)) is Answer.UNKNOWN
+
+
+def test_it_stops_when_nobody_wants_more():
+    result = solve_exact(endless(), endless().modes[0], Effort(work=None, go_on=lambda: False))
+    assert result == ExactResult(Answer.UNKNOWN, stopped=True)
+    assert not solve_exact(endless(), endless().modes[0], Effort(work=1e-9)).stopped
+
+
+def test_the_search_can_be_stopped_in_the_exact_engine():
+    with pytest.raises(HalpipeError) as failure:
+        schedule_model(endless(), SearchOptions(engine="exact", effort=None), lambda *_: False)
+    assert [d.code for d in failure.value.diagnostics] == [codes.INTERRUPTED.id]
 
 
 def test_engine_of_the_search(monkeypatch):

@@ -165,6 +165,16 @@ def test_tasks_on_demand_stay_with_those_who_demand_them():
     assert {active.name: active.jobs for active in found.kept.tasks}["inner"] == 3
 
 
+def test_leaving_out_the_only_task_with_jobs_leaves_a_schedule():
+    """Nobody demands the helper, so it has no job, and without the other task there is not even a grid."""
+    pytest.importorskip("ortools")
+    late = task("late", 8, version("v", 2, "c1"), offset=5)
+    system = model(late, task("helper", None, version("v", 1, "c2")), chains=[chain("c", "late helper", reaction=19)])
+    found = find_conflict(system, system.modes[0], lambda: True)
+    assert found.answer is Answer.INFEASIBLE
+    assert names(found) == ["late"]
+
+
 def test_a_conflict_that_is_stopped_is_not_called_minimal():
     pytest.importorskip("ortools")
     found = find_conflict(packing(), packing().modes[0], lambda: False)

@@ -101,3 +101,14 @@ def test_a_tick_that_is_no_grid(tmp_path, tick):
     path.write_text(SMALLEST.replace("s.xml", f"s.xml, tick: {tick}"))
     (problem,) = refusal(path)
     assert (problem.code, problem.at.line) == ("HAL0023", 3)
+
+
+def test_an_export_has_only_the_keys_of_its_format(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "halpipe-pipeline: 1\nmodel: m.xml\nschedule: {output: s.xml}\nexports:\n"
+        "  - {format: report, output: r.html, cluster: true}\n  - {format: raport, output: r.html}\n"
+    )
+    found = refusal(path)
+    assert [(d.code, d.at.line) for d in found] == [("HAL0021", 5), ("HAL0901", 6)]
+    assert 'did you mean "report"' in found[1].help

@@ -77,7 +77,7 @@ def test_a_resource_has_the_common_denominator_of_its_bounds():
     )
     arrays = build(system).arrays
     assert arrays.lane_capacity.tolist() == [1, 12, 1, 1]
-    assert arrays.lane_weight.tolist() == [12, 1, 12, 12]
+    assert arrays.lane_weight.tolist() == [12, *(problem.RESOURCE_WEIGHT * weight for weight in (1, 12, 12))]
     assert column(build(system), "rect") == [(0, 0, 4, 1), (1, 0, 1, 4), (1, 1, 1, 9), (2, 0, 1, 1)]
 
 

@@ -55,7 +55,8 @@ def test_every_installed_format_keeps_to_its_door():
         assert stages.importer(name).summary
     for name in stages.formats(stages.EXPORTERS):
         assert stages.exporter(name).name == name
-        assert stages.exporter(name).suffix.startswith(".")
+        suffix = stages.exporter(name).suffix
+        assert suffix == "" or suffix.startswith("."), "a file name's end; none for a folder"
 
 
 # ------------------------------------------------------------------------------------------------ import

@@ -6,11 +6,15 @@ from fractions import Fraction
 import pytest
 
 from halpipe.durations import Duration, milliseconds
+from halpipe.models import Transition
 from halpipe.pipeline.schedule import SearchOptions
-from halpipe.pipeline.stages import schedule_model, verify_schedule
-from halpipe.pipeline.transitions.line import Line, LineJob, Phase, Shape
+from halpipe.pipeline.stages import _is_sound_switch, schedule_model, verify_schedule
+from halpipe.pipeline.transitions import tables as tables_module
+from halpipe.pipeline.transitions.change import Change
+from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape
 from halpipe.pipeline.transitions.search import Blocked, Table
 from halpipe.pipeline.transitions.tables import NO_IMPLIED_TABLE, NO_TABLE, on_common_grid, switch_tables
+from halpipe.pipeline.workers import Workers
 from support import access, after, chain, job, mode, model, schedule, task, version
 
 
@@ -55,7 +59,7 @@ def two_modes(slack=0, phase_before=0, phase_after=0, limit=None):
 
 
 def tables_of(system, plan):
-    def check(table):
+    def check(_model, _schedule, table):
         one = replace(plan, transitions=(table,))
         return not any(d.is_error for d in verify_schedule(system, one))
 
@@ -95,7 +99,7 @@ def test_a_limit_that_is_too_short_is_a_finding_that_names_task_and_rule():
 def test_pairs_that_the_model_does_not_list_only_warn():
     system, plan = two_modes(0, 0, 3)
     system = replace(system, transitions=())
-    never = switch_tables(system, plan, lambda table: False)
+    never = switch_tables(system, plan, lambda *_: False)
     assert {d.code for d in never.diagnostics} == {NO_IMPLIED_TABLE.id}
 
 
@@ -115,8 +119,8 @@ def test_an_entering_task_starts_early_where_a_constraint_needs_it():
 
 def test_what_blocks_a_length_is_named():
     system, plan = two_modes(0, 8, 0)
-    before, target = on_common_grid(system, *plan.modes)
-    assert Table(before, target, 0).fill() == Blocked("work", "unit or resource is still in use by the mode before")
+    change = Change(*on_common_grid(system, *plan.modes))
+    assert Table(change, 0).fill() == Blocked("work", "unit or resource is still in use by the mode before")
 
 
 def drive_model():
@@ -151,6 +155,116 @@ def test_later_modes_keep_the_phases_of_earlier_ones_where_they_can():
     system = drive_model()
     scheduled = schedule_model(system, SearchOptions(seed=1), lambda *progress: True)
     first, second = scheduled.schedule.modes
-    starts = {j.task: (j.start, j.units) for j in first.jobs if j.index == 0}
-    assert {j.task: (j.start, j.units) for j in second.jobs} == {name: starts[name] for name in ("sense", "act")}
+    earlier = {j.task: j for j in first.jobs if j.index == 0}
+    assert {j.task: j.start for j in second.jobs} == {name: earlier[name].start for name in ("sense", "act")}
+    assert any(
+        j.units == earlier[j.task].units for j in second.jobs
+    )  # if dealt one unit, both cannot be where they were
     assert all(table.length == Duration(0) for table in scheduled.schedule.transitions)
+
+
+# ------------------------------------------------------------------------------------------------ large modes
+
+
+def large_modes(count, units=4):
+    """`count` tasks on each of the units in one mode, and most of them in the others, with other phases there."""
+    names = " ".join(f"u{n}" for n in range(units))
+    tasks = [task(f"t{n}", (20, 40)[n % 2], version("v", 1 + n % 3, names)) for n in range(count)]
+    modes = [mode("all", tasks), mode("odd", [t for n, t in enumerate(tasks) if n % 4]), mode("few", tasks[::3])]
+    return model(*tasks, units=names, modes=modes)
+
+
+def switched(system, seeds=(1, 2, 3), **options):
+    """Place each mode by itself, so that phases differ, and look for the switches."""
+    parts = [
+        schedule_model(system, SearchOptions(seed=seed, modes=(each.name,)), lambda *_: True).schedule
+        for seed, each in zip(seeds, system.modes, strict=True)
+    ]
+    plan = replace(parts[0], modes=tuple(part.modes[0] for part in parts))
+    return plan, switch_tables(system, plan, _is_sound_switch, **options)
+
+
+def test_modes_of_many_tasks_with_other_phases_are_switched():
+    system = large_modes(24)
+    plan, found = switched(system)
+    assert found.diagnostics == ()
+    assert len(found.tables) == 6
+    assert max(len(table.jobs) for table in found.tables) > 10
+    whole = replace(plan, transitions=found.tables)
+    assert [d.message for d in verify_schedule(system, whole) if d.is_error] == []
+
+
+def test_processes_find_the_same_tables(monkeypatch):
+    monkeypatch.setattr(tables_module, "SPREAD", 1)
+    system = large_modes(12)
+    assert switched(system, workers=Workers(2)) == switched(system)
+
+
+def test_a_stopped_search_says_so_and_keeps_what_it_found():
+    system = large_modes(12)
+    _, found = switched(system, go_on=lambda done, total: done < 2)
+    assert found.stopped
+    assert len(found.tables) == 2
+    assert not switched(system)[1].stopped
+
+
+def test_doubtful_pairs_come_first_and_all_or_none_are_found():
+    system, plan = two_modes(0, 0, 3, limit="0ms")
+    system = replace(system, transitions=(*system.transitions, Transition(source="b", target="a")))
+    assert [table.source for table in tables_of(system, plan).tables] == ["b"]
+    tried = []
+
+    def never(_model, _schedule, table):
+        tried.append((table.source, table.target))
+        return True
+
+    found = switch_tables(system, plan, never, doubtful=(("a", "b"),))
+    assert found.tables == ()
+    assert found.failed == (("a", "b"),)
+    assert tried == [], "the doubtful pair has ended the search"
+
+
+def test_the_effort_for_one_pair_is_bounded(monkeypatch):
+    """However many lengths there are: a few are tried if each of them is much work."""
+    tried = []
+
+    def never(self):
+        tried.append(self.length)
+        self.work = 10**6
+        return Blocked("t", "r", progress=1)
+
+    monkeypatch.setattr(tables_module.Table, "fill", never)
+    system, plan = two_modes(0, 0, 3)
+    assert tables_of(system, plan).tables == ()
+    assert len(tried) == tables_module.LEAST_TRIES
+
+
+def test_a_layer_finds_what_is_near_an_instant():
+    read = Phase("mem", 1, 3, 2)
+    jobs = [LineJob(n * 10, "t", n, shape(4, phases=[read]), ("u1",)) for n in range(5)]
+    layer = Layer(reversed(jobs))
+    assert [layer.free_from("u1", start, 6) for start in (0, 3, 4, 5, 44)] == [4, 4, 4, 14, 44]
+    assert layer.free_from("u2", 0, 6) == 0
+    assert list(layer.phases_within("mem", 12, 31)) == [(11, 13, 2), (21, 23, 2)]
+    assert list(layer.phases_within("mem", 13, 21)) == []
+
+
+def test_a_line_adds_up_what_its_layers_hold_each_moved():
+    read = Phase("mem", 0, 4, 3)
+    base = Layer([LineJob(0, "a", 0, shape(4, phases=[read], name="a"), ("u1",))])
+    line = Line(5, (base, 0), (base, 10))
+    line.enter(LineJob(6, "b", 0, shape(3, name="b"), ("u1",)))
+    assert line.first_fit(shape(2, units="u1", name="c"), 0, 50) == (4, ("u1",))
+    assert line.first_fit(shape(3, units="u1", name="c"), 0, 50) == (14, ("u1",))
+    assert line.first_fit(shape(4, units="u2", phases=[read], name="c"), 1, 50) == (4, ("u2",))
+    assert line.first_fit(shape(9, units="u2", phases=[replace(read, end=9)], name="c"), 1, 50) == (14, ("u2",))
+
+
+def test_the_least_length_lets_units_become_free():
+    """The job before runs until 2 ms after the switch, the first one after starts at 0."""
+    system, plan = two_modes(0, 8, 0)
+    change = Change(*on_common_grid(system, *plan.modes))
+    needed, name = change.least
+    assert (change.after.tick * needed, name) == (milliseconds(2), "work")
+    assert change.clash(needed - 1) == "work"
+    assert change.clash(needed) is None

@@ -24,9 +24,9 @@ def large(predecessor):
 
 
 def seconds(system):
-    begin = time.perf_counter()
+    begin = time.process_time()
     findings = validate(system)
-    return time.perf_counter() - begin, findings
+    return time.process_time() - begin, findings
 
 
 @pytest.mark.slow

@@ -1,0 +1,44 @@
+"""Commands in this process, as in one of their own but without its start: that would be most of a test's time."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import signal
+import subprocess
+from unittest import mock
+
+import halpipe.cli
+from halpipe.cli import output
+
+
+def run_here(folder, *arguments, stdin=""):
+    """Run a command in the folder and return it as a finished process; its output is text."""
+    words = [str(argument) for argument in arguments]
+    out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
+    given = io.TextIOWrapper(io.BytesIO(stdin.encode()), "utf-8")
+    with (
+        contextlib.chdir(folder),
+        mock.patch("sys.argv", ["halpipe", *words]),
+        mock.patch("sys.stdin", given),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+        _own_signals(),
+        mock.patch.dict(os.environ),
+    ):
+        output.choose(None, quiet=False, verbose=False)
+        code = halpipe.cli.invoke(words)
+    said = [stream.buffer.getvalue().decode() for stream in (out, err)]
+    return subprocess.CompletedProcess(["halpipe", *words], code, *said)
+
+
+@contextlib.contextmanager
+def _own_signals():
+    """Take back what a command does about Ctrl-C; in a process of its own it need not."""
+    before = {signum: signal.getsignal(signum) for signum in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for signum, handler in before.items():
+            signal.signal(signum, handler)

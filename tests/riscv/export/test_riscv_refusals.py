@@ -1,0 +1,109 @@
+"""What keeps a bundle from being built is told with file, element and numbers, and nothing is written."""
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.riscv import codes
+from riscv_models import PHASES, SCALE, deployed, moving, single
+
+CALLS_ANOTHER = SCALE.replace("void scale", "uint32_t other(uint32_t x);\nvoid scale").replace("* 3", "* other(3)")
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "said"),
+    [
+        ("void scale(void) { flaot x; }", codes.COMPILE_FAILED, "flaot"),
+        ('#include "absent.h"\n' + SCALE, codes.COMPILE_FAILED, "absent.h"),
+        (CALLS_ANOTHER, codes.LINK_FAILED, "other"),
+        (SCALE.replace("void scale(", "void scales("), codes.MISSING_ENTRY, '"scale"'),
+        (SCALE.replace("uint32_t scaled[16];", "uint32_t scaled[15];"), codes.SYMBOL_TOO_SMALL, "60"),
+        (SCALE.replace("scaled", "result"), codes.MISSING_SYMBOL, '"scaled"'),
+    ],
+)
+def test_sources(refusal, text, code, said):
+    found = refusal(*single(), scale_c=text)
+    assert found.code == code.id
+    assert said in found.message
+    assert found.help
+    assert found.at.line
+
+
+def test_the_compilers_line_is_the_sources(refusal, tmp_path):
+    found = refusal(*single(), scale_c="\n\nvoid scale(void) { flaot x; }")
+    assert (found.at.file, found.at.line) == (str(tmp_path / "scale.c"), 3)
+
+
+def test_two_definitions_of_a_function(refusal):
+    found = refusal(*single(deployed(files="scale.c twice.c")), twice_c="void scale(void) {}")
+    assert found.code == codes.NAME_CLASH.id
+    assert "scale" in found.message
+
+
+def test_a_transfer_needs_a_variable_of_its_own(refusal):
+    text = SCALE.replace("uint32_t scaled[16];", '__attribute__((section(".bss"))) uint32_t scaled[16];')
+    found = refusal(*single(), scale_c=text)
+    assert found.code == codes.MISSING_SYMBOL.id
+    assert "cleared" in found.message
+
+
+# Of 120 KiB for code, the monitor has 4; of 256 KiB for data, stack and mailbox have 9.
+CODE = 'static void huge(void) {{ __asm__ volatile(".zero {}"); }}'
+BSS = "uint8_t big[{}];\nstatic void huge(void) {{ *(volatile uint8_t *)big = 1; }}"
+CONSTANT = "const uint8_t big[{}] = {{1}};\nstatic void huge(void) {{ (void)*(const volatile uint8_t *)big; }}"
+
+
+def with_more(more, size):
+    return "#include <stdint.h>\n" + more.format(size) + "\n" + SCALE.replace("scale(void) {", "scale(void) { huge();")
+
+
+@pytest.mark.parametrize(("more", "size", "what"), [(CODE, 116, "code"), (BSS, 247, "data"), (CONSTANT, 247, "data")])
+def test_images_must_fit(refusal, more, size, what):
+    found = refusal(*single(), scale_c=with_more(more, size * 1024))
+    assert found.code == codes.IMAGE_TOO_LARGE.id
+    kibibytes = int(found.message.removeprefix(f"{what} has ").split()[0]) // 1024
+    assert kibibytes == size
+    assert f"room for {size * 1024 if what == 'data' else 116 * 1024} " in found.message
+
+
+@pytest.mark.parametrize(("more", "size"), [(BSS, 247 * 1024 - 128)])
+def test_images_may_fill_the_scratchpad(build, more, size):
+    """Both transfer variables have 64 bytes."""
+    assert build(*single(), scale_c=with_more(more, size))
+
+
+def test_a_phase_that_is_too_short_says_by_how_much(refusal):
+    phases = (moving("memory", "0ms", "5us", "load"), *PHASES[1:])
+    found = refusal(*single(deployed(phases=phases)))
+    assert found.code == codes.PHASE_TOO_SHORT.id
+    assert "has 5us" in found.message
+    assert "need" in found.message
+
+
+READ_AFTER_WRITE = (
+    *PHASES[:2],
+    moving("memory", "0.3ms", "0.4ms", "write", ("output", "scaled", 64)),
+    moving("memory", "0.5ms", "0.6ms", "read", ("input", "numbers", 64)),
+)
+
+
+@pytest.mark.parametrize(
+    ("phases", "code"),
+    [
+        (PHASES[1:], codes.NO_LOAD_PHASE),
+        (
+            (PHASES[0], moving("memory", "0.1ms", "0.2ms", "read", ("in", "numbers", 64), bound="1/2")),
+            codes.SHARED_PHASE,
+        ),
+        ((PHASES[0], moving("memory", "0.1ms", "0.2ms", None, ("in", "numbers", 64))), codes.KINDLESS_PHASE),
+        (READ_AFTER_WRITE, codes.PHASE_ORDER),
+    ],
+)
+def test_phases(refusal, phases, code):
+    assert refusal(*single(deployed(phases=phases))).code == code.id
+
+
+def test_several_at_once(build):
+    system, tables = single(deployed(files="absent.c", phases=PHASES[1:]))
+    with pytest.raises(HalpipeError) as caught:
+        build(system, tables)
+    assert {d.code for d in caught.value.diagnostics} == {codes.MISSING_FILE.id, codes.NO_LOAD_PHASE.id}

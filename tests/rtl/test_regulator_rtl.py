@@ -1,0 +1,341 @@
+"""The regulator in Verilog, simulated: right tables pass every traffic, faults in tables or in the Verilog are caught.
+
+Icarus Verilog is enough for the fast tests. Without a simulator they are skipped; `apt-get install iverilog verilator`.
+"""
+
+import re
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import halpipe
+import regulator_bundles as bundles
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.regulator import DEPLOYMENT, codes, stimuli
+from halpipe.deploy.regulator.engines import Icarus, Verilator
+from halpipe.deploy.regulator.observe import judge
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.simulate import CYCLES, design_of, play, simulate
+from halpipe.deploy.regulator.stimuli import TRAFFIC, Traffic, plan, unit_address
+
+RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "rtl"
+BENCH = Path(halpipe.__file__).parent / "deploy" / "regulator" / "bench"
+
+icarus = pytest.mark.skipif(bool(Icarus().missing()), reason=f"icarus: {Icarus().missing()}")
+verilator = pytest.mark.skipif(bool(Verilator().missing()), reason=f"verilator: {Verilator().missing()}")
+yosys = pytest.mark.skipif(shutil.which("yosys") is None, reason="yosys is not installed")
+
+
+def sometimes_slow(items, fast):
+    """The first `fast` of them in the fast tier, all of them in `make test`."""
+    return [item if n < fast else pytest.param(item, marks=pytest.mark.slow) for n, item in enumerate(items)]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return bundles.export(tmp_path_factory.mktemp("bundle"), *bundles.system("100ns"))
+
+
+@pytest.fixture(scope="module")
+def tables(files):
+    return read_tables(bundles.target(files).bundle)
+
+
+@pytest.fixture(scope="module")
+def player(files, tables, tmp_path_factory):
+    return Icarus().build(design_of(bundles.target(files).bundle, tables), str(tmp_path_factory.mktemp("built")))
+
+
+def verdict(files, tables, player, run):
+    bundle = bundles.target(files).bundle
+    return judge(tables, run, play(bundle, tables, player, run), bundle.at("table"))
+
+
+def found(files, tables, player, traffic, *, seed=1, windows=230):
+    run = plan(tables, traffic, seed, windows=windows)
+    return {finding.code for finding in verdict(files, tables, player, run).findings}
+
+
+# ------------------------------------------------------------------------------------------------ what is right passes
+
+
+@icarus
+@pytest.mark.parametrize("traffic", sometimes_slow(TRAFFIC, 2), ids=lambda traffic: traffic.name)
+@pytest.mark.parametrize("seed", sometimes_slow([1, 2], 1))
+def test_no_traffic_gets_more_than_its_budget(files, tables, player, traffic, seed):
+    run = plan(tables, traffic, seed, windows=230)
+    result = verdict(files, tables, player, run)
+    assert result.findings == []
+    assert result.windows == len(run.expected) > 150
+    assert result.switches >= 1
+
+
+@icarus
+def test_greedy_masters_get_exactly_what_is_promised(files, tables, player):
+    run = plan(tables, TRAFFIC[0], 3, windows=230)
+    result = verdict(files, tables, player, run)
+    assert result.used == result.granted
+
+
+@icarus
+@pytest.mark.slow
+def test_bursts_are_carried_over_where_the_memory_hesitates(files, tables, player):
+    """Otherwise the rule for them would not be tested."""
+    assert verdict(files, tables, player, plan(tables, TRAFFIC[2], 1, windows=230)).carried > 0
+
+
+# ------------------------------------------------------------------------------------------------ faulty tables
+
+
+@icarus
+@pytest.mark.parametrize("fault", sometimes_slow(bundles.FAULTS, 1))
+def test_hardware_that_plays_other_tables_is_caught(files, tables, player, fault):
+    """The memory images have the fault, tables.json has not: what is played is not what was promised."""
+    faulty = {**files, **bundles.forms_of(bundles.changed(files, bundles.FAULTS[fault]))}
+    caught = found(faulty, tables, player, TRAFFIC[0], windows=300)
+    expected = codes.PLAYED_WRONG if fault == "another successor" else codes.SPENT_TOO_MUCH
+    less_only = {"one burst less", "entry dropped"}
+    assert caught & {(codes.GOT_TOO_LITTLE if fault in less_only else expected).id, expected.id}
+
+
+@icarus
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["one burst more", "a window late", "two units swapped"])
+def test_excess_is_caught_without_greedy_masters(files, tables, player, fault):
+    faulty = {**files, **bundles.forms_of(bundles.changed(files, bundles.FAULTS[fault]))}
+    random = Traffic(name="random gaps", flags=stimuli.GAPS)
+    assert codes.SPENT_TOO_MUCH.id in found(faulty, tables, player, random)
+
+
+# ------------------------------------------------------------------------------------------------ faulty Verilog
+
+GATE, PLAYER, UNIT, FRAME = (f"table/rtl/halpipe_regulator{part}.v" for part in ("_gate", "_player", "_unit", ""))
+FAULTS = {
+    "credit is never spent": (GATE, "left <= left - cost;", "left <= left;", codes.SPENT_TOO_MUCH),
+    "credit is kept": (GATE, "? budget - kept : 32'd0", "? left + budget - kept : 32'd0", codes.SPENT_TOO_MUCH),
+    "a burst may overdraw": (GATE, "(left >= cost)", "(left != 32'd0)", codes.SPENT_TOO_MUCH),
+    "what was shown is withdrawn": (GATE, "= shown | covered;", "= covered;", codes.BROKE_PROTOCOL),
+    "what was shown is free": (GATE, "(budget > kept) ? budget - kept : 32'd0", "budget", codes.SPENT_TOO_MUCH),
+    "ready is given away": (GATE, "ready_o = ready_i & passes", "ready_o = ready_i", codes.BROKE_PROTOCOL),
+    "data goes ahead": (UNIT, "(owed != 8'd0)", "1'b1", codes.BROKE_PROTOCOL),
+    "directions are swapped": (PLAYER, "entry[63:32] : rd_now", "entry[31:0] : rd_now", codes.SPENT_TOO_MUCH),
+    "an entry comes a window late": (PLAYER, "window_now + 32'd1);", "window_now);", codes.GOT_TOO_LITTLE),
+    "requests are forgotten": (PLAYER, "pending <= 1'b1; pending_table", "pending_table", codes.PLAYED_WRONG),
+    "late requests are lost": (PLAYER, "& ~requested_late", "", codes.PLAYED_WRONG),
+    "requests are followed for ever": (PLAYER, "pending <= 1'b0;\nendmodule", ";\nendmodule", codes.PLAYED_WRONG),
+    "a table ends early": (PLAYER, "32'd1 == windows)", "32'd2 == windows)", codes.PLAYED_WRONG),
+    "go is ignored": (FRAME, "go <= 1'b0;", "go <= 1'b1;", codes.PLAYED_WRONG),
+    "windows are a cycle longer": (FRAME, "cycles - 32'd1 : cycle", "cycles : cycle", codes.PLAYED_WRONG),
+    "defaults are ignored": (PLAYER, "!plays ? def_rd", "!plays ? 32'd0", codes.GOT_TOO_LITTLE),
+    "a register is not what it should": (UNIT, "32'h48425754", "32'h48425755", codes.BROKE_PROTOCOL),
+}  # fmt: skip
+
+
+@icarus
+@pytest.mark.parametrize("fault", sometimes_slow(FAULTS, 1))
+def test_each_fault_of_the_verilog_is_caught(files, tables, tmp_path, fault):
+    """Greedy masters, and such with a shallow queue behind them, see through each of them."""
+    name, old, new, code = FAULTS[fault]
+    text = files[name].decode()
+    assert text.count(old) == 1
+    faulty = {**files, name: text.replace(old, new).encode()}
+    player = Icarus().build(design_of(bundles.target(faulty).bundle, tables), str(tmp_path))
+    caught = set()
+    for number, seed in ((0, 1), (2, 1), (0, 2), (0, 3)):
+        caught |= found(faulty, tables, player, TRAFFIC[number], seed=seed, windows=250)
+        if code.id in caught:
+            break
+    assert code.id in caught
+
+
+# ------------------------------------------------------------------------------------------------ registers
+
+
+def reading(tables, orders, windows=3):
+    """A run of orders of our own; returns it with nothing expected of registers."""
+    calm = plan(tables, Traffic(name="calm", flags=stimuli.GAPS), 1, windows=windows)
+    facts = {name: getattr(calm, name) for name in calm.__slots__}
+    return type(calm)(**{**facts, "script": tuple(sorted(orders)), "reads": ()})
+
+
+@icarus
+def test_the_registers_are_those_of_the_manual(files, tables, player):
+    """Identity, defaults, status with a pending request, window, credit left; and tables are closed while they play."""
+    first, cycles = stimuli.first_window(3), tables.platform.window_cycles
+    one = unit_address(1, 0)
+    orders = [
+        (0, "w", stimuli.FRAME_CYCLES, cycles),
+        (1, "w", one + 0x014, 128),
+        (2, "w", one + 0x018, 64),
+        (3, "r", one + 0x000, 0),
+        (4, "r", one + 0x004, 0),
+        (5, "r", one + 0x014, 0),
+        (6, "r", one + 0x018, 0),
+        (7, "r", stimuli.FRAME_CYCLES, 0),
+        (8, "r", 0x004, 0),
+        (9, "w", one + 0x008, 1),
+        (10, "r", one + 0x008, 0),
+        (11, "r", one + 0x00C, 0),
+        (12, "r", one + 0x010, 0),
+        (first, "r", one + 0x00C, 0),
+        (first + 1, "r", one + 0x010, 0),
+        (first + 2, "w", one + 0x01C, 2),
+        (first + 3, "r", one + 0x00C, 0),
+        (first + 4, "w", unit_address(1, 0x1000), 999),
+        (first + 5, "w", unit_address(1, 0x1008), 1),
+        (first + 6, "w", one + 0x01C, 200),
+        (first + 7, "r", one + 0x00C, 0),
+        (first + cycles + 1, "r", one + 0x010, 0),
+        (first + cycles + 2, "r", 0x010, 0),
+    ]
+    run = reading(tables, orders)
+    bundle = bundles.target(files).bundle
+    trace = play(bundle, tables, player, run).decode()
+    values = [int(line.split()[3]) for line in trace.splitlines() if line.startswith("R")]
+    running, pending = 1 << 8, 1 << 9 | 2 << 16
+    assert values == [
+        0x48425754,
+        1 << 24 | 16 << 16 | 1024,
+        128,
+        64,
+        cycles,
+        1 << 24 | 3,
+        1,
+        0,
+        2**32 - 1,
+        running,
+        0,
+        running | pending,
+        running | pending,  # there is no table 200 in this unit
+        1,
+        2,
+    ]
+
+
+@icarus
+def test_a_request_for_a_table_that_was_never_written_falls_back_to_the_defaults(files, tables, player):
+    first, cycles = stimuli.first_window(3), tables.platform.window_cycles
+    setup = [(0, "w", stimuli.FRAME_CYCLES, cycles), (1, "w", stimuli.FRAME_GO, 1)]
+    ask = (first + 5, "w", stimuli.FRAME_REQUEST, 9)
+    ends = first + 40 * cycles
+    looks = [(ends + n * cycles + 3, "r", unit_address(0, 0x010), 0) for n in (-1, 0, 1, 2)]
+    trace = play(
+        bundles.target(files).bundle, tables, player, reading(tables, [*setup, ask, *looks], windows=44)
+    ).decode()
+    windows = [int(line.split()[3]) for line in trace.splitlines() if line.startswith("R")]
+    assert windows == [39, 2**32 - 1, 0, 1]
+
+
+# ------------------------------------------------------------------------------------------------ the tools agree
+
+
+@icarus
+@verilator
+@pytest.mark.slow
+@pytest.mark.parametrize("traffic", TRAFFIC, ids=lambda traffic: traffic.name)
+def test_both_simulators_give_the_same_trace(files, tables, player, traffic, tmp_path):
+    bundle = bundles.target(files).bundle
+    native = Verilator().build(design_of(bundle, tables), str(tmp_path))
+    run = plan(tables, traffic, 1, windows=150)
+    assert play(bundle, tables, native, run) == play(bundle, tables, player, run)
+
+
+@verilator
+@pytest.mark.slow
+@pytest.mark.parametrize("units", [1, 12])
+def test_any_number_of_units(tmp_path, units):
+    """Names of images with two digits, and a memory with more queues than a machine word has bits for."""
+    m, s = bundles.wide_system(units)
+    files = bundles.export(tmp_path, m, s, units=units, window=str(64 * units))
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="verilator", cycles=2))
+    assert checked.diagnostics == ()
+    assert any("greedy " in line and "100 %" in line for line in checked.lines)
+
+
+@icarus
+@pytest.mark.slow
+def test_the_check_reports_every_run(files):
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus", seed=5))
+    assert checked.diagnostics == ()
+    assert checked.lines[1] == "simulation: engine icarus, seed 5"
+    assert [line.strip().split("  ")[0] for line in checked.lines[3:]] == [traffic.name for traffic in TRAFFIC]
+    assert all(line.endswith(" 0") for line in checked.lines[3:])
+
+
+@icarus
+def test_what_is_played_is_the_verilog_of_the_bundle(files):
+    broken = {**files, PLAYER: files[PLAYER].replace(b"endmodule", b"")}
+    with pytest.raises(halpipe.diagnostics.HalpipeError) as refused:
+        list(
+            simulate(
+                bundles.target(broken).bundle, read_tables(bundles.target(broken).bundle), Icarus(), seed=1, cycles=0
+            )
+        )
+    assert refused.value.diagnostics[0].code == codes.ENGINE_FAILED.id
+    assert "iverilog" in refused.value.diagnostics[0].message
+
+
+@verilator
+@pytest.mark.parametrize("name", sorted(path.name for path in RTL.glob("*.v")))
+def test_the_regulator_is_clean_for_the_strictest_linter(name):
+    done = subprocess.run(
+        ["verilator", "--lint-only", "-Wall", name], cwd=RTL, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@verilator
+def test_the_bench_is_clean_for_the_strictest_linter():
+    command = ["verilator", "--lint-only", "-Wall", "-y", str(RTL), "bench.v"]
+    done = subprocess.run(command, cwd=BENCH, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@yosys
+@pytest.mark.slow
+def test_the_tables_are_synthesized_to_block_ram():
+    """The tables of 1024 entries of 96 bits take block RAM and no registers; the unit stays small."""
+    sources = " ".join(str(RTL / f"halpipe_regulator{part}.v") for part in ("_gate", "_player", "_unit"))
+    with tempfile.TemporaryDirectory() as folder:
+        synthesis = "synth_xilinx -family xcup -top halpipe_regulator_unit -flatten; tee -o stat.txt stat"
+        script = f"read_verilog {sources}; {synthesis}"
+        subprocess.run(["yosys", "-q", "-p", script], cwd=folder, check=True, capture_output=True)
+        cells = dict(re.findall(r"^ +(\w+) +(\d+)$", Path(folder, "stat.txt").read_text(), re.MULTILINE))
+    memories = sum(int(count) for cell, count in cells.items() if cell.startswith("RAMB"))
+    registers = sum(int(count) for cell, count in cells.items() if cell.startswith("FD"))
+    lookups = sum(int(count) for cell, count in cells.items() if re.fullmatch(r"LUT\d", cell))
+    assert 1 <= memories <= 4
+    assert registers < 600
+    assert lookups < 1500
+
+
+@icarus
+@pytest.mark.parametrize("cycles", [12_000, 800])
+def test_tables_that_were_not_played_to_their_end_are_named(files, monkeypatch, cycles):
+    monkeypatch.setitem(CYCLES, "icarus", (cycles, 100))
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus"))
+    told = [line for line in checked.lines if "not played to the end" in line]
+    assert told == (
+        [] if cycles > 800 else ['  not played to the end: "full", "lean", "full->lean"; --cycles 1 plays all']
+    )
+
+
+@icarus
+def test_the_registers_are_reached_through_axi4_lite(tmp_path):
+    """Words are written and read once, whatever comes first; part of a word is refused and changes nothing."""
+    sources = [str(path) for path in (Path(__file__).parent / "axil_bench.v", *sorted(RTL.glob("*.v")))]
+    built = tmp_path / "axil.vvp"
+    subprocess.run(["iverilog", "-g2005-sv", "-s", "axil_bench", "-o", str(built), *sources], check=True)
+    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=60).stdout
+    assert [line for line in said.splitlines() if "finish" not in line] == [
+        "read 0000000 48425746",
+        "write 0200014 0",
+        "read 0200014 00000400",
+        "read 0100014 00000000",
+        "write 0100018 0",
+        "write 0100018 2",
+        "read 0100018 00000123",
+    ]

@@ -1,0 +1,240 @@
+"""The exact check of regulator tables: what is right passes, and every fault is named by its own code."""
+
+import pytest
+
+import regulator_bundles as bundles
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.regulator import DEPLOYMENT, codes
+from halpipe.deploy.regulator.arithmetic import Arithmetic
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.pipeline.verify import verify
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return bundles.export(tmp_path_factory.mktemp("bundle"), *bundles.system())
+
+
+def findings(files):
+    target = bundles.target(files)
+    return list(Arithmetic(target, read_tables(target.bundle)).findings())
+
+
+def found(files):
+    return sorted({finding.code for finding in findings(files)})
+
+
+def ids(*expected):
+    return sorted(code.id for code in expected)
+
+
+def test_the_sample_is_a_valid_schedule():
+    assert [d for d in verify(*bundles.system()) if d.is_error] == []
+
+
+@pytest.mark.parametrize("rounding", ["whole", "controlled"])
+@pytest.mark.parametrize("shift", ["0ns", "100ns", "1/3us"])
+def test_what_the_exporter_writes_passes(tmp_path, shift, rounding):
+    files = bundles.export(tmp_path, *bundles.system(shift), rounding=rounding)
+    assert findings(files) == []
+
+
+def test_it_counts_what_it_held_against_what(files):
+    target = bundles.target(files)
+    arithmetic = Arithmetic(target, read_tables(target.bundle))
+    list(arithmetic.findings())
+    assert arithmetic.windows == 40 + 40 + 20
+    assert arithmetic.budgets == arithmetic.windows * 3 * 2
+
+
+# ------------------------------------------------------------------------------------------------ budgets
+
+CAUGHT_BY = {"another successor": codes.WRONG_SUCCESSOR}
+
+
+@pytest.mark.parametrize("fault", bundles.FAULTS)
+@pytest.mark.parametrize("rounding", ["whole", "controlled"])
+def test_each_fault_of_the_tables_is_caught(tmp_path, fault, rounding):
+    files = bundles.export(tmp_path, *bundles.system(), rounding=rounding)
+    faulty = bundles.changed(files, bundles.FAULTS[fault])
+    default = codes.WRONG_BUDGET if rounding == "whole" else codes.NOT_KEPT_UP
+    assert CAUGHT_BY.get(fault, default).id in found(faulty)
+
+
+@pytest.mark.parametrize("unit", ["u1", "u2", "u3"])
+@pytest.mark.parametrize("table", [0, 1, 2])
+@pytest.mark.parametrize("rounding", ["whole", "controlled"])
+def test_one_burst_in_any_one_window_is_caught(tmp_path, unit, table, rounding):
+    files = bundles.export(tmp_path, *bundles.system(), rounding=rounding)
+
+    def edit(window, direction, change):
+        def apply(data):
+            values = bundles.budgets(data, table, unit)
+            values[window][direction] += change
+            bundles.set_budgets(data, table, unit, values)
+
+        return apply
+
+    for window in (0, 7, 19):
+        for direction in (0, 1):
+            assert found(bundles.changed(files, edit(window, direction, 1))) != []
+
+
+def test_the_message_has_the_numbers(files):
+    (finding,) = findings(bundles.changed(files, bundles.FAULTS["one burst more"]))
+    assert finding.path == 'table "full", unit "u1", read'
+    assert finding.message == "5 bursts in window 20, promised are 4"
+
+
+def test_a_budget_granted_later_is_behind(tmp_path):
+    """Controlled rounding may move a burst by less than one; a whole window later is too late."""
+    files = bundles.export(tmp_path, *bundles.system(), rounding="controlled")
+    finding = findings(bundles.changed(files, bundles.FAULTS["a window late"]))[0]
+    assert finding.code == codes.NOT_KEPT_UP.id
+    assert finding.message.startswith("0 bursts until the end of window 1, promised are 2")
+
+
+# ------------------------------------------------------------------------------------------------ sums
+
+
+def overshoot(unit, direction, amount):
+    def change(data):
+        next(u for u in data["units"] if u["unit"] == unit)["overshoot"][direction] = amount
+
+    return change
+
+
+def test_a_window_may_be_full_and_not_a_byte_more(files):
+    peak = 384  # of 512 B
+    assert found(bundles.changed(files, overshoot("u1", "read", 512 - peak))) == []
+    assert found(bundles.changed(files, overshoot("u1", "read", 512 - peak + 1))) == ids(codes.OVER_CAPACITY)
+
+
+def test_overshoot_of_a_row_that_is_never_used_is_not_counted(files):
+    assert found(bundles.changed(files, overshoot("u3", "write", 10_000))) == []
+
+
+def default(unit, direction, amount):
+    def change(data):
+        next(u for u in data["units"] if u["unit"] == unit)["default"][direction] = amount
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("unit", "amount", "is_safe"), [("u1", 64, True), ("u1", 0, False), ("u1", 96, False), ("u1", 1024, False)]
+)
+def test_defaults_are_whole_bursts_that_let_everyone_on_and_fit(files, unit, amount, is_safe):
+    changed = bundles.changed(files, default(unit, "read", amount))
+    assert found(changed) == ([] if is_safe else ids(codes.UNSAFE_DEFAULT))
+
+
+def test_a_row_without_budgets_needs_no_default(files):
+    assert found(bundles.changed(files, default("u3", "write", 0))) == []
+
+
+# ------------------------------------------------------------------------------------------------ facts and tables
+
+
+def put(*path):
+    *way, value = path
+
+    def change(data):
+        for step in way[:-1]:
+            data = data[step]
+        data[way[-1]] = value
+
+    return change
+
+
+def remove_unit(data):
+    data["units"].pop()
+    for table in data["tables"]:
+        del table["entries"]["u3"]
+
+
+def repeat(key):
+    def change(data):
+        data[key].append({**data[key][-1], **({"index": len(data[key])} if key == "tables" else {})})
+
+    return change
+
+
+def drop(key, number):
+    def change(data):
+        del data[key][number]
+        if key == "tables":
+            for index, table in enumerate(data[key]):
+                table["index"] = index
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (put("schedule_sha256", "0" * 64), codes.OTHER_SCHEDULE),
+        (put("model_sha256", "0" * 64), codes.OTHER_SCHEDULE),
+        (put("window_ns", "641"), codes.WRONG_FACTS),
+        (put("promise_bytes", "511"), codes.WRONG_FACTS),
+        (put("capacity_bytes", 511), codes.WRONG_FACTS),
+        (put("platform", "capacity", 900_000_000), codes.WRONG_FACTS),
+        (put("platform", "resource", "disk"), codes.WRONG_FACTS),
+        (put("units", 0, "manager", 0), codes.WRONG_FACTS),
+        (remove_unit, codes.UNREGULATED_UNIT),
+        (drop("tables", 1), codes.WRONG_TABLE),
+        (drop("tables", 2), codes.WRONG_TABLE),
+        (repeat("tables"), codes.WRONG_TABLE),
+        (put("tables", 0, "windows", 41), codes.WRONG_TABLE),
+        (put("tables", 2, "cycles", 1), codes.WRONG_TABLE),
+        (put("tables", 2, "length_ns", "12801"), codes.WRONG_TABLE),
+        (put("tables", 1, "successor", 0), codes.WRONG_SUCCESSOR),
+        (put("tables", 2, "successor", 2), codes.WRONG_SUCCESSOR),
+        (put("switches", 0, "request", 1), codes.WRONG_SWITCH),
+        (put("switches", 1, "request", 2), codes.WRONG_SWITCH),
+        (put("switches", 0, "to", "full"), codes.WRONG_SWITCH),
+        (drop("switches", 0), codes.WRONG_SWITCH),
+        (repeat("switches"), codes.WRONG_SWITCH),
+    ],
+)
+def test_each_wrong_figure_has_its_code(files, change, code):
+    assert code.id in found(bundles.changed(files, change))
+
+
+def test_more_tables_than_a_unit_can_name(files, monkeypatch):
+    monkeypatch.setattr("halpipe.deploy.regulator.arithmetic.MAX_TABLES", 3)
+    assert found(files) == []
+    monkeypatch.setattr("halpipe.deploy.regulator.arithmetic.MAX_TABLES", 2)
+    assert found(files) == ids(codes.TOO_DEEP)
+
+
+# ------------------------------------------------------------------------------------------------ the whole check
+
+
+def test_a_wrong_bundle_is_not_simulated_unless_asked(files):
+    faulty = bundles.changed(files, bundles.FAULTS["one burst more"])
+    checked = DEPLOYMENT.check(bundles.target(faulty), CheckOptions())
+    assert any("no simulation: the tables are wrong" in line for line in checked.lines)
+    assert {d.code for d in checked.diagnostics} >= {codes.WRONG_BUDGET.id, codes.FORMS_DIFFER.id}
+
+
+def test_arithmetic_alone_says_so(files):
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="arithmetic"))
+    assert checked.diagnostics == ()
+    assert checked.lines == ("arithmetic: exact; 3 tables of 3 units, 600 budgets, 100 sums against 512 B a window",)
+
+
+def test_tables_for_other_back_ends_are_checked_and_not_simulated(files):
+    other = bundles.changed(files, put("backend", "axi-realm"))
+    checked = DEPLOYMENT.check(bundles.target(other), CheckOptions())
+    assert checked.diagnostics == ()
+    assert 'no simulation: the back-end is "axi-realm"' in checked.lines[1]
+
+
+def test_an_engine_that_does_not_exist_is_a_mistake_of_the_caller(files):
+    with pytest.raises(HalpipeError) as refused:
+        DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="verilater"))
+    assert refused.value.exit is Exit.USAGE
+    assert refused.value.diagnostics[0].code == codes.NO_ENGINE.id
+    assert "verilator" in refused.value.diagnostics[0].help

@@ -1,0 +1,180 @@
+"""The programs that play the regulator: which one is taken, what happens when it is missing or fails, what is kept."""
+
+import os
+import stat
+import sys
+
+import pytest
+
+from halpipe.deploy.regulator import codes, engines, simulate
+from halpipe.deploy.regulator.engines import Design, Icarus, Player, Verilator
+from halpipe.diagnostics import HalpipeError
+
+
+def design(**changes):
+    facts = {
+        "sources": {"a.v": b"module bench; endmodule\n"},
+        "for_verilator": {"clocked.cpp": b"// clock\n"},
+        "for_icarus": {"clocked.v": b"module clocked; endmodule\n"},
+        "parameters": {"UNITS": 2},
+    }
+    return Design(**{**facts, **changes})
+
+
+@pytest.fixture
+def tools(tmp_path, monkeypatch):
+    """A PATH of our own: `tools("verilator", script)` installs a program."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", str(folder))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def install(name, body):
+        program = folder / name
+        program.write_text(f"#!{sys.executable}\nimport sys, os, pathlib\n{body}\n")
+        program.chmod(0o755)
+
+    return install
+
+
+# ------------------------------------------------------------------------------------------------ choice
+
+
+def test_without_a_simulator_it_says_what_is_missing(tools):
+    engine, told = simulate.choose_engine("auto")
+    assert engine is None
+    assert told == "no simulation: verilator: verilator, g++, make not installed; icarus: iverilog, vvp not installed"
+
+
+def test_the_second_choice_says_why_not_the_first(tools):
+    for name in ("iverilog", "vvp", "verilator"):
+        tools(name, "")
+    engine, told = simulate.choose_engine("auto")
+    assert engine.name == "icarus"
+    assert told == "engine icarus; verilator: g++, make not installed"
+
+
+@pytest.mark.parametrize("name", ["verilator", "icarus"])
+def test_an_engine_that_was_asked_for_must_be_there(tools, name):
+    with pytest.raises(HalpipeError) as refused:
+        simulate.choose_engine(name)
+    (diagnostic,) = refused.value.diagnostics
+    assert diagnostic.code == codes.NO_ENGINE.id
+    assert "apt-get install" in diagnostic.help
+
+
+# ------------------------------------------------------------------------------------------------ failures
+
+
+def failure(action):
+    with pytest.raises(HalpipeError) as refused:
+        action()
+    (diagnostic,) = refused.value.diagnostics
+    assert diagnostic.code == codes.ENGINE_FAILED.id
+    return diagnostic.message
+
+
+def test_a_compiler_that_refuses_is_quoted(tools, tmp_path):
+    tools("iverilog", 'sys.exit("a.v:3: error: no such wire")')
+    assert (
+        failure(lambda: Icarus().build(design(), str(tmp_path))) == "iverilog ended with 1: a.v:3: error: no such wire"
+    )
+
+
+def test_a_bench_that_crashes_is_reported(tools, tmp_path):
+    tools("vvp", "os.abort()")
+    assert "vvp ended with -6" in failure(lambda: Player(("vvp",)).run(str(tmp_path)))
+
+
+def test_a_bench_that_does_not_end_is_stopped(tools, tmp_path, monkeypatch):
+    monkeypatch.setattr(engines, "RUN_SECONDS", 0.2)
+    tools("vvp", "import time; time.sleep(20)")
+    assert "took more than" in failure(lambda: Player(("vvp",)).run(str(tmp_path)))
+
+
+def test_a_program_that_is_not_there(tmp_path):
+    assert "No such file" in failure(lambda: Player((str(tmp_path / "none"),)).run(str(tmp_path)))
+
+
+# ------------------------------------------------------------------------------------------------ what is kept
+
+VERILATE = """
+if "--version" in sys.argv: print("Verilator 5"); sys.exit()
+place = pathlib.Path("made"); place.mkdir()
+(place / "bench").write_text("#!/bin/sh\\n"); (place / "bench").chmod(0o755)
+log = pathlib.Path(os.environ["XDG_CACHE_HOME"] + ".log")
+log.write_text((log.read_text() if log.exists() else "") + "x")
+"""
+
+
+@pytest.fixture
+def builds(tools, tmp_path):
+    """Build with a pretended Verilator; returns the player and how often it was called so far."""
+    tools("verilator", VERILATE)
+    tools("g++", 'print("g++ 12")')
+    tools("make", "")
+    count = iter(range(100))
+
+    def build(what):
+        folder = tmp_path / f"build{next(count)}"
+        folder.mkdir()
+        player = Verilator().build(what, str(folder))
+        log = tmp_path / "cache.log"
+        return player, len(log.read_text()) if log.exists() else 0
+
+    return build
+
+
+def test_the_same_design_is_compiled_once(builds, tmp_path):
+    first, _ = builds(design())
+    second, count = builds(design())
+    assert (first, count) == (second, 1)
+    assert str(tmp_path / "cache") in first.command[0]
+    assert not [p for p in (tmp_path / "cache" / "halpipe" / "regulator").iterdir() if p.name.startswith("tmp")]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sources": {"a.v": b"module bench; wire a; endmodule\n"}},
+        {"sources": {"b.v": b"module bench; endmodule\n"}},
+        {"parameters": {"UNITS": 3}},
+        {"for_verilator": {"clocked.cpp": b"// other\n"}},
+    ],
+)
+def test_another_design_is_compiled_again(builds, changes):
+    builds(design())
+    assert builds(design(**changes))[1] == 2
+
+
+def test_another_compiler_compiles_again(builds, tools):
+    builds(design())
+    tools("g++", 'print("g++ 13")')
+    assert builds(design())[1] == 2
+
+
+@pytest.mark.parametrize("mode", [0o722, 0o755 | 0o020])
+def test_what_others_could_have_put_into_the_cache_is_not_run(builds, mode):
+    player, _ = builds(design())
+    os.chmod(player.command[0], mode)
+    assert builds(design())[1] == 2
+
+
+def test_a_cache_that_others_may_write_is_not_used(builds, tmp_path):
+    folder = tmp_path / "cache" / "halpipe" / "regulator"
+    folder.mkdir(parents=True)
+    folder.chmod(0o777)
+    player, _ = builds(design())
+    assert str(folder) not in player.command[0]
+    assert list(folder.iterdir()) == []
+
+
+def test_without_a_cache_it_is_compiled_each_time(builds, tmp_path):
+    (tmp_path / "cache").write_text("in the way")
+    builds(design())
+    assert builds(design())[1] == 2
+
+
+def test_what_is_kept_is_for_its_user_only(builds):
+    player, _ = builds(design())
+    assert stat.S_IMODE(os.stat(player.command[0]).st_mode) == 0o700

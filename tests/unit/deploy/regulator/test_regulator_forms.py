@@ -1,0 +1,115 @@
+"""The forms that are loaded say what tables.json says, or each difference is found: memory images, binary, C header."""
+
+import re
+import struct
+import zlib
+
+import pytest
+
+import regulator_bundles as bundles
+from halpipe.deploy.regulator import codes, forms
+from halpipe.deploy.regulator.reading import read_tables
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return bundles.export(tmp_path_factory.mktemp("bundle"), *bundles.system())
+
+
+def findings(files):
+    bundle = bundles.target(files).bundle
+    return list(forms.check_forms(bundle, read_tables(bundle)))
+
+
+def with_form(files, name, change):
+    return {**files, name: change(files[name])}
+
+
+def test_all_forms_agree(files):
+    assert findings(files) == []
+
+
+def test_the_images_of_the_tests_are_those_of_the_exporter(files):
+    """The faults that are played on Verilog are written by `forms_of`."""
+    images = bundles.forms_of(files)
+    assert {name: files[name] for name in images} == images
+
+
+IMAGES = [f"table/unit{n}.{kind}.memh" for n in range(3) for kind in ("tab", "hdr")]
+
+
+@pytest.mark.parametrize("name", [*IMAGES, forms.BINARY, forms.HEADER])
+def test_a_missing_form_is_found(files, name):
+    (finding,) = findings({key: data for key, data in files.items() if key != name})
+    assert finding.code == codes.FORMS_DIFFER.id
+    assert finding.at.file == f"cfg/{name}"
+
+
+@pytest.mark.parametrize("name", IMAGES)
+def test_every_digit_of_an_image_counts(files, name):
+    data = files[name]
+    for place, digit in enumerate(data):
+        if digit != ord("\n"):
+            other = b"1" if digit == ord("0") else b"0"
+            (finding,) = findings(with_form(files, name, lambda d, p=place, o=other: d[:p] + o + d[p + 1 :]))
+            assert finding.code == codes.FORMS_DIFFER.id
+            assert finding.at.line == data.count(b"\n", 0, place) + 1
+
+
+@pytest.mark.parametrize("change", [lambda d: d[: d.rindex(b"\n", 0, -1) + 1], lambda d: d + d.splitlines()[0] + b"\n"])
+def test_lines_too_few_or_too_many(files, change):
+    (finding,) = findings(with_form(files, IMAGES[0], change))
+    assert "lines, tables.json gives" in finding.message
+
+
+def sealed(body):
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def test_every_byte_of_the_binary_counts_even_under_a_matching_checksum(files):
+    body = files[forms.BINARY][:-4]
+    for place in range(len(body)):
+        damaged = bytearray(body)
+        damaged[place] ^= 1
+        found = {f.code for f in findings({**files, forms.BINARY: sealed(bytes(damaged))})}
+        assert found == {(codes.OTHER_SCHEDULE if 28 <= place < 60 else codes.FORMS_DIFFER).id}
+
+
+def test_the_checksum_is_checked(files):
+    (finding,) = findings(with_form(files, forms.BINARY, lambda data: data[:-1] + bytes([data[-1] ^ 1])))
+    assert "CRC-32" in finding.message
+
+
+@pytest.mark.parametrize("length", [0, 3, 4, 30, 200])
+def test_a_binary_of_any_length_is_judged(files, length):
+    assert findings(with_form(files, forms.BINARY, lambda data: data[:length])) != []
+    assert findings(with_form(files, forms.BINARY, lambda data: sealed(data[:-4] + b"\0"))) != []
+
+
+def test_every_number_of_the_header_counts(files):
+    text = re.sub(rb"/\*.*?\*/", lambda m: b" " * len(m[0]), files[forms.HEADER], flags=re.DOTALL)
+    places = [m.span(1) for m in re.finditer(rb"\b(\d+)u\b", text)]
+    assert len(places) > 50
+    for start, end in places:
+        number = str(int(files[forms.HEADER][start:end]) + 1).encode()
+        assert findings(with_form(files, forms.HEADER, lambda d, s=start, e=end, n=number: d[:s] + n + d[e:])) != []
+
+
+def test_the_header_names_its_schedule(files):
+    digest = re.search(rb'BW_SCHEDULE_SHA256 "(\w+)"', files[forms.HEADER])[1]
+    (finding,) = findings(with_form(files, forms.HEADER, lambda data: data.replace(digest, b"0" * 64)))
+    assert finding.code == codes.OTHER_SCHEDULE.id
+
+
+def depth(entries):
+    def change(data):
+        data["platform"]["table_depth"] = entries
+
+    return change
+
+
+def test_a_unit_may_fill_its_table_with_the_terminator_and_no_more(files):
+    used = max(files[name].count(b"\n") for name in IMAGES if ".tab." in name)
+    assert findings(bundles.changed(files, depth(used))) == []
+    (finding,) = findings(bundles.changed(files, depth(used - 1)))
+    assert finding.code == codes.TOO_DEEP.id

@@ -1,0 +1,166 @@
+"""The verdict on a trace: traces made by hand, at the limit and one beyond it."""
+
+import pytest
+
+import regulator_bundles as bundles
+from halpipe.deploy.regulator import codes
+from halpipe.deploy.regulator.observe import judge
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.stimuli import Expected, Run, Traffic
+from halpipe.diagnostics import Location
+
+AT = Location("cfg/table")
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    files = bundles.export(tmp_path_factory.mktemp("bundle"), *bundles.system())
+    return read_tables(bundles.target(files).bundle)
+
+
+def run_of(windows, *, greedy=True, reads=()):
+    """A run that plays windows of table 0, from window 20 on, where u1 may read 4 bursts and u2 nothing or 2."""
+    return Run(
+        traffic=Traffic(name="t", greedy=greedy),
+        seed=7,
+        kinds=(0x11, 0x11, 0x11),
+        script=((0, "w", 0, 0),),
+        expected=tuple(Expected(table=0, window=20 + n) for n in range(windows)),
+        reads=tuple(reads),
+    )
+
+
+def window(tables, number, **changes):
+    """A line of the trace in which everybody gets the whole budget, with some figures changed: ``u1_read=256``."""
+    line = ["W", number]
+    for unit in tables.units:
+        counts = []
+        for direction in ("read", "write"):
+            budget = tables.tables[0].budgets(unit.name, direction)[20 + number]
+            counts += [changes.get(f"{unit.name}_{direction}{part}", value) for part, value in
+                       (("", budget), ("_carried", 0), ("_waiting", 0))]  # fmt: skip
+        line += [changes.get("table", 0), changes.get("window", 20 + number), *counts, 0, 0]
+        line += [changes.get(f"{unit.name}_faults", 0)]
+    return " ".join(map(str, line))
+
+
+def verdict(tables, run, *lines):
+    return judge(tables, run, "\n".join(lines).encode(), AT)
+
+
+def found(tables, *lines, greedy=True):
+    return [f.code for f in verdict(tables, run_of(len(lines), greedy=greedy), *lines).findings]
+
+
+def test_the_whole_budget_and_no_more(tables):
+    assert found(tables, window(tables, 0)) == []
+    assert found(tables, window(tables, 0, u1_read=256 + 8)) == [codes.SPENT_TOO_MUCH.id]
+
+
+def test_a_master_that_always_asks_gets_all(tables):
+    assert found(tables, window(tables, 0, u1_read=192)) == [codes.GOT_TOO_LITTLE.id]
+    assert found(tables, window(tables, 0, u1_read=192), greedy=False) == []
+
+
+def test_a_master_that_is_silent_gets_nothing_and_that_is_right(tables):
+    run = run_of(1)
+    silent = Run(**{name: getattr(run, name) for name in run.__slots__} | {"kinds": (0x10, 0x11, 0x11)})
+    assert verdict(tables, silent, window(tables, 0, u1_read=0)).findings == []
+
+
+def test_a_burst_carried_over_is_charged_to_both_windows(tables):
+    """Shown in the first window, taken in the second: 3 + 1 waiting, then the 1 and 3 more."""
+    first = window(tables, 0, u1_read=192, u1_read_waiting=64)
+    assert found(tables, first, window(tables, 1, u1_read=256, u1_read_carried=64)) == []
+    spent = window(tables, 1, u1_read=320, u1_read_carried=64)
+    assert found(tables, first, spent) == [codes.SPENT_TOO_MUCH.id]
+
+
+def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
+    """u1 reads 4 bursts until window 25, and none from 26 on."""
+    run = Run(
+        traffic=Traffic(name="t", greedy=True),
+        seed=7,
+        kinds=(0x11, 0x11, 0x11),
+        script=(),
+        expected=(Expected(table=0, window=25), Expected(table=0, window=26)),
+        reads=(),
+    )
+    last = window(tables, 5, u1_read=192, u1_read_waiting=64).replace("W 5", "W 0")
+    alone = window(tables, 6, u1_read=64, u1_read_carried=64).replace("W 6", "W 1")
+    assert verdict(tables, run, last, alone).findings == []
+    assert verdict(tables, run, last, alone).carried == 1
+    another = window(tables, 6, u1_read=128, u1_read_carried=64).replace("W 6", "W 1")
+    assert [f.code for f in verdict(tables, run, last, another).findings] == [codes.SPENT_TOO_MUCH.id]
+
+
+def test_what_is_called_carried_must_have_been_waiting(tables):
+    assert codes.SPENT_TOO_MUCH.id in found(
+        tables, window(tables, 0), window(tables, 1, u1_read=320, u1_read_carried=64)
+    )
+
+
+def test_a_burst_may_wait_for_windows(tables):
+    waiting = {"u1_read": 0, "u1_read_waiting": 64}
+    first = window(tables, 0, u1_read=192, u1_read_waiting=64)
+    assert found(tables, first, window(tables, 1, **waiting), window(tables, 2, **waiting), greedy=False) == []
+
+
+def test_the_sum_is_held_against_the_capacity(tables):
+    lines = [window(tables, 0, u1_read=520)]
+    assert set(found(tables, *lines)) == {codes.SPENT_TOO_MUCH.id, codes.SHARED_TOO_MUCH.id}
+    full = [window(tables, 0, u1_read=512)]
+    assert set(found(tables, *full)) == {codes.SPENT_TOO_MUCH.id}
+
+
+@pytest.mark.parametrize("wrong", [{"table": 1}, {"window": 21}, {"window": 2**32 - 1}])
+def test_another_table_or_window_is_told(tables, wrong):
+    assert set(found(tables, window(tables, 0, **wrong))) == {codes.PLAYED_WRONG.id}
+
+
+@pytest.mark.parametrize(
+    ("bit", "code"),
+    [(0, codes.BROKE_PROTOCOL), (1, codes.BROKE_PROTOCOL), (2, codes.BROKE_PROTOCOL), (3, codes.BROKE_PROTOCOL),
+     (4, codes.PLAYED_WRONG)],
+)  # fmt: skip
+def test_each_fault_of_the_bus_is_told_once(tables, bit, code):
+    lines = [window(tables, n, u2_faults=1 << bit) for n in range(2)]
+    assert found(tables, *lines) == [code.id]
+
+
+def test_every_register_read_is_compared(tables):
+    read = (5, 0x100010, 20)
+    good = [window(tables, 0), f"R 5 {0x100010} 20"]
+    assert verdict(tables, run_of(1, reads=[read]), *good).findings == []
+    bad = [window(tables, 0), f"R 5 {0x100010} 21"]
+    (finding,) = verdict(tables, run_of(1, reads=[read]), *bad).findings
+    assert finding.code == codes.BROKE_PROTOCOL.id
+    assert "0x15" in finding.message
+
+
+def test_a_trace_that_ends_early_is_no_proof(tables):
+    (finding,) = verdict(tables, run_of(2), window(tables, 0)).findings
+    assert finding.code == codes.PLAYED_WRONG.id
+    assert "1 windows, 2 were simulated" in finding.message
+
+
+def test_an_unknown_value_is_a_wrong_value(tables):
+    line = window(tables, 0).replace("W 0 0 20", "W 0 x 20")
+    assert codes.PLAYED_WRONG.id in found(tables, line)
+
+
+def test_equal_findings_are_told_once_with_their_number(tables):
+    lines = [window(tables, n, u1_read=320) for n in range(3)]
+    (finding,) = verdict(tables, run_of(3), *lines).findings
+    assert finding.path == 'unit "u1", read'
+    assert finding.message.startswith(
+        '320 B in window 0 (table 0 "full", window 20), the budget is 256 B, and 2 windows'
+    )
+    assert finding.message.endswith("(traffic: t, seed 7)")
+
+
+def test_figures_of_a_run(tables):
+    result = verdict(tables, run_of(2), window(tables, 0), window(tables, 1))
+    assert (result.windows, result.carried) == (2, 0)
+    assert result.used == result.granted
+    assert result.largest_sum == 256 + 0 + 128  # u1, u2 and u3 in window 21

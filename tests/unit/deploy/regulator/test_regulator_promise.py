@@ -1,0 +1,158 @@
+"""What is promised in every window, held against integrals that are taken piece by piece on a fine grid."""
+
+from fractions import Fraction
+from math import ceil
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import regulator_bundles as bundles
+from halpipe.deploy.regulator import promise
+from halpipe.deploy.regulator.promise import Phase, Timeline
+from halpipe.deploy.regulator.reading import Platform
+from halpipe.durations import Duration
+from profiles import examples
+from support import access, job, mode, model, schedule, task, version
+
+ROW = ("u", "read")
+PLATFORM = Platform(
+    name="p",
+    resource="mem",
+    clock_hz=10**9,
+    bus_bytes=8,
+    burst_bytes=8,
+    window_cycles=6,
+    guaranteed=Fraction(8 * 10**9),
+    capacity=Fraction(8 * 10**9),
+    unspecified="read",
+    table_depth=64,
+)
+"""A window of 6 ns with 6 bursts of 8 B."""
+
+SPAN = 48
+GRID = 6  # parts of a nanosecond
+
+phases = st.lists(
+    st.tuples(st.integers(0, SPAN * GRID - 1), st.integers(1, SPAN * GRID), st.integers(1, 12)), min_size=1, max_size=5
+).map(lambda items: [Phase(ROW, Fraction(a, GRID), Fraction(a + d, GRID), Fraction(s, 12)) for a, d, s in items])
+
+
+def rate_at(timeline, instant):
+    """The sum of the shares in force in the part of a nanosecond that begins at `instant`."""
+    turns = (0, 1) if timeline.circular else (0,)
+    return sum(
+        phase.share for phase in timeline.phases for turn in turns if phase.start <= instant + turn * SPAN < phase.end
+    )
+
+
+@examples(60)
+@given(phases, st.booleans())
+def test_the_volume_of_every_window_is_the_integral_of_the_rate(items, circular):
+    timeline = Timeline(Fraction(SPAN), tuple(items), circular)
+    volumes, scale = promise.promised_bursts(timeline, PLATFORM, items, 8)
+    total = Fraction(0)
+    for window in range(8):
+        for part in range(6 * GRID):
+            total += rate_at(timeline, window * 6 + Fraction(part, GRID)) * Fraction(1, GRID)
+        assert Fraction(volumes[window + 1], scale) == total
+
+
+@examples(60)
+@given(phases, st.booleans())
+def test_whole_bursts_are_the_promise_of_each_window_rounded_up(items, circular):
+    timeline = Timeline(Fraction(SPAN), tuple(items), circular)
+    found = promise.whole_bursts(timeline, PLATFORM, items, 8)
+    for window in range(8):
+        parts = (rate_at(timeline, window * 6 + Fraction(part, GRID)) for part in range(6 * GRID))
+        assert found[window] == ceil(sum(parts) / GRID)
+
+
+# ------------------------------------------------------------------------------------------------ timelines
+
+
+def test_the_phases_of_jobs_are_shared_by_the_gang_and_told_apart_by_kind():
+    t = task("t", "48ns", version("v", "10ns", "u1 u2", access("mem", "1ns", "3ns", "1/2"), gang=2))
+    system = model(t, units="u1 u2", resources="mem other")
+    found = list(promise.phases_of(system, PLATFORM, [job(system, "t", 0, "5ns", "u1 u2")]))
+    assert found == [Phase((unit, "read"), Fraction(6), Fraction(8), Fraction(1, 4)) for unit in ("u1", "u2")]
+
+
+def test_other_resources_do_not_count():
+    t = task("t", "48ns", version("v", "10ns", "u1", access("other", "1ns", "3ns")))
+    system = model(t, units="u1", resources="mem other")
+    assert list(promise.phases_of(system, PLATFORM, [job(system, "t", 0, "5ns", "u1")])) == []
+
+
+def line(length, *, tail="24ns", early=()):
+    """The line of a switch from a mode whose last job reads until `tail` after its end."""
+    a = task("a", "48ns", version("v", "40ns", "u1", access("mem", "0ns", "40ns", "1/2")))
+    b = task("b", "48ns", version("v", "40ns", "u1", access("mem", "0ns", "40ns", "1/4")))
+    system = model(a, b, units="u1", resources="mem", modes=[mode("x", (a,)), mode("y", (b,))])
+    start = Duration.parse("48ns") + Duration.parse(tail) - Duration.parse("40ns")
+    x = schedule(system, "48ns", job(system, "a", 0, start, "u1"), mode_name="x").modes[0]
+    y = schedule(system, "48ns", job(system, "b", 0, "4ns", "u1"), mode_name="y").modes[0]
+    from halpipe.models import Status, TransitionTable
+
+    table = TransitionTable(
+        source="x",
+        target="y",
+        length=Duration.parse(length),
+        worst_latency=Duration.parse("96ns"),
+        status=Status.VALID,
+        jobs=early,
+    )
+    return promise.transition_timeline(system, PLATFORM, x, table, y)
+
+
+@pytest.mark.parametrize(
+    ("length", "tail", "cycles", "span"),
+    [
+        ("24ns", "24ns", 0, 24),  # the tail ends with the switch
+        ("18ns", "24ns", 1, 66),  # it reaches into the first cycle, where the new mode's own table lacks it
+        ("0ns", "24ns", 1, 48),
+        ("0ns", "0ns", 0, 0),  # nothing left over: no table at all
+    ],
+)
+def test_a_switch_covers_what_is_left_over(length, tail, cycles, span):
+    timeline, found = line(length, tail=tail)
+    assert found == cycles
+    assert timeline.span == span
+
+
+def test_the_line_has_the_tail_and_what_the_new_mode_starts():
+    timeline, _ = line("18ns")
+    assert sorted(timeline.phases, key=lambda p: p.start) == [
+        Phase(("u1", "read"), Fraction(-16), Fraction(24), Fraction(1, 2)),
+        Phase(("u1", "read"), Fraction(22), Fraction(62), Fraction(1, 4)),
+    ]
+    granted = promise.whole_bursts(timeline, PLATFORM, timeline.phases, 11)
+    assert granted == [3, 3, 3, 4, 2, 2, 2, 2, 2, 2, 1]  # 3 + 2/6 of 1.5 from 22 ns on; the last from 60 to 62 ns
+
+
+def test_windows_that_do_not_fit_show_as_a_fraction():
+    timeline, _ = line("17ns")
+    assert promise.windows_of(timeline, PLATFORM) == Fraction(65, 6)
+
+
+def test_sample_bundle_by_hand():
+    m, s = bundles.system()
+    platform = Platform(
+        name="p",
+        resource="mem",
+        clock_hz=10**8,
+        bus_bytes=8,
+        burst_bytes=64,
+        window_cycles=64,
+        guaranteed=Fraction(8 * 10**8),
+        capacity=Fraction(8 * 10**8),
+        unspecified="read",
+        table_depth=64,
+    )
+    timeline = promise.mode_timeline(m, platform, s.mode("full"))
+    rows = timeline.by_row()
+    assert (
+        promise.whole_bursts(timeline, platform, rows["u1", "read"], 40)
+        == [0] * 20 + [4] * 6 + [0] * 4 + [2] * 3 + [0] * 7
+    )
+    assert promise.whole_bursts(timeline, platform, rows["u1", "write"], 40) == [0] * 6 + [3] * 4 + [0] * 30

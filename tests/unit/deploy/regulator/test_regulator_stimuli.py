@@ -1,0 +1,118 @@
+"""The script of the software in a simulation, and which table must be played in every window because of it."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import regulator_bundles as bundles
+from halpipe.deploy.regulator import stimuli
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.stimuli import NOT_RUNNING, TRAFFIC, Traffic, plan
+from profiles import examples
+
+
+def tables_of(folder, *, window="64"):
+    return read_tables(bundles.target(bundles.export(folder, *bundles.system(), window=window)).bundle)
+
+
+@pytest.fixture(scope="module")
+def tables(tmp_path_factory):
+    return tables_of(tmp_path_factory.mktemp("bundle"))
+
+
+def follow(tables, run):
+    """Which window of which table is played, cycle by cycle, from the orders and the documented rules alone.
+
+    GO counts for the end of a window if it was written before its last cycle, a request two cycles before it.
+    """
+    cycles, first = tables.platform.window_cycles, stimuli.first_window(len(tables.units))
+    orders = {cycle: (address, value) for cycle, order, address, value in run.script if order == "w"}
+    go, running, table, window, requests, seen = False, False, 0, 0, [], []
+    for cycle in range(first + cycles * len(run.expected)):
+        if cycle >= first and (cycle - first) % cycles == 0:
+            seen.append((table, window) if running else (0, NOT_RUNNING))
+        if (cycle + 1 - first) % cycles == 0 and cycle + 1 >= first:
+            in_time = [request for written, request in requests if written <= cycle - 2]
+            ends = not running or window + 1 == tables.tables[table].windows
+            if go and ends:
+                table = in_time[-1] if in_time else tables.tables[table].successor if running else 0
+                requests = [(written, request) for written, request in requests if written > cycle - 2]
+                window = 0
+            elif go:
+                window += 1
+            running = go
+        address, value = orders.get(cycle, (None, None))
+        if address == stimuli.FRAME_GO:
+            go = bool(value)
+        elif address == stimuli.FRAME_REQUEST:
+            requests.append((cycle, value))
+    return seen
+
+
+@examples(25)
+@given(seed=st.integers(0, 10**6), traffic=st.sampled_from(TRAFFIC))
+def test_what_is_expected_follows_from_the_script(seed, traffic, tables):
+    run = plan(tables, traffic, seed, windows=400)
+    assert follow(tables, run) == [(e.table, e.window) for e in run.expected]
+
+
+def test_the_runs_have_requests_too_late_in_time_and_replaced(tables):
+    """Otherwise the rule of the last two cycles would not be tested."""
+    gaps, replaced = set(), 0
+    for seed in range(30):
+        run = plan(tables, TRAFFIC[0], seed, windows=400)
+        cycles, first = tables.platform.window_cycles, stimuli.first_window(len(tables.units))
+        written = [cycle for cycle, _, address, _ in run.script if address == stimuli.FRAME_REQUEST]
+        gaps |= {(first - 1 - cycle) % cycles for cycle in written}
+        replaced += len(written) > run.switches
+    assert {0, 1, 2} <= gaps
+    assert replaced
+
+
+@pytest.mark.parametrize("traffic", TRAFFIC, ids=lambda traffic: traffic.name)
+def test_every_table_is_played_and_every_switch_made(tables, traffic):
+    run = plan(tables, traffic, 1, windows=2**31)
+    played = [e.table for e in run.expected if e.running]
+    assert set(played) == {0, 1, 2}
+    steps = {(a, b) for a, b in pairwise(played) if a != b}
+    assert steps >= {(0, 2), (2, 1), (1, 0)}
+
+
+def test_modes_without_switches_are_started_one_after_the_other(tmp_path):
+    files = bundles.export(tmp_path, *bundles.system())
+    alone = bundles.changed(files, lambda data: (data["switches"].clear(), data["tables"].pop()))
+    run = plan(read_tables(bundles.target(alone).bundle), TRAFFIC[0], 1, windows=2**31)
+    assert {e.table for e in run.expected if e.running} == {0, 1}
+    restarts = [v for _, order, address, v in run.script if order == "w" and address == stimuli.FRAME_GO]
+    assert restarts == [1, 0, 1]
+
+
+def test_more_cycles_repeat_the_modes(tables):
+    once, thrice = (plan(tables, TRAFFIC[0], 1, windows=2**31, repeats=n) for n in (1, 3))
+    plays = [[e for e in run.expected if (e.table, e.window) == (0, 0)] for run in (once, thrice)]
+    assert len(plays[1]) >= len(plays[0]) + 2
+
+
+def test_the_windows_are_bounded(tables):
+    assert len(plan(tables, TRAFFIC[0], 1, windows=17).expected) == 17
+
+
+def test_equal_seeds_give_equal_runs_and_others_do_not(tables):
+    assert plan(tables, TRAFFIC[4], 5, windows=300) == plan(tables, TRAFFIC[4], 5, windows=300)
+    assert plan(tables, TRAFFIC[4], 5, windows=300).script != plan(tables, TRAFFIC[4], 6, windows=300).script
+
+
+def test_software_writes_the_tables_before_go(tables):
+    run = plan(tables, Traffic(name="t", by_software=True), 1, windows=100)
+    go = next(cycle for cycle, _, address, _ in run.script if address == stimuli.FRAME_GO)
+    writes = [address for cycle, order, address, _ in run.script if order == "w" and cycle < go]
+    entries = sum(len(e) for table in tables.tables for e in table.entries.values())
+    in_tables = [address for address in writes if address & 0xFFFFF >= stimuli.UNIT_ENTRIES]
+    assert len(in_tables) == 3 * entries + len(tables.units)  # with a terminator each
+    assert [cycle for cycle, *_ in run.script] == sorted({cycle for cycle, *_ in run.script})
+
+
+def test_the_script_is_lines_of_text():
+    assert stimuli.format_script([(3, "w", 0x100018, 255), (9, "r", 16, 0)]) == b"3 w 100018 ff\n9 r 10 0\n"

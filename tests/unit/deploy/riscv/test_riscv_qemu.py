@@ -1,0 +1,120 @@
+"""The QEMU engine without QEMU: what it says when it is absent or hangs, and how the records of a run are judged."""
+
+import subprocess
+
+import pytest
+from riscv_target import bundle, target
+
+from halpipe.deploy.base import CheckOptions, Target
+from halpipe.deploy.riscv import DEPLOYMENT, codes, qemu
+from halpipe.deploy.riscv.expectation import PlannedExecution, PlannedJob
+from halpipe.deploy.riscv.recording import Flag, Kind, Record, Recording
+from halpipe.deploy.riscv.sequence import Played
+from halpipe.deploy.riscv.target import read_site
+from halpipe.diagnostics import HalpipeError
+from support import job, model, ms, schedule, task, version
+
+SYSTEM = model(task("a", "10ms", version("v", "1ms", "core1")), units="core1 core2")
+JOB = job(SYSTEM, "a", 0, "2ms", "core1")
+
+
+def site(machine=()):
+    described = target()
+    described["qemu"] = list(machine)
+    return described
+
+
+def check(machine, engine="qemu"):
+    tables = schedule(SYSTEM, "10ms", JOB)
+    return DEPLOYMENT.check(
+        Target(bundle=bundle(site(machine)), model=SYSTEM, schedule=tables), CheckOptions(engine=engine)
+    )
+
+
+def refused(*args):
+    with pytest.raises(HalpipeError) as failure:
+        check(*args)
+    (found,) = failure.value.diagnostics
+    return found
+
+
+def test_a_profile_without_a_machine():
+    found = refused(())
+    assert found.code == codes.ENGINE_UNFIT.id
+    assert "fu540" in found.help
+
+
+def test_without_qemu_the_way_to_install_it_is_told(monkeypatch):
+    monkeypatch.setattr(qemu.shutil, "which", lambda name: None)
+    found = refused(("-machine", "virt"))
+    assert found.code == codes.ENGINE_ABSENT.id
+    assert "apt-get install qemu-system-misc" in found.help
+
+
+def test_an_engine_that_there_is_none_of():
+    found = refused((), "quemu")
+    assert found.code == codes.BAD_REQUEST.id
+    assert "qemu" in found.help
+
+
+def test_a_run_that_does_not_end(monkeypatch):
+    def hang(command, **options):
+        raise subprocess.TimeoutExpired(command, options["timeout"])
+
+    monkeypatch.setattr(qemu.subprocess, "run", hang)
+    with pytest.raises(HalpipeError) as failure:
+        qemu._start(["qemu"])
+    assert failure.value.diagnostics[0].code == codes.ENGINE_UNFIT.id
+
+
+def test_a_program_that_cannot_be_run():
+    with pytest.raises(HalpipeError) as failure:
+        qemu._start(["/nonexistent/qemu"])
+    assert failure.value.diagnostics[0].code == codes.ENGINE_ABSENT.id
+
+
+TABLE = Played(0, "all", ms(0), ms(10), (JOB,))
+PLANNED = PlannedJob(
+    table=TABLE,
+    row=0,
+    job=JOB,
+    begin=2000,
+    end=3000,
+    transfers=(),
+    executions=(PlannedExecution(hart=1, function=0x1821000, begin=2100, end=2900, stretch=0),),
+)
+
+
+def record(kind, time, begin=0, end=0, flags=0):
+    return Record(time, begin, end, 0, 0, 0, 0, kind, Flag(flags), 0)
+
+
+def held(*records):
+    recording = Recording((record(Kind.TABLE, 0, 0, 10_000), *records), (), 0)
+    return {d.code for d in qemu.hold(read_site(bundle(target())), recording, [TABLE], [PLANNED])}
+
+
+def test_a_sound_record_is_accepted():
+    assert held(record(Kind.STOP, 2900, 2101, 2898)) == set()
+
+
+@pytest.mark.parametrize(
+    ("records", "code"),
+    [
+        ([], codes.MISSING_JOB),
+        ([record(Kind.STOP, 2900, 2099, 2898)], codes.WRONG_INSTANT),
+        ([record(Kind.STOP, 2900, 2150, 2898)], codes.WRONG_INSTANT),
+        ([record(Kind.STOP, 2900, 2101, 2200, 4)], codes.FAULT),
+        ([record(Kind.STOP, 2900, 0, 0, 8)], codes.MISSING_JOB),
+        ([record(Kind.STOP, 2900, 2101, 2898), record(Kind.COPY, 5)], codes.MISSING_TRANSFER),
+        ([record(Kind.STOP, 2900, 2101, 2898), record(Kind.DONE, 5, flags=1)], codes.TRANSFER_OUTSIDE_PHASE),
+        ([record(Kind.STOP, 2900, 2101, 2898), record(Kind.TABLE, 10_000)], codes.WRONG_TABLE),
+    ],
+)
+def test_every_deviation_of_a_record_is_found(records, code):
+    assert code.id in held(*records)
+
+
+def test_an_overrun_is_nothing_that_qemu_can_tell():
+    recording = Recording((record(Kind.STOP, 2900, 0, 0, 2),), (), 0)
+    assert [d.code for d in qemu._overrun(recording)] == [codes.ENGINE_UNFIT.id]

@@ -1,0 +1,71 @@
+"""The stage that checks bundles: it verifies the schedule that a bundle carries before its kind is played."""
+
+import pytest
+
+from halpipe.bundles import seal
+from halpipe.deploy.base import Checked, CheckOptions
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.native import paired
+from halpipe.files import write_directory
+from halpipe.importers.native import parse_model, parse_schedule
+from halpipe.pipeline import stages
+from halpipe.pipeline.stages import UNKNOWN_FORMAT, check_bundle
+from support import model, task, version
+
+
+class Listener:
+    """A kind of bundle that takes down what it is asked to check."""
+
+    name = "listener"
+    summary = "takes down what it is asked"
+    engines = ("auto",)
+
+    def check(self, target, options):
+        self.heard = (target, options)
+        return Checked(diagnostics=(), lines=("heard",))
+
+
+@pytest.fixture
+def system():
+    return model(task("a", "10ms", version("v", "1ms", "u1")))
+
+
+@pytest.fixture
+def bundle(tmp_path, system):
+    tables = stages.schedule_model(system, stages_options(), lambda *_: True).schedule
+    path = tmp_path / "bundle"
+    write_directory(str(path), seal("listener", paired(system, tables), {}))
+    return path
+
+
+def stages_options():
+    from halpipe.pipeline.schedule import SearchOptions
+
+    return SearchOptions(seed=1)
+
+
+def test_the_kind_is_asked_with_the_model_and_schedule_of_the_bundle(bundle, monkeypatch):
+    listener = Listener()
+    monkeypatch.setattr(stages, "deployment", lambda kind: {"listener": listener}[kind])
+    options = CheckOptions(seed=7)
+    assert check_bundle(str(bundle), options).lines == ("heard",)
+    target, heard = listener.heard
+    assert heard == options
+    assert target.model == parse_model((bundle / "model.xml").read_bytes(), "m")
+    assert target.schedule == parse_schedule((bundle / "schedule.xml").read_bytes(), "s")
+
+
+def test_a_schedule_that_does_not_verify_is_not_played(tmp_path, system, monkeypatch):
+    monkeypatch.setattr(stages, "deployment", lambda kind: Listener())
+    other = model(task("a", "10ms", version("v", "2ms", "u1")))
+    tables = stages.schedule_model(system, stages_options(), lambda *_: True).schedule
+    write_directory(str(tmp_path / "b"), seal("listener", paired(other, tables), {}))
+    with pytest.raises(HalpipeError) as refused:
+        check_bundle(str(tmp_path / "b"), CheckOptions())
+    assert any(d.code.startswith("HAL03") for d in refused.value.diagnostics)
+
+
+def test_an_unknown_kind_is_refused(bundle):
+    with pytest.raises(HalpipeError) as refused:
+        check_bundle(str(bundle), CheckOptions())
+    assert [d.code for d in refused.value.diagnostics] == [UNKNOWN_FORMAT.id]

@@ -1,0 +1,474 @@
+"""Every back-end: its files to the byte, their forms against each other, and the traps of the hardware as checks."""
+
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import zlib
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+from regulator_samples import PLATFORM, build, one_mode, platform, switching, two_units
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.regulator import codes
+from halpipe.exporters.regulator.backends import REGISTER, backend
+from halpipe.exporters.regulator.backends.axi_realm import OPEN, RegisterMap
+from halpipe.exporters.regulator.backends.base import comment, file_names, identifiers
+from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.platform import BACKENDS
+from support import access, job, mode, model, task, version
+
+GOLDEN = Path(__file__).parents[3] / "golden" / "exporters"
+DIGEST = "0123456789abcdef" * 4
+WIDE = {"capacity": "7.4MB/s"}
+LOW = {"table": {}, "axi-realm": {}, "qos400": {"qos400": "{clock: 1MHz}"}, "memguard": {}, "resctrl": {}}
+
+
+def low_bounds():
+    """Two modes with bounds that even one rate per unit can serve."""
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    b = task("b", 5, version("v", 3, "u2", access("mem", 0, 3, "0.3", "read"), access("mem", 2, 3, "0.1", "write")))
+    system, schedule = switching()
+    return replace(system, tasks=(a, b)), schedule
+
+
+def made(tmp_path, name, sample=low_bounds, **changes):
+    tables, findings = build(tmp_path, *sample(), backend_name=name, **(WIDE | LOW[name] | changes))
+    return tables, [*findings, *backend(name).check(tables)]
+
+
+def files(tmp_path, name, sample=low_bounds, **changes):
+    tables, found = made(tmp_path, name, sample, **changes)
+    assert [d for d in found if d.is_error] == []
+    return backend(name).write(tables, DIGEST)
+
+
+def test_the_register_has_the_back_ends_that_platforms_may_name():
+    assert tuple(REGISTER) == BACKENDS
+    with pytest.raises(HalpipeError) as refused:
+        backend("tabel")
+    (found,) = refused.value.diagnostics
+    assert (found.code, found.help) == (codes.UNKNOWN_BACKEND.id, 'did you mean "table"?')
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_golden(tmp_path, name):
+    """After a wanted change: HALPIPE_UPDATE_GOLDEN=1 pytest tests/unit/exporters/regulator."""
+    written = {n: c for n, c in files(tmp_path, name).items() if not n.startswith("rtl/") and not n.endswith(".rdl")}
+    folder = GOLDEN / "regulator" / name
+    if os.environ.get("HALPIPE_UPDATE_GOLDEN"):
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        for file, content in written.items():
+            (folder / file).write_bytes(content)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == written
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_the_same_schedule_gives_the_same_bytes(tmp_path, name):
+    assert files(tmp_path, name) == files(tmp_path, name)
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_every_text_states_the_schedule(tmp_path, name):
+    for file, content in files(tmp_path, name).items():
+        if file.endswith((".h", ".sh", ".txt")):
+            assert DIGEST.encode() in content, file
+
+
+# --------------------------------------------------------------------------------------------------- C and shell
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+@pytest.mark.parametrize(
+    ("name", "header"), [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h")]
+)
+@pytest.mark.parametrize("sample", [low_bounds, two_units])
+def test_headers_compile_without_a_warning(tmp_path, name, header, sample):
+    changes = (
+        {"qos400": "{clock: 1MHz, granularity: phase}", "capacity": "20MB/s", "bus": "512bit"}
+        if sample is two_units
+        else {}
+    )
+    (tmp_path / header).write_bytes(files(tmp_path, name, sample, **changes)[header])
+    (tmp_path / "main.c").write_text(f'#include "{header}"\n#include "{header}"\nint main(void) {{ return 0; }}\n')
+    command = [
+        "cc",
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Wno-unused-const-variable",
+        "-pedantic",
+        "-fsyntax-only",
+        "main.c",
+    ]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_the_compiled_table_says_what_the_table_object_says(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    (tmp_path / "bw_tables.h").write_bytes(backend("table").write(tables, DIGEST)["bw_tables.h"])
+    (tmp_path / "main.c").write_text(
+        '#include <stdio.h>\n#include "bw_tables.h"\nint main(void) { for (uint32_t u = 0; u < BW_UNITS; u++) {'
+        " const struct bw_unit *b = &bw_units[u]; for (uint32_t t = 0; t < BW_TABLES; t++) for (uint32_t e ="
+        " b->tables[t].base; e < (t + 1 < BW_TABLES ? b->tables[t + 1].base : b->entries); e++)"
+        ' printf("%s %u %u %u %u %u\\n", b->name, t, b->tables[t].windows, b->table[e].start_window,'
+        " b->table[e].rd_bytes, b->table[e].wr_bytes); } }\n"
+    )
+    subprocess.run(["cc", "-o", "main", "main.c"], cwd=tmp_path, check=True)
+    printed = subprocess.run(["./main"], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert printed.splitlines() == [
+        f"{unit.name} {table.index} {table.windows} {e.window} {e.read * 64} {e.write * 64}"
+        for unit in tables.units
+        for table in tables.tables
+        for e in table.entries(unit.name)
+    ]
+
+
+@pytest.mark.parametrize("name", BACKENDS)
+def test_scripts_are_shell(tmp_path, name):
+    scripts = {n: c for n, c in files(tmp_path, name).items() if n.endswith(".sh")}
+    assert bool(scripts) == (name in ("qos400", "memguard", "resctrl"))
+    for content in scripts.values():
+        subprocess.run(["sh", "-n"], input=content, check=True)
+
+
+def test_names_in_c_are_unique_and_plain():
+    found = identifiers(["a->b", "a.to.b", "a-b", "a_b", "1"])
+    assert found == ["A_TO_B", "A_TO_B_2", "A_B", "A_B_2", "1"]
+
+
+def test_file_names_are_unique_and_safe():
+    assert file_names(["a/b->c", "a:b", "a b"]) == ["0-a_b-to-c", "1-a_b", "2-a_b"]
+
+
+def test_no_name_ends_a_comment():
+    assert comment("a*/b/*c\nd") == "a*_/b/_*c\\nd"
+
+
+# ---------------------------------------------------------------------------------------------- the generic unit
+
+
+def test_the_memory_images_hold_the_entries_of_all_tables(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    written = backend("table").write(tables, DIGEST)
+    for unit in tables.units:
+        lines = written[f"unit{unit.index}.tab.memh"].decode().splitlines()
+        heads = written[f"unit{unit.index}.hdr.memh"].decode().splitlines()
+        assert lines[-1] == "ffffffff0000000000000000"
+        assert all(re.fullmatch("[0-9a-f]{24}", line) for line in lines)
+        for table, head in zip(tables.tables, heads, strict=True):
+            successor, base, windows = int(head[:2], 16), int(head[2:8], 16), int(head[8:], 16)
+            assert (successor, windows) == (table.successor, table.windows)
+            entries = table.entries(unit.name)
+            words = [(int(w[:8], 16), int(w[8:16], 16), int(w[16:], 16)) for w in lines[base : base + len(entries)]]
+            assert words == [(e.window, e.read * 64, e.write * 64) for e in entries]
+
+
+def test_the_binary_has_everything_and_a_checksum(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    data = backend("table").write(tables, DIGEST)["bw_tables.bin"]
+    assert zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "little")
+    head = struct.unpack_from("<4s4H4I32s", data)
+    assert head == (b"HBWT", 1, 2, 4, 0, 1000, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
+    units = [struct.unpack_from("<4I", data, 60 + 16 * n) for n in range(2)]
+    assert [u[0] for u in units] == [0, 2]
+    heads = struct.unpack_from("<16I", data, 60 + 32)
+    assert heads[0::2][:4] == (10, 5, 6, 10)
+    assert [word >> 24 for word in heads[1::2]] == [0, 1, 1, 0] * 2
+    total = sum(u[3] for u in units)
+    assert len(data) == 60 + 32 + 64 + 12 * total + 4
+    first = struct.unpack_from("<3I", data, 60 + 32 + 64 + 12 * (heads[1] & 0xFFFFFF))
+    assert first == (0, tables.tables[0].row(Row("u1", "read"))[0] * 64, 0)
+
+
+@pytest.mark.parametrize("position", [0, 27, 61, 100, -5, -1])
+def test_a_damaged_binary_does_not_pass_its_checksum(tmp_path, position):
+    data = bytearray(files(tmp_path, "table")["bw_tables.bin"])
+    data[position] ^= 1
+    assert zlib.crc32(data[:-4]) != int.from_bytes(data[-4:], "little")
+
+
+def test_a_memory_that_is_exactly_large_enough_is(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    needed = max(1 + sum(len(t.entries(u.name)) for t in tables.tables) for u in tables.units)
+    assert made(tmp_path, "table", table=f"{{depth: {needed}}}")[1] == []
+    found = made(tmp_path, "table", table=f"{{depth: {needed - 1}}}")[1]
+    assert {d.code for d in found} == {codes.DOES_NOT_FIT.id}
+    assert f"depth: {needed}" in found[-1].help
+
+
+def test_windows_that_are_too_short_for_the_hardware_are_refused(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    for cycles, expected in ((4, []), (3, [codes.DOES_NOT_FIT.id])):
+        short = replace(tables, platform=replace(tables.platform, cycles=cycles))
+        assert [d.code for d in backend("table").check(short)] == expected
+
+
+def test_more_units_than_one_block_serves(tmp_path):
+    tables, _ = made(tmp_path, "table")
+    for count, expected in ((63, []), (64, [codes.DOES_NOT_FIT.id])):
+        many = replace(tables, units=tuple(replace(tables.units[0], index=n) for n in range(count)))
+        assert [d.code for d in backend("table").check(many)] == expected
+
+
+def test_the_unit_and_its_registers_come_with_the_tables(tmp_path):
+    written = files(tmp_path, "table")
+    assert any(name.startswith("rtl/") for name in written)
+    described = written["regulator.rdl"].decode()
+    offsets = dict(re.findall(r"\} (\w+)(?:\[\w+\])? @(0x[0-9a-f]+)", described))
+    expected = {"CTRL": 0x8, "STATUS": 0xC, "WINDOW": 0x10, "REQ_TABLE": 0x1C, "HDR": 0x800, "TAB": 0x1000}
+    assert {name: int(offsets[name], 16) for name in expected} == expected
+    assert described.count("{") == described.count("}")
+
+
+# ---------------------------------------------------------------------------------------------------- AXI-REALM
+
+
+def test_the_register_map_is_that_of_eight_managers_with_two_regions():
+    registers = RegisterMap(8, 2)
+    assert [registers.bank(n, 0, 0) for n in range(8)] == [0x24, 0x64, 0xA4, 0xE4, 0x124, 0x164, 0x1A4, 0x1E4]
+    assert (registers.len_limit, registers.imtu_enable) == (0x14, 0x1C)
+    assert registers.bank(5, 3, 1) == 0x164 + 4 * 7
+
+
+def writes(content):
+    lines = [line.split() for line in content.decode().splitlines() if not line.startswith("#")]
+    return [(None if len(w) == 2 or w[0] == "-" else int(w[0]), int(w[-2], 16), int(w[-1], 16)) for w in lines]
+
+
+def test_set_up_claims_first_and_writes_budgets_before_periods_and_enables_last(tmp_path):
+    setup = [offset for _, offset, _ in writes(files(tmp_path, "axi-realm")["setup.txt"])]
+    assert setup[0] == 0x7FC
+    assert setup[-2:] == [0x0C, 0x1C]
+    budgets = [i for i, offset in enumerate(setup) if 0x124 <= offset < 0x1A4]
+    periods = [i for i, offset in enumerate(setup) if 0x1A4 <= offset < 0x224]
+    assert max(budgets) < min(periods)
+
+
+def test_no_budget_is_ever_zero_and_what_is_not_used_is_open(tmp_path):
+    for name, content in files(tmp_path, "axi-realm").items():
+        if name.endswith(".txt"):
+            budgets = {offset: value for _, offset, value in writes(content) if 0x124 <= offset < 0x1A4}
+            assert all(budgets.values())
+            if name == "setup.txt":
+                assert budgets[0x124] == OPEN  # u1 never writes
+                assert budgets[0x164 + 4] == OPEN  # an unused region
+                assert budgets[0x164] < OPEN
+
+
+def test_replayed_register_writes_give_the_budgets_of_the_table(tmp_path):
+    """A write in window k applies from window k + 1 on; an idle row keeps a burst."""
+    tables, _ = made(tmp_path, "axi-realm")
+    written = backend("axi-realm").write(tables, DIGEST)
+    registers = RegisterMap(8, 2)
+    for table, stem in zip(tables.tables, file_names(t.name for t in tables.tables), strict=True):
+        steps = writes(written[f"{stem}.txt"])
+        for row in tables.rows:
+            unit = next(u for u in tables.units if u.name == row.unit)
+            offset = registers.bank(5 if row.direction == "read" else 4, unit.manager, 0)
+            value = next(v for k, o, v in steps if k is None and o == offset)
+            seen = []
+            for window in range(table.windows):
+                seen.append(value)
+                value = next((v for k, o, v in steps if k == window and o == offset), value)
+            assert seen == [max(n, 1) * 64 for n in table.row(row)]
+            if table.successor == table.index:
+                assert value == seen[0]  # ready for the next cycle
+
+
+def test_reads_and_writes_of_one_manager_are_reported(tmp_path):
+    found = made(tmp_path, "axi-realm", **{"axi-realm": "{pending: 1}"})[1]
+    assert [(d.code, d.path) for d in found] == [(codes.BINDS_BOTH.id, 'unit "u2"')]
+    assert "both its reads and its writes" in found[0].message
+
+
+def test_budgets_below_what_may_be_pending_are_reported(tmp_path):
+    for pending, expected in ((10, 0), (11, 1)):  # u2 writes 10 bursts
+        found = made(tmp_path, "axi-realm", **{"axi-realm": f"{{pending: {pending}}}"})[1]
+        assert len([d for d in found if "pending" in d.message]) == expected
+
+
+def test_more_writes_than_the_handler_can_do_are_refused(tmp_path):
+    for limit, expected in ((3, []), (2, [codes.TOO_MANY_WRITES.id])):
+        settings = {"axi-realm": f"{{pending: 1, writes-per-window: {limit}}}"}
+        found = made(tmp_path, "axi-realm", **settings)[1]
+        assert [d.code for d in found if d.is_error] == expected
+
+
+def test_managers_beyond_the_register_file_are_refused(tmp_path):
+    found = made(tmp_path, "axi-realm", **{"axi-realm": "{managers: 2}"})[1]
+    assert [d.message for d in found if d.is_error] == ["manager 2 does not exist; the register file has 2"]
+    assert {d.code for d in found if d.is_error} == {codes.DOES_NOT_FIT.id}
+
+
+# ------------------------------------------------------------------------------------------------------ QoS-400
+
+
+def steps(script):
+    lines = re.findall(r"qos (\w+):ar_b=1,ar_r=(\d+),aw_b=1,aw_r=(\d+)", script.decode())
+    return {(port, d): int(r) for port, *both in lines for d, r in zip(("read", "write"), both, strict=True)}
+
+
+def test_rates_are_rounded_up_and_never_zero(tmp_path):
+    written = files(tmp_path, "qos400")
+    rate = Fraction(6_400_000 * 4096, 64 * 10**6)  # steps of a bound of 1
+    assert steps(written["0-fast.sh"]) == {
+        ("afifm2", "read"): -(-rate // 4), ("afifm2", "write"): 1, ("afifm3", "read"): 1, ("afifm3", "write"): 1,
+    }  # fmt: skip
+    assert steps(written["1-slow.sh"])["afifm3", "read"] == -(-rate * 3 // 10)
+
+
+def test_a_rate_beyond_twelve_bits_is_refused(tmp_path):
+    found = made(tmp_path, "qos400", qos400="{clock: 25kHz}")[1]
+    errors = [d for d in found if d.is_error]
+    assert {d.code for d in errors} == {codes.RATE_DOES_NOT_FIT.id}
+    assert "the register holds 4095" in errors[0].message
+
+
+def nearly_all():
+    """Two units that read 0.55 and 0.45 at the same time."""
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.55", "read")))
+    b = task("b", 10, version("v", 5, "u2", access("mem", 0, 5, "0.45", "read")))
+    system = model(a, b, units="u1 u2", resources="mem")
+    return system, one_mode(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 0, "u2"))
+
+
+def test_rates_that_do_not_all_fit_rounded_up_are_reported(tmp_path):
+    # A step is 156250 B/s; the rates are 21.82 and 17.86 steps, and two ports that only have the lowest: 40 fit.
+    rates = {"capacity": "6.4MB/s", "guaranteed": "6.2MB/s"}
+    found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates)[1]
+    assert [(d.code, d.path) for d in found] == [
+        (codes.COARSE_RATE.id, 'mode "all" unit "u1"'),
+        (codes.COARSE_RATE.id, 'mode "all" unit "u2"'),
+    ]
+    # With steps of 468750 B/s, 7 + 5 + 1 + 1 are more than the 13 that fit, though both are rounded down.
+    found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 30MHz}", **rates)[1]
+    assert [d.message for d in found if d.is_error] == [
+        "14 steps of 468750B/s are needed for all ports together, 13 fit the capacity"
+    ]
+
+
+def test_one_rate_for_a_mode_needs_the_largest_bounds_of_all_units_to_fit(tmp_path):
+    found = made(tmp_path, "qos400", two_units, capacity="8MB/s")[1]
+    (peak,) = [d for d in found if d.is_error]
+    assert peak.code == codes.RATE_DOES_NOT_FIT.id
+    assert "sum to 1.75 (u1 read 0.25, u2 read 1, u2 write 0.5)" in peak.message
+    assert "granularity: phase" in peak.help
+
+
+def test_phases_change_the_rates_when_the_bounds_change(tmp_path):
+    text = files(
+        tmp_path, "qos400", two_units, qos400="{clock: 2MHz, granularity: phase}", capacity="16MB/s", bus="512bit"
+    )["qos400.h"].decode()
+    values = [
+        (int(at), int(a, 16), int(v, 16) >> 20) for at, a, v in re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
+    ]
+    read2 = [(at, r) for at, address, r in values if address == 0xFD74A100 + 0x2C]
+    full = -(-6_400_000 * 4096 // (64 * 2 * 10**6))
+    assert read2 == [(0, full), (10**6, 1)]
+
+
+def test_rates_fall_before_others_rise(tmp_path):
+    changes = {"qos400": "{clock: 2MHz, granularity: phase}", "capacity": "16MB/s", "bus": "512bit"}
+    text = files(tmp_path, "qos400", two_units, **changes)["qos400.h"].decode()
+    written = re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
+    now, falls = {}, {}
+    for at, address, value in ((at, address, int(value, 16)) for at, address, value in written):
+        if address in now:
+            falls.setdefault(at, []).append(value < now[address])
+        now[address] = value
+    assert any(len(set(order)) == 2 for order in falls.values())
+    assert all(order == sorted(order, reverse=True) for order in falls.values())
+
+
+def test_ports_must_be_those_of_the_chip(tmp_path):
+    for port, expected in (("afifm2", []), ("afifm7", [codes.NO_MANAGER.id]), ("", [codes.NO_MANAGER.id])):
+        text = PLATFORM.replace("port: afifm2, ", f"port: {port}, " if port else "")
+        found = made(tmp_path, "qos400", text=text)[1]
+        assert [d.code for d in found if d.is_error] == expected
+    assert "afifm0" in found[0].help
+
+
+# ---------------------------------------------------------------------------------------------- MemGuard, resctrl
+
+
+def test_memguard_counts_lines_per_period_rounded_down_and_never_zero(tmp_path):
+    script = files(tmp_path, "memguard", memguard="{line: 60B}")["1-slow.sh"].decode()
+    assert f"echo 1 {int(Fraction(3, 10) * 6400 / 60)} > read_limit" in script
+    assert f"echo 1 {int(Fraction(1, 10) * 6400 / 60)} > write_limit" in script
+
+
+def test_memguard_wants_a_number_for_every_core(tmp_path):
+    for number, expected in (
+        (1, []),
+        (0, [codes.SHARED_MANAGER.id]),
+        (3, [codes.NO_MANAGER.id]),
+        (None, [codes.NO_MANAGER.id]),
+    ):
+        text = PLATFORM.replace("core: 1", f"core: {number}" if number is not None else "core: 1").replace(
+            "core: 1, " if number is None else "\0", ""
+        )
+        assert [d.code for d in made(tmp_path, "memguard", text=text)[1] if d.is_error] == expected
+
+
+def test_memguard_counts_whole_microseconds(tmp_path):
+    found = made(tmp_path, "memguard", clock="3MHz", window="1000")[1]
+    assert [d.code for d in found if d.is_error] == [codes.RATE_DOES_NOT_FIT.id]
+    assert "999 cycles (333us) or 1002 cycles (334us)" in found[-1].help
+
+
+@pytest.mark.parametrize("name", ["memguard", "resctrl"])
+def test_one_limit_per_mode_needs_the_largest_bounds_to_fit(tmp_path, name):
+    found = [d for d in made(tmp_path, name, two_units)[1] if d.is_error]
+    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+
+
+def shares(tmp_path, setting, **changes):
+    tables, found = made(tmp_path, "resctrl", resctrl=setting, **changes)
+    return json.loads(json.dumps(backend("resctrl").facts(tables)))["shares"], found
+
+
+def test_resctrl_takes_the_step_at_or_below_the_promise(tmp_path):
+    found, warnings = shares(tmp_path, "{kind: intel, min: 10, step: 10}", capacity="6.4MB/s")
+    assert found["slow"] == {"u1": 10, "u2": 40}
+    assert found["fast"]["u1"] == 20  # of 25 per cent
+    assert codes.COARSE_RATE.id in {d.code for d in warnings}
+    assert "less than" in next(d.message for d in warnings if "u1" in d.path)
+
+
+def test_resctrl_on_arm_never_rounds_up_to_more_than_the_promise(tmp_path):
+    for width in (4, 6, 8):
+        found, _ = shares(tmp_path, f"{{kind: mpam, width: {width}}}", capacity="6.4MB/s")
+        for percent, share in ((found["fast"]["u1"], Fraction(1, 4)), (found["slow"]["u2"], Fraction(4, 10))):
+            given = Fraction(max(1, int(Fraction(percent * 2**width, 100) + Fraction(1, 2))), 2**width)
+            above = Fraction(max(1, int(Fraction((percent + 1) * 2**width, 100) + Fraction(1, 2))), 2**width)
+            assert given <= share < above
+
+
+def test_resctrl_on_amd_counts_eighths_of_a_gigabyte(tmp_path):
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    system = model(a, units="u1 u2", resources="mem", modes=[mode("m", [a])])
+    schedule = one_mode(system, 10, job(system, "a", 0, 0, "u1"))
+    changes = {"clock": "1GHz", "guaranteed": "4.3GB/s", "capacity": None, "resctrl": "{kind: amd}"}
+    tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", **changes)
+    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 8, "u2": 1}}  # 1.075 GB/s are 8.6 eighths
+
+
+def test_resctrl_needs_groups(tmp_path):
+    text = PLATFORM.replace(", group: two", "")
+    found = made(tmp_path, "resctrl", text=text)[1]
+    assert [(d.code, d.path) for d in found if d.is_error] == [(codes.NO_MANAGER.id, 'unit "u2"')]
+
+
+def test_platform_settings_are_kept_with_their_defaults(tmp_path):
+    assert platform(tmp_path, resctrl="{min: 5}").settings["resctrl"] == {
+        "kind": "intel", "domain": "0", "min": "5", "step": "10", "width": "8",
+    }  # fmt: skip

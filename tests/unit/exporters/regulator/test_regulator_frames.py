@@ -1,0 +1,126 @@
+"""Which phases a table covers: circles of modes, lines of transitions, and what reaches from one into the other."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+from regulator_samples import gang, one_mode, switching, two_units
+
+from halpipe.durations import milliseconds
+from halpipe.exporters.regulator.frames import Framer, Row, grid_of
+from support import access, job, model, ms, task, version
+
+WINDOW = milliseconds(1)
+
+
+def frames(system, schedule, resource="mem", unspecified="read"):
+    grid = grid_of(system, schedule, WINDOW)
+    return Framer(system, schedule, resource, grid, unspecified).frames(), grid
+
+
+def spans(frame, grid):
+    """Every phase as (task, unit, direction, begin, end) in ms, and its bound."""
+    return sorted(
+        (p.job.task, *p.row, Fraction(p.begin, grid.window), Fraction(p.end, grid.window), p.bound)
+        for p in frame.phases
+    )
+
+
+def test_a_mode_has_the_phases_of_its_jobs_on_its_circle():
+    (frame,), grid = frames(*two_units())
+    assert spans(frame, grid) == [
+        ("reader", "u1", "read", 1, 5, Fraction(1, 4)),
+        ("writer", "u2", "read", 0, 1, 1),  # a load reads; it begins at 10 ms, which is 0 of the circle
+        ("writer", "u2", "write", 5, 7, Fraction(1, 2)),
+    ]
+    assert (frame.name, frame.kind, frame.span) == ("all", "mode", 10 * grid.window)
+
+
+def test_only_the_regulated_resource_counts():
+    t = task("t", 10, version("v", 4, "u1", access("mem", 0, 1), access("other", 1, 2)))
+    system = model(t, units="u1", resources="mem other")
+    (frame,), grid = frames(system, one_mode(system, 10, job(system, "t", 0, 0, "u1")), "other")
+    assert spans(frame, grid) == [("t", "u1", "read", 1, 2, 1)]
+
+
+def test_accesses_of_no_kind_go_where_the_platform_says():
+    t = task("t", 10, version("v", 4, "u1", access("mem", 0, 1)))
+    system = model(t, units="u1", resources="mem")
+    schedule = one_mode(system, 10, job(system, "t", 0, 0, "u1"))
+    rows = [frames(system, schedule, unspecified=d)[0][0].phases[0].row for d in ("read", "write")]
+    assert rows == [Row("u1", "read"), Row("u1", "write")]
+
+
+def test_a_gang_shares_its_bound():
+    (frame,), grid = frames(*gang())
+    assert spans(frame, grid) == [
+        ("both", "u1", "read", 1, 3, Fraction(3, 16)),
+        ("both", "u2", "read", 1, 3, Fraction(3, 16)),
+    ]
+
+
+def test_ticks_divide_every_time_of_the_schedule():
+    t = task("t", "100/3ms", version("v", 4, "u1", access("mem", "1/7us", 1)))
+    system = model(t, units="u1", resources="mem")
+    grid = grid_of(system, one_mode(system, "100/3ms", job(system, "t", 0, "0.3ms", "u1")), WINDOW)
+    for time in (ms("100/3ms"), ms("1/7us"), ms("0.3ms"), WINDOW):
+        assert grid.ns(grid.ticks(time.ns)) == time.fraction
+
+
+def test_a_transition_has_the_tail_of_the_mode_before_its_own_jobs_and_the_first_cycle_after():
+    (_, _, there, _), grid = frames(*switching())
+    assert (there.name, there.length // grid.window, there.cycles) == ("fast->slow", 1, 1)
+    assert there.span == 6 * grid.window
+    assert spans(there, grid) == [
+        ("a", "u1", "read", -3, 2, Fraction(1, 4)),  # started at 7 of 10 in the mode before
+        ("b", "u2", "read", 0, 3, Fraction(1, 2)),  # of the table: reaches into the first cycle
+        ("b", "u2", "read", 5, 8, Fraction(1, 2)),  # of the first cycle, which begins at 1; nothing wraps in
+        ("b", "u2", "write", 2, 3, Fraction(1, 10)),
+        ("b", "u2", "write", 7, 8, Fraction(1, 10)),
+    ]
+
+
+def test_a_plain_switch_has_a_table_where_something_is_still_at_work():
+    (*_, back), grid = frames(*switching())
+    assert (back.name, back.length, back.cycles, back.span // grid.window) == ("slow->fast", 0, 1, 10)
+    assert ("b", "u2", "read", -1, 2, Fraction(1, 2)) in spans(back, grid)
+
+
+def test_a_plain_switch_needs_no_table_where_nothing_wraps():
+    system, schedule = switching()
+    modes = tuple(
+        replace(m, jobs=tuple(replace(j, start=ms(0), end=j.end - j.start) for j in m.jobs)) for m in schedule.modes
+    )
+    found, _ = frames(system, replace(schedule, modes=modes, transitions=schedule.transitions[1:]))
+    assert [frame.name for frame in found] == ["fast", "slow"]
+
+
+def continued(bound):
+    """Both modes run the same task, placed alike, so that it wraps; in the second it claims `bound`."""
+    t = task(
+        "t", 10,
+        version("full", 5, "u1", access("mem", 0, 5, "0.5")),
+        version("other", 5, "u1", access("mem", 0, 5, bound)),
+    )  # fmt: skip
+    system, schedule = switching()
+    modes = tuple(
+        replace(mode, runs=(replace(mode.runs[0], task="t", versions=(name,)),))
+        for mode, name in zip(system.modes, ("full", "other"), strict=True)
+    )
+    system = replace(system, tasks=(t,), modes=modes)
+    tables = tuple(
+        replace(m, hyperperiod=ms(10), jobs=(job(system, "t", 0, 7, "u1", name),))
+        for m, name in zip(schedule.modes, ("full", "other"), strict=True)
+    )
+    switch = replace(schedule.transitions[1], source="fast", target="slow")
+    return system, replace(schedule, modes=tables, transitions=(switch,))
+
+
+def test_what_wraps_in_anyway_covers_for_a_job_that_is_still_at_work():
+    for bound in ("0.5", "0.75"):
+        found, _ = frames(*continued(bound))
+        assert [frame.name for frame in found] == ["fast", "slow"]
+
+
+def test_what_wraps_in_does_not_cover_for_a_job_that_needs_more():
+    found, _ = frames(*continued("0.4"))
+    assert [frame.name for frame in found] == ["fast", "slow", "fast->slow"]

@@ -1,0 +1,130 @@
+"""From jobs to operations: what is done when, for images whose addresses are chosen by hand."""
+
+import pytest
+
+from halpipe.diagnostics import Findings
+from halpipe.durations import Duration
+from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv.cores import MainMemory, cores_of
+from halpipe.exporters.riscv.elf import Elf, Segment, Symbol
+from halpipe.exporters.riscv.images import Image, Part
+from halpipe.exporters.riscv.operations import COPY, DONE, RUN, STOP, Operations, check_grid, check_version
+from halpipe.exporters.riscv.phases import Clock
+from halpipe.exporters.riscv.profile import Region, read_profile
+from halpipe.models import ModeSchedule, Status, TransitionTable
+from riscv_models import PHASES, deployed, moving, single
+from support import job, ms, schedule
+
+US = Duration.parse("1us")
+CLOCK = Clock(US, US * 2, {"memory": 400_000_000})
+MEMORY = MainMemory(0, 0, 0, {"input": Region(0x1000, 64), "output": Region(0x2000, 64)}, 0, 0, 0, 0)
+
+
+def image_of(version, core, at=0x100):
+    symbols = {"scale": 0x10, "numbers": 0x20, "scaled": 0x30, "hp_bss_begin": 0x40, "hp_bss_end": 0x58}
+    places = {name: Symbol(core.ispm.base + offset, 64) for name, offset in symbols.items()}
+    segments = (Segment(0, at, core.ispm.base, 400), Segment(400, at + 400, core.dspm.base, 800))
+    return Image(Part("scale", version, (core,), ()), core, "images/0.elf", Elf(segments, places))
+
+
+def operations_of(system, tables, version):
+    cores = cores_of(system, set(), read_profile("vcu118"), Findings())
+    images = {("scale", version.name, unit): image_of(version, core) for unit, core in cores.items()}
+    made = Operations(CLOCK, {"memory": 0}, MEMORY, images)
+    return made, made.tables(tables)
+
+
+def lines(program):
+    return [(o.at, o.kind, o.unit, o.source, o.target, o.size) for o in program.operations]
+
+
+def test_the_life_of_a_job():
+    system, tables = single()
+    made, [table] = operations_of(system, tables, system.tasks[0].versions[0])
+    core = 0x01820000
+    assert lines(made.programs[0]) == [
+        (0, COPY, 0, 0x100, core, 400),
+        (3, COPY, 0, 0x100 + 400, 0x01040000, 800),  # 2 us set-up and 1 us for 400 bytes later
+        (100, DONE, 0, 0, 0, 0),
+        (100, COPY, 0, 0x1000, core + 0x20, 64),
+        (200, DONE, 0, 0, 0, 0),
+        (200, RUN, 0, core + 0x10, core + 0x40, 0x18),
+        (900, STOP, 0, 0, 0, 0),
+        (900, COPY, 0, core + 0x30, 0x2000, 64),
+        (1000, DONE, 0, 0, 0, 0),
+    ]
+    assert (table.name, table.length) == ("all", 5000)
+    assert [(r.tick, r.program) for r in table.releases] == [(0, 0)]
+    copies = [o for o in made.programs[0].operations if o.kind == COPY]
+    assert [(o.limit, o.needs) for o in copies] == [(100, 7), (97, 4), (100, 3), (100, 3)]
+    assert made.programs[0].operations[5].limit == 700
+
+
+def test_a_gang_loads_and_reads_on_each_unit_and_writes_from_the_first():
+    version = deployed(units="u1 u2", gang=2)
+    system, tables = single(version, units="u1 u2")
+    made, _ = operations_of(system, tables, version)
+    operations = made.programs[0].operations
+    assert made.programs[0].units == (0, 1)
+    loads = [(o.at, o.unit) for o in operations if o.what == "image"]
+    assert loads == [(0, 0), (3, 0), (7, 1), (10, 1)]
+    assert [(o.at, o.unit) for o in operations if o.what == "input"] == [(100, 0), (103, 1)]
+    assert [(o.unit, o.rank, o.ranks) for o in operations if o.kind == RUN] == [(0, 0, 2), (1, 1, 2)]
+    assert [o.unit for o in operations if o.kind == STOP] == [0, 1]
+    assert [o.unit for o in operations if o.what == "output"] == [0]
+
+
+def test_checks_come_before_executions_and_these_before_transfers():
+    system, tables = single()
+    made, _ = operations_of(system, tables, system.tasks[0].versions[0])
+    at_100 = [o.kind for o in made.programs[0].operations if o.at == 100]
+    at_200 = [o.kind for o in made.programs[0].operations if o.at == 200]
+    assert (at_100, at_200) == ([DONE, COPY], [DONE, RUN])
+
+
+def test_jobs_share_a_program_and_tables_keep_their_order():
+    system, _ = single(period="2ms")
+    jobs = tuple(job(system, "scale", i, start, "u1") for i, start in ((0, 1), (1, 3)))
+    made, [table] = operations_of(system, schedule(system, "4ms", *reversed(jobs)), system.tasks[0].versions[0])
+    assert len(made.programs) == 1
+    assert [(r.tick, r.job.index) for r in table.releases] == [(1000, 0), (3000, 1)]
+
+
+def test_transitions_follow_the_modes():
+    system, tables = single()
+    both = ModeSchedule(name="other", hyperperiod=ms(5), status=Status.VALID, jobs=tables.modes[0].jobs)
+    switch = TransitionTable(source="all", target="other", length=ms(1), worst_latency=ms(6), status=Status.VALID)
+    tables = type(tables)(model="m", model_sha256="", modes=(tables.modes[0], both), transitions=(switch,))
+    _, found = operations_of(system, tables, system.tasks[0].versions[0])
+    assert [(t.name, t.origin, t.target, t.is_mode, t.length) for t in found] == [
+        ("all", 0, 0, True, 5000),
+        ("other", 1, 1, True, 5000),
+        ("all->other", 0, 1, False, 1000),
+    ]
+
+
+@pytest.mark.parametrize(("start", "is_on_grid"), [("0.001ms", True), ("0.0015ms", False), ("1/3ms", False)])
+def test_releases_are_ticks_of_the_timer(start, is_on_grid):
+    system, _ = single()
+    findings = Findings()
+    check_grid(schedule(system, "5ms", job(system, "scale", 0, start, "u1")), CLOCK, findings)
+    assert ([d.code for d in findings.items] == []) is is_on_grid
+    if not is_on_grid:
+        assert findings.items[0].code == OFF_GRID.id
+        assert "--tick 1us" in findings.items[0].help
+
+
+def test_hyperperiods_and_tables_are_whole_ticks():
+    _, tables = single()
+    switch = TransitionTable(source="all", target="all", length=US / 2, worst_latency=ms(6), status=Status.VALID)
+    mode = ModeSchedule(name="all", hyperperiod=US * 5 / 2, status=Status.VALID, jobs=())
+    findings = Findings()
+    check_grid(type(tables)(model="m", model_sha256="", modes=(mode,), transitions=(switch,)), CLOCK, findings)
+    assert ["hyperperiod" in d.message or "length" in d.message for d in findings.items] == [True, True]
+
+
+def test_no_order_of_execution():
+    phases = (PHASES[0], PHASES[2], moving("memory", "0.95ms", "1ms", "read", ("input", "numbers", 64)))
+    findings = Findings()
+    check_version(Part("scale", deployed(phases=phases), (), ()), CLOCK, findings)
+    assert [d.code for d in findings.items] == [PHASE_ORDER.id]

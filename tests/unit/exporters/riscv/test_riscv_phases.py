@@ -1,0 +1,94 @@
+"""What happens within a job: how long transfers take, and when the job executes."""
+
+from fractions import Fraction
+
+import pytest
+
+from halpipe.diagnostics import Findings
+from halpipe.durations import Duration
+from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
+from halpipe.exporters.riscv.phases import Clock, Stretch, check_phases, clock_of, stretches
+from halpipe.exporters.riscv.profile import read_profile
+from riscv_models import PHASES, deployed, moving, single
+
+US = Duration.parse("1us")
+CLOCK = Clock(US, US * 2, {"memory": 400_000_000})
+
+
+@pytest.mark.parametrize(
+    ("size", "ticks"),
+    [(1, 3), (400, 3), (401, 4), (800, 4), (4_000_000, 10_002)],  # 400 bytes are exactly one microsecond
+)
+def test_a_transfer_takes_setup_and_bandwidth_rounded_up(size, ticks):
+    assert CLOCK.transfer("memory", size) == ticks
+
+
+def test_the_slower_of_engine_and_resource_counts():
+    system, _ = single()
+    [resource] = system.resources
+    slow = clock_of(
+        type(system)(name="m", resources=(type(resource)(name="memory", bandwidth=1000),)), read_profile("vcu118")
+    )
+    assert slow.bandwidths == {"memory": 1000}
+    assert clock_of(system, read_profile("vcu118")).bandwidths == {"memory": 400_000_000}
+
+
+def test_boundaries_round_inwards():
+    assert CLOCK.up(US * Fraction(5, 2)) == 3
+    assert CLOCK.down(US * Fraction(5, 2)) == 2
+    assert CLOCK.up(US * 2) == CLOCK.down(US * 2) == 2
+
+
+def test_a_job_executes_between_its_last_read_and_its_first_write():
+    found, why = stretches(deployed(), 1, CLOCK)
+    assert (found, why) == ([Stretch(200, 900)], "")
+
+
+def test_gaps_before_a_read_are_idle():
+    phases = (PHASES[0], moving("memory", "0.4ms", "0.5ms", "read", ("input", "numbers", 64)), PHASES[2])
+    assert stretches(deployed(phases=phases), 1, CLOCK)[0] == [Stretch(500, 900)]
+
+
+def test_without_phases_behind_it_the_job_executes_to_its_end():
+    assert stretches(deployed(phases=PHASES[:1]), 1, CLOCK)[0] == [Stretch(100, 1000)]
+
+
+def test_one_function_for_each_gap():
+    phases = (
+        PHASES[0],
+        moving("memory", "0.4ms", "0.5ms", "write", ("output", "scaled", 64)),
+        moving("memory", "0.5ms", "0.6ms", "read", ("input", "numbers", 64)),
+    )
+    assert stretches(deployed(phases=phases), 2, CLOCK)[0] == [Stretch(100, 400), Stretch(600, 1000)]
+    assert stretches(deployed(phases=phases), 1, CLOCK)[0] == []
+    found, why = stretches(deployed(phases=phases), 3, CLOCK)
+    assert not found
+    assert "2 stretches of time for 3 functions" in why
+
+
+def test_no_time_left_is_no_stretch():
+    phases = (moving("memory", "0ms", "0.9ms", "load"), PHASES[2])
+    assert stretches(deployed(phases=phases), 1, CLOCK)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("phases", "code"),
+    [
+        (PHASES[1:], NO_LOAD_PHASE),
+        ((moving("memory", "0.1ms", "0.2ms", "load"),), NO_LOAD_PHASE),
+        ((PHASES[0], moving("memory", "0.5ms", "0.6ms", "load")), PHASE_ORDER),
+        ((moving("memory", "0ms", "0.1ms", "load", bound="1/2"),), SHARED_PHASE),
+        ((PHASES[0], moving("memory", "0.1ms", "0.2ms", None, ("input", "numbers", 64))), KINDLESS_PHASE),
+    ],
+)
+def test_phases_that_cannot_be_played(phases, code):
+    findings = Findings()
+    assert not check_phases(deployed(phases=phases), "here", findings)
+    assert code.id in {found.code for found in findings.items}
+    assert all(found.path == "here" and found.help for found in findings.items)
+
+
+def test_phases_that_move_nothing_are_left_alone():
+    findings = Findings()
+    phases = (*PHASES, moving("memory", "0.5ms", "0.6ms", None, bound="1/2"))
+    assert check_phases(deployed(phases=phases), "here", findings)

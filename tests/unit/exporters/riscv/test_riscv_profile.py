@@ -1,0 +1,92 @@
+"""Profiles: those that come with halpipe are sound, and a user's own is held to the same rules."""
+
+from fractions import Fraction
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration
+from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
+from halpipe.exporters.riscv.profile import FOLDER, names, read_profile
+
+VCU118 = (FOLDER / "vcu118.yaml").read_text()
+
+
+def refusal(folder, text):
+    path = folder / "mine.yaml"
+    path.write_text(text)
+    with pytest.raises(HalpipeError) as caught:
+        read_profile(str(path))
+    return caught.value.diagnostics
+
+
+@pytest.mark.parametrize("name", names())
+def test_builtin_profiles_have_room_for_jobs(name):
+    profile = read_profile(name)
+    assert profile.code_room > 100 * 1024
+    assert profile.data_room > 240 * 1024
+    assert profile.tick * profile.timebase == Duration.parse("1s")
+
+
+def test_the_papers_platform():
+    """Section V: four cores, each with 120 KiB for instructions and 256 KiB for data."""
+    profile = read_profile("vcu118")
+    assert (profile.cores, profile.ispm.size, profile.dspm.size) == (4, 120 * 1024, 256 * 1024)
+    assert profile.tick.fraction == Fraction(1000)
+
+
+def test_a_profile_of_ones_own(tmp_path):
+    path = tmp_path / "board.yaml"
+    path.write_text(VCU118.replace("cores: 4", "cores: 2").replace("400MB/s", "100MB/s"))
+    profile = read_profile(str(path))
+    assert (profile.name, profile.cores, profile.dma.bandwidth) == ("board", 2, 100_000_000)
+
+
+def test_unknown_profile_names_the_nearest():
+    with pytest.raises(HalpipeError) as caught:
+        read_profile("vcu119")
+    [found] = caught.value.diagnostics
+    assert found.code == UNKNOWN_PROFILE.id
+    assert "vcu118" in found.help
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("halpipe-profile: 1", "halpipe-profile: 2", "no profile of version 1"),
+        ("stride: 0x20000", "stride: 0x1000", "overlap"),
+        ("base: 0x01820000", "base: 0x01820010", "multiples of 4 KiB"),
+        ("size: 120KiB", "size: 4KiB", "no room beside the monitor"),
+        ("stack: 8KiB", "stack: 256KiB", "no room beside stack"),
+        ("base: 0x80000000", "base: 0xffffffffff", "multiples of 4 KiB"),
+    ],
+)
+def test_contradictions_are_told(tmp_path, old, new, said):
+    found = refusal(tmp_path, VCU118.replace(old, new))
+    assert {d.code for d in found} == {BAD_PROFILE.id}
+    assert any(said in d.message for d in found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("cores: 4", "cores: 0"),
+        ("cores: 4", "cores: many"),
+        ("clint: 0x02000000", "clint: here"),
+        ("kind: pdma", "kind: magic"),
+        ("bandwidth: 400MB/s", "bandwidth: 0B/s"),
+        ("size: 64MiB", "size: 64"),
+        ("setup: 2us", "setup: 2"),
+        ("clint: 0x02000000\n", ""),
+        ("cores: 4", "coers: 4"),
+    ],
+)
+def test_unusable_values_have_a_line(tmp_path, old, new):
+    assert old in VCU118
+    found = refusal(tmp_path, VCU118.replace(old, new))
+    assert all(d.at.line and d.help for d in found)
+
+
+def test_all_faults_at_once(tmp_path):
+    found = refusal(tmp_path, VCU118.replace("cores: 4", "cores: 0").replace("kind: pdma", "kind: magic"))
+    assert len(found) == 2

@@ -1,0 +1,104 @@
+"""Sources are found below one folder, with the headers they include, and nothing else of the machine is."""
+
+import pytest
+
+from halpipe.diagnostics import Findings
+from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
+from halpipe.exporters.riscv.sources import SourceTree
+from riscv_models import deployed
+from support import version
+
+
+@pytest.fixture
+def tree(tmp_path):
+    folder = tmp_path / "sources"
+    folder.mkdir()
+    return SourceTree(folder, Findings())
+
+
+def codes(tree):
+    return [found.code for found in tree.findings.items]
+
+
+def test_files_and_what_they_include(tree):
+    (tree.folder / "lib").mkdir()
+    (tree.folder / "a.c").write_text('#include "lib/b.h"\n#include <stdint.h>\n  #  include "lib/absent.h"\n')
+    (tree.folder / "lib/b.h").write_text('#include "c.h"\n#include "../d.h"\n')
+    (tree.folder / "lib/c.h").write_text("")
+    (tree.folder / "d.h").write_text('#include "lib/b.h"\n')
+    assert tree.add(deployed(files="a.c lib/c.h"), "here") == ["src/a.c"]
+    assert sorted(tree.files) == ["src/a.c", "src/d.h", "src/lib/b.h", "src/lib/c.h"]
+    assert codes(tree) == []
+
+
+def test_a_version_without_sources(tree):
+    assert tree.add(version(), "here") == []
+    assert codes(tree) == [NO_SOURCE.id]
+
+
+def test_a_missing_file_names_where_it_was_sought(tree):
+    tree.add(deployed(files="absent.c"), "here")
+    assert codes(tree) == [MISSING_FILE.id]
+    assert str(tree.folder) in tree.findings.items[0].help
+
+
+@pytest.mark.parametrize("name", ["../secret.c", "lib/../../secret.c", "/etc/passwd"])
+def test_no_way_out_by_name(tree, name):
+    (tree.folder.parent / "secret.c").write_text("int secret;")
+    tree.add(deployed(files=name), "here")
+    assert codes(tree) == [OUTSIDE_FILE.id]
+    assert tree.files == {}
+
+
+def test_no_way_out_by_link(tree):
+    (tree.folder.parent / "secret.c").write_text("int secret;")
+    (tree.folder / "innocent.c").symlink_to("../secret.c")
+    tree.add(deployed(files="innocent.c"), "here")
+    assert codes(tree) == [OUTSIDE_FILE.id]
+    assert tree.files == {}
+
+
+def test_no_way_out_by_include(tree):
+    (tree.folder.parent / "secret.h").write_text("")
+    (tree.folder / "a.c").write_text('#include "../secret.h"\n')
+    tree.add(deployed(files="a.c"), "here")
+    assert codes(tree) == [OUTSIDE_FILE.id]
+    assert list(tree.files) == ["src/a.c"]
+
+
+def test_links_inside_are_fine(tree):
+    (tree.folder / "real.c").write_text("int x;")
+    (tree.folder / "alias.c").symlink_to("real.c")
+    assert tree.add(deployed(files="alias.c"), "here") == ["src/alias.c"]
+    assert codes(tree) == []
+
+
+@pytest.mark.parametrize("entry", ["2step", "step;x", "a-b", "x" * 300])
+def test_entries_are_c_identifiers(tree, entry):
+    (tree.folder / "scale.c").write_text("")
+    tree.add(deployed(entry=entry), "here")
+    assert codes(tree) == [BAD_NAME.id]
+
+
+@pytest.mark.parametrize("define", ["A B", "-DX", "A=$(rm)", "1=2", "-include/etc/passwd"])
+def test_definitions_are_definitions(tree, define):
+    (tree.folder / "scale.c").write_text("")
+    version = deployed()
+    source = type(version.source)(files=("scale.c",), entry="scale", defines=(define,))
+    tree.add(type(version)(name="v", wcet=version.wcet, units=("u1",), source=source), "here")
+    assert codes(tree) == [BAD_NAME.id]
+
+
+@pytest.mark.parametrize("name", [".hidden.c", "a$b.c", "x;y.c"])
+def test_file_names_are_plain(tree, name):
+    (tree.folder / name).write_text("")
+    tree.add(deployed(files=name), "here")
+    assert codes(tree) == [BAD_NAME.id]
+
+
+def test_a_long_chain_of_headers(tree):
+    for i in range(3000):
+        (tree.folder / f"h{i}.h").write_text(f'#include "h{i + 1}.h"\n')
+    (tree.folder / "a.c").write_text('#include "h0.h"\n')
+    assert tree.add(deployed(files="a.c"), "here") == ["src/a.c"]
+    assert len(tree.files) == 3001

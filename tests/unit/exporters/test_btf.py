@@ -1,0 +1,168 @@
+"""BTF: every line keeps the rules that viewers go by, and a comparison with the schedule finds nothing."""
+
+import re
+from itertools import pairwise
+
+import pytest
+from exporter_samples import many, roboracer, thirds, two_modes
+from golden_file import assert_golden
+
+from halpipe.diagnostics import Findings, Severity
+from halpipe.durations import ZERO
+from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.btf import FORMAT, BtfOptions
+from halpipe.exporters.btf.events import tour
+from halpipe.exporters.trace import FORMAT as TRACE
+from halpipe.fields import Fields
+from halpipe.files import parse_yaml
+from halpipe.importers.traces.read import parse_traces
+from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.pipeline.compare import CompareOptions, compare
+from support import ms
+
+ROUNDING = ms("1ns")
+TASK_EVENTS = {"activate", "start", "preempt", "resume", "terminate"}
+
+
+def write(system, planned, **options):
+    return FORMAT.write(system, planned, BtfOptions(**options))[""].decode()
+
+
+def rows(text):
+    return [line.split(",") for line in text.splitlines() if line and not line.startswith("#")]
+
+
+def violations(text):
+    """What Trace Compass would drop, throw on or not show: written from its rules, not from the exporter."""
+    found = []
+    header = [line for line in text.splitlines() if line.startswith("#")]
+    needed = [
+        r"#version 2\.\d+\.\d+",
+        r"#creator .+",
+        r"#creationDate \d{4}-\d\d-\d\dT[\d:]+Z",
+        r"#timeScale (ns|us|ms|s)",
+    ]
+    found += [pattern for pattern in needed if not any(re.fullmatch(pattern, line) for line in header)]
+    last, active = None, {}
+    for row in rows(text):
+        if len(row) not in (7, 8):
+            found.append(("columns", row))
+            continue
+        time, source, source_instance, kind, target, instance, event = row[:7]
+        whole = all(re.fullmatch(r"\d+", number) for number in (time, source_instance, instance))
+        if not whole or any(c.isspace() for c in source + target):
+            found.append(("numbers", row))
+            continue
+        if last is not None and int(time) < last:
+            found.append(("order", row))
+        last = int(time)
+        if kind == "STI":
+            found += [] if event == "trigger" else [("stimulus", row)]
+        elif kind != "T" or event not in TASK_EVENTS:
+            found.append(("type or event", row))
+        elif event == "activate":
+            found += [] if source.startswith("STI_") else [("activated by", row)]
+        else:
+            if not source.startswith("Core") or not target.startswith("TASK"):
+                found.append(("not shown", row))
+            key = (target, instance)
+            if event == "start":
+                if key in active or source in active.values():
+                    found.append(("core is busy", row))
+                active[key] = source
+            elif active.pop(key, None) != source:
+                found.append(("ends elsewhere", row))
+    return found
+
+
+@pytest.mark.parametrize("sample", [roboracer, two_modes, thirds, lambda: many(units=4, jobs_per_unit=10)])
+@pytest.mark.parametrize("cycles", [1, 3])
+def test_every_line_keeps_the_rules_of_viewers(sample, cycles):
+    assert violations(write(*sample(), cycles=cycles)) == []
+
+
+def test_the_rules_are_no_formality():
+    text = write(*roboracer())
+    for broken in (
+        text.replace("#timeScale ns", "#timeScale fs"),
+        text.replace("Core_", "Kern_"),
+        text.replace(",terminate", ",finish", 1),
+        text.replace(",start\n", ",start\n", 1).replace(",0,T,", ",x,T,", 1),
+        text
+        + text.splitlines()[-1].replace("terminate", "start")
+        + "\n"
+        + text.splitlines()[-1]
+        + "\n0,a,0,T,b,0,start\n",
+    ):
+        assert violations(broken)
+
+
+@pytest.mark.parametrize("sample", [roboracer, two_modes, thirds, lambda: many(units=4, jobs_per_unit=10)])
+@pytest.mark.parametrize("exporter", [FORMAT, TRACE])
+def test_what_is_exported_compares_clean(sample, exporter):
+    system, planned = sample()
+    text = exporter.write(system, planned, ExportOptions())[""]
+    recording = parse_traces(text, "trace")
+    assert recording.traces
+    for line in recording.traces:
+        answer = compare(
+            planned, line, CompareOptions(tolerance=ZERO if sample in (roboracer, two_modes) else ROUNDING)
+        )
+        assert [d for d in answer.diagnostics if d.severity is Severity.ERROR] == []
+        assert all(row.seen for row in answer.rows)
+
+
+def test_the_trace_is_golden():
+    assert_golden("roboracer.btf", write(*roboracer()))
+
+
+def test_instants_between_nanoseconds_are_rounded_down_and_counted():
+    text = write(*thirds())
+    (count,) = re.findall(r"# (\d+) instants rounded down", text)
+    assert int(count) > 0
+    assert "# 0 instants rounded down" in write(*roboracer())
+
+
+def planned_of(modes, switches):
+    tables = tuple(ModeSchedule(name=m, hyperperiod=ms(10), status=Status.VALID, jobs=()) for m in modes)
+    between = tuple(
+        TransitionTable(source=a, target=b, length=ms(1), worst_latency=ms(1), status=Status.VALID) for a, b in switches
+    )
+    return Schedule(model="m", model_sha256="", modes=tables, transitions=between)
+
+
+@pytest.mark.parametrize(
+    ("switches", "unreached"),
+    [
+        ("ab ba", []),
+        ("ab bc ca ac", []),
+        ("ab bc cb ba", []),
+        ("ab ac", ["a->c"]),  # b and c are dead ends: one run cannot visit both
+        ("bc", ["b", "c", "b->c"]),
+        ("", ["b", "c"]),
+    ],
+)
+def test_a_run_takes_every_switch_that_it_can(switches, unreached):
+    planned = planned_of("abc" if "c" in switches or not switches else "ab", [tuple(s) for s in switches.split()])
+    pieces, missed = tour(planned, 2)
+    assert [m for m in missed if m not in ("c",) or m in unreached] == unreached
+    names = [piece.name for piece in pieces]
+    for before, after in pairwise(names):
+        assert after == before or after.startswith(f"{before}->") or before.endswith(f"->{after}")
+    for before, after in pairwise(pieces):
+        assert after.start - before.start == (ms(1) if "->" in before.name else ms(10))
+
+
+def settings(text):
+    findings = Findings()
+    fields = Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "export", FORMAT.keys)
+    return FORMAT.options(ExportOptions(title="t", mode="m"), fields, "."), findings.items
+
+
+def test_a_pipeline_file_states_the_cycles():
+    assert settings("{cycles: 7}") == (BtfOptions(title="t", mode="m", cycles=7), [])
+
+
+@pytest.mark.parametrize("cycles", ["0", "-1", "x", "1001", "99999999999"])
+def test_cycles_that_are_none(cycles):
+    assert [d.code for d in settings(f"{{cycles: {cycles}}}")[1]] == ["HAL0023"]

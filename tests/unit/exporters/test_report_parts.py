@@ -1,0 +1,203 @@
+"""The graph of modes, the slowest ways through chains, and the account of the import, as the page draws them."""
+
+import json
+from dataclasses import replace
+from itertools import combinations, pairwise
+from types import SimpleNamespace
+
+import pytest
+from exporter_samples import many, roboracer, two_modes
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.durations import ZERO, Duration
+from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.codes import NO_IMPORT_REPORT
+from halpipe.exporters.report import FORMAT, ReportOptions
+from halpipe.exporters.report.account import build_account
+from halpipe.exporters.report.chains import worst_age, worst_reaction
+from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
+from halpipe.fields import Fields
+from halpipe.files import parse_yaml
+from halpipe.importers.account import format_account
+from halpipe.importers.base import Coverage, Imported
+from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
+from halpipe.pipeline import latency
+from support import model, ms, task, version
+
+# ------------------------------------------------------------------------------------------------ modes
+
+
+def system_of(count, switches=()):
+    blink = task("a", "10ms", version())
+    names = [f"m{n}" for n in range(count)]
+    owner = model(blink, modes=[Mode(name=name, runs=()) for name in names], transitions=[(*s, None) for s in switches])
+    tables = tuple(ModeSchedule(name=name, hyperperiod=ms(10), status=Status.VALID, jobs=()) for name in names)
+    between = tuple(
+        TransitionTable(source=a, target=b, length=ms(1), worst_latency=ms(11), status=Status.VALID)
+        for a, b in switches
+    )
+    return owner, Schedule(model="m", model_sha256="", modes=tables, transitions=between)
+
+
+@pytest.mark.parametrize("count", range(2, MOST_MODES + 1))
+def test_no_two_modes_are_drawn_on_each_other(count):
+    graph = build_mode_graph(*system_of(count))
+    assert len(graph.nodes) == count
+    for one, other in combinations(graph.nodes, 2):
+        assert abs(one.x - other.x) >= NODE_WIDTH or abs(one.y - other.y) >= NODE_HEIGHT, (one, other)
+    for node in graph.nodes:
+        assert NODE_WIDTH // 2 <= node.x <= WIDTH - NODE_WIDTH // 2
+        assert NODE_HEIGHT // 2 <= node.y <= graph.height - NODE_HEIGHT // 2
+
+
+@pytest.mark.parametrize("count", [0, 1, MOST_MODES + 1])
+def test_a_graph_that_says_nothing_or_too_much_is_not_drawn(count):
+    assert build_mode_graph(*system_of(count)) is None
+
+
+def test_every_allowed_switch_is_an_arrow_of_its_kind():
+    owner, planned = system_of(3, [("m0", "m1"), ("m1", "m0"), ("m1", "m2")])
+    first, second, third = planned.transitions
+    tables = (replace(first, length=ZERO), replace(second, status=Status.NOT_FOUND))
+    graph = build_mode_graph(owner, replace(planned, transitions=tables))
+    assert [(arrow.label, arrow.kind) for arrow in graph.arrows] == [
+        ("0", "ok"),
+        ("1ms", "bad"),
+        ("no table", "missing"),
+    ]
+    assert len({arrow.path for arrow in graph.arrows}) == 3
+    assert [kind for kind, _ in graph.legend] == ["ok", "missing", "bad"]
+    assert third.length == ms(1)
+
+
+def test_a_switch_to_a_mode_that_is_not_shown_has_no_arrow():
+    owner, planned = system_of(3, [("m0", "m1"), ("m1", "m2")])
+    graph = build_mode_graph(owner, replace(planned, modes=planned.modes[:2], transitions=planned.transitions[:1]))
+    assert [arrow.title.split(":")[0] for arrow in graph.arrows] == ["m0 to m1"]
+
+
+# ------------------------------------------------------------------------------------------------ chains
+
+
+@st.composite
+def circles(draw):
+    """Any jobs of three tasks on a circle; the ways through them must be as long as the latencies say."""
+    hyperperiod = draw(st.integers(4, 30))
+    jobs = []
+    for name in "abc":
+        starts = draw(st.lists(st.integers(0, hyperperiod - 1), min_size=1, max_size=4, unique=True))
+        length = draw(st.integers(1, hyperperiod))
+        for index, start in enumerate(sorted(starts)):
+            times = {"start": Duration(start), "end": Duration(start + length)}
+            jobs.append(Job(task=name, index=index, version="v", units=("u",), **times))
+    return ModeSchedule(name="all", hyperperiod=Duration(hyperperiod), status=Status.VALID, jobs=tuple(jobs))
+
+
+def placed(job):
+    return SimpleNamespace(start=job.start.ns, end=job.end.ns, wcet=(job.end - job.start).ns)
+
+
+@given(circles(), st.sampled_from(["abc", "ab", "ca", "a", "cba"]))
+def test_the_ways_are_as_long_as_the_latencies(table, names):
+    chain = Chain(name="c", tasks=tuple(names))
+    reaction, age = worst_reaction(chain, table), worst_age(chain, table)
+    members = [
+        [
+            SimpleNamespace(start=j.start.ns, end=j.end.ns, wcet=(j.end - j.start).ns)
+            for j in table.jobs
+            if j.task == name
+        ]
+        for name in names
+    ]
+    hyperperiod = table.hyperperiod.ns
+    assert (reaction[-1].end - reaction[0].start).ns == latency.worst_reaction(members, hyperperiod)
+    assert (age[-1].end - age[0].start).ns == latency.worst_age(members, hyperperiod)
+    assert [hop.task for hop in reaction[1:]] == [hop.task for hop in age] == list(names)
+    for way in (reaction[1:], age):
+        assert all(after.start >= before.end for before, after in pairwise(way))
+
+
+def test_a_chain_through_a_task_without_jobs_has_no_way():
+    table = ModeSchedule(name="all", hyperperiod=ms(10), status=Status.VALID, jobs=())
+    chain = Chain(name="c", tasks=("a",))
+    assert worst_reaction(chain, table) == worst_age(chain, table) == []
+
+
+# ------------------------------------------------------------------------------------------------ account
+
+
+@pytest.fixture
+def account(tmp_path):
+    coverage = Coverage()
+    coverage.mapped("node", 3)
+    coverage.ignored("topic", "/rosout", "plumbing")
+    coverage.defaulted("/a", "units", "core0")
+    path = tmp_path / "import.json"
+    path.write_bytes(format_account(Imported(model=model(), diagnostics=(), coverage=coverage)))
+    return path
+
+
+def test_the_account_counts_what_was_read_and_says_why_not(account):
+    owner = model(task("a", "10ms", version()))
+    owner = replace(owner, tasks=(replace(owner.tasks[0], origin=Origin("graph.yaml", 3)),))
+    built = build_account(owner, str(account))
+    assert built.elements == (("node", 3, 3, 0), ("topic", 1, 0, 1))
+    assert built.share == "3 of 4 elements shaped the model (75%)"
+    assert (built.reasons, built.defaults) == ((("plumbing", 1),), (("units", "core0", 1),))
+    counts = {row.file: dict(zip(built.kinds, row.counts, strict=True)) for row in built.sources}
+    assert counts["graph.yaml"]["tasks"] == counts["graph.yaml"]["versions"] == 1
+    assert counts[""]["units"] == 1
+    assert built.sources[-1].file == ""
+
+
+def test_a_model_written_by_hand_has_no_account():
+    assert build_account(model(task("a", "10ms", version())), "") is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        None,
+        {"halpipe-import-report": 2},
+        {"elements": {}},
+        {"elements": [{"kind": "x"}]},
+        {"ignored": [3]},
+        {"defaults": 1},
+    ],
+)
+def test_what_is_no_import_report(account, change):
+    account.write_text("{" if change is None else json.dumps(json.loads(account.read_text()) | change))
+    with pytest.raises(HalpipeError) as refused:
+        build_account(model(), str(account))
+    assert [d.code for d in refused.value.diagnostics] == [NO_IMPORT_REPORT.id]
+
+
+def test_a_pipeline_file_names_the_import_report_relative_to_itself():
+    findings = Findings()
+    fields = Fields("p.yaml", findings, parse_yaml(b"{import-report: out/i.json}", "p.yaml"), "export", FORMAT.keys)
+    assert FORMAT.options(ExportOptions(mode="m"), fields, "/base").import_report == "/base/out/i.json"
+
+
+# ------------------------------------------------------------------------------------------------ page
+
+
+def test_the_page_has_all_parts(account):
+    page = FORMAT.write(*two_modes(), ReportOptions(import_report=str(account)))[""].decode()
+    for text in (
+        'class="modes"',
+        "The slowest way through",
+        "Where the model comes from",
+        "plumbing",
+        "<dt>hyperperiod</dt>",
+    ):
+        assert text in page
+    alone = FORMAT.write(*roboracer(), ReportOptions())[""].decode()
+    assert 'class="modes"' not in alone
+
+
+@pytest.mark.slow  # ten thousand jobs; test_a_wide_schedule_stays_small has two thousand
+def test_a_large_page_stays_within_a_few_megabytes():
+    page = FORMAT.write(*many(units=40, jobs_per_unit=250), ReportOptions())[""]
+    assert len(page) < 8_000_000

@@ -1,0 +1,223 @@
+"""ROS executors: the timers start every job when the schedule says, and what they cannot do is said."""
+
+from fractions import Fraction
+
+import pytest
+import yaml
+from exporter_samples import roboracer, thirds, two_modes
+from golden_file import assert_golden
+
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.codes import NEEDS_SCHEDULE
+from halpipe.exporters.ros import FORMAT, RosOptions, codes
+from halpipe.exporters.ros.settings import cpu_number, cpus_of, priority
+from halpipe.exporters.ros.unrealised import unrealised
+from halpipe.fields import Fields
+from halpipe.files import parse_yaml
+from support import access, job, model, schedule, task, version
+
+
+def write(system, planned, **options):
+    return FORMAT.write(system, planned, RosOptions(**options))[""].decode()
+
+
+def document(system, planned, **options):
+    return yaml.safe_load(write(system, planned, **options))
+
+
+def timers(written, mode=0):
+    """(executor, task, timer) of a mode."""
+    return [
+        (executor["name"], group["task"], timer)
+        for executor in written["modes"][mode]["executors"]
+        for group in executor["callback-groups"]
+        for timer in group["timers"]
+    ]
+
+
+def starts(written, mode=0):
+    """Every start within one cycle, by playing the timers: (task, version, executor, ns)."""
+    cycle = written["modes"][mode]["cycle-ns"]
+    found = []
+    for executor, owner, timer in timers(written, mode):
+        assert cycle % timer["period-ns"] == 0
+        assert 0 <= timer["offset-ns"] < timer["period-ns"]
+        for turn in range(cycle // timer["period-ns"]):
+            found.append((owner, timer["version"], executor, timer["offset-ns"] + turn * timer["period-ns"]))
+    return sorted(found)
+
+
+def expected(table):
+    """The same from the schedule: jobs of as many hyperperiods as make whole nanoseconds."""
+    turns = Fraction(table.hyperperiod.ns).denominator
+    return sorted(
+        (j.task, j.version, j.units[0], int(j.start.ns + turn * table.hyperperiod.ns))
+        for j in table.jobs
+        for turn in range(turns)
+    )
+
+
+@pytest.mark.parametrize("sample", [roboracer, thirds, two_modes])
+def test_timers_start_every_job_and_nothing_else(sample):
+    system, planned = sample()
+    written = document(system, planned)
+    for position, table in enumerate(planned.modes):
+        assert starts(written, position) == expected(table)
+
+
+def test_the_document():
+    assert_golden("roboracer.executors.yaml", write(*roboracer(), cpus={"core1": 2, "core2": 3}))
+
+
+def test_a_task_that_recurs_evenly_has_one_timer_and_others_have_one_for_each_job():
+    even, odd = task("even", 10, version()), task("odd", 10, version(), slack=1)
+    system = model(even, odd, task("slow", 20, version()))
+    planned = schedule(
+        system,
+        20,
+        *(job(system, "even", k, 10 * k + 3, "u1") for k in range(2)),
+        job(system, "odd", 0, 0, "u1"),
+        job(system, "odd", 1, 11, "u1"),
+        job(system, "slow", 0, 16, "u1"),
+    )
+    found = [(owner, timer.get("job"), timer["period-ns"]) for _, owner, timer in timers(document(system, planned))]
+    assert found == [
+        ("even", None, 10_000_000),
+        ("odd", 0, 20_000_000),
+        ("odd", 1, 20_000_000),
+        ("slow", None, 20_000_000),
+    ]
+
+
+def test_a_task_that_changes_its_unit_has_a_group_on_each_executor():
+    system = model(task("a", 10, version(units="u1 u2")), task("b", 20, version(units="u1 u2")), units="u1 u2")
+    planned = schedule(
+        system, 20, job(system, "a", 0, 0, "u1"), job(system, "a", 1, 10, "u2"), job(system, "b", 0, 5, "u2")
+    )
+    groups = [
+        group["name"]
+        for executor in document(system, planned)["modes"][0]["executors"]
+        for group in executor["callback-groups"]
+    ]
+    assert groups == ["a@u1", "a@u2", "b@u2"]
+
+
+def test_cpus_are_stated_or_in_order_or_left_open():
+    system, planned = roboracer()
+    assert [unit["cpu"] for unit in document(system, planned)["units"]] == [0, 1, 2, 3]
+    stated = document(system, planned, cpus={"core2": 7})
+    assert [unit.get("cpu") for unit in stated["units"]] == [None, 7, None, None]
+    assert {e["name"]: e.get("cpu") for e in stated["modes"][0]["executors"]}["core2"] == 7
+
+
+def test_the_priority_is_that_of_the_executors():
+    assert document(*roboracer(), priority=42)["scheduling"] == {"policy": "SCHED_FIFO", "priority": 42}
+
+
+def refusal(system, planned, **options):
+    with pytest.raises(HalpipeError) as caught:
+        write(system, planned, **options)
+    return caught.value.diagnostics
+
+
+def test_wrong_cpus_are_all_named():
+    found = refusal(*roboracer(), cpus={"core1": 1, "core2": 1, "core_3": 2})
+    assert [(d.code, d.path) for d in found] == [
+        (codes.BAD_CPU.id, 'unit "core2"'),
+        (codes.BAD_CPU.id, 'unit "core_3"'),
+    ]
+    assert "core3" in found[1].help
+
+
+def test_a_cycle_may_have_as_many_jobs_as_there_may_be_timers_and_no_more(monkeypatch):
+    monkeypatch.setattr("halpipe.exporters.ros.timers.MOST_TIMERS", 30)
+
+    def system_of(denominator):
+        period = f"1/{denominator}ns"
+        system = model(task("a", period, version(wcet="0ns")))
+        return system, schedule(system, period, job(system, "a", 0, 0, "u1"))
+
+    assert len(timers(document(*system_of(30)))) == 30
+    (found,) = refusal(*system_of(31))
+    assert found.code == codes.TOO_FINE.id
+
+
+def test_a_schedule_is_needed():
+    (found,) = refusal(roboracer()[0], None)
+    assert found.code == NEEDS_SCHEDULE.id
+
+
+def messages(system, planned, **options):
+    found = unrealised(system, planned, RosOptions(**options))
+    assert {d.code for d in found} <= {codes.UNREALISED.id}
+    said = [d.message for d in found]
+    assert document(system, planned, **options)["not-realised"] == said
+    return said
+
+
+def test_what_executors_do_fully_needs_no_words():
+    system = model(task("a", 10, version()))
+    assert messages(system, schedule(system, 10, job(system, "a", 0, 0, "u1")), cpus={"u1": 0}) == []
+
+
+def test_what_executors_cannot_do_is_said():
+    gang = version("g", "1ms", "u1 u2", gang=2)
+    system = model(
+        task("a", "1/3ms", version("v", "0.1ms", "u1", access("r", 0, "0.1ms"))),
+        task("b", None, gang),
+        units="u1 u2",
+        resources="r",
+    )
+    planned = schedule(system, "1/3ms", job(system, "a", 0, "1/6ms", "u1"), job(system, "b", 0, 0, "u1 u2", "g"))
+    planned = schedule(system, "4/3ms", *planned.modes[0].jobs)
+    assert messages(system, planned, cpus={"u1": 0}) == [
+        'started by timers, not by their messages: "b"',
+        'run on one CPU, though they occupy several units: "b"',
+        "bounds of access phases are not enforced",
+        'jobs start up to 1ns early, since timers count whole nanoseconds: mode "all"',
+        'executors without affinity: "u2"',
+    ]
+
+
+def test_modes_and_assumed_cpus_are_said():
+    said = messages(*two_modes())
+    assert said[0].startswith("2 modes, each with executors of its own")
+    assert said[-1].startswith("CPUs are numbered in the order of the units")
+
+
+def test_one_mode_alone_needs_no_switching():
+    system, planned = two_modes()
+    written = document(system, planned, mode="race")
+    assert [mode["name"] for mode in written["modes"]] == ["race"]
+    assert not any("switch" in said for said in written["not-realised"])
+
+
+@pytest.mark.parametrize("text", ["", "a", "a=", "=1", "a=1,a=2", "a=-1", "a=12345"])
+def test_cpus_that_cannot_be_read(text):
+    with pytest.raises(ValueError, match=";"):
+        cpus_of(text)
+
+
+def test_cpus_that_can_be_read():
+    assert cpus_of("core1=2, a=b=3") == {"core1": 2, "a=b": 3}
+    assert cpu_number("0") == 0
+
+
+@pytest.mark.parametrize("text", ["0", "100", "x", "-1"])
+def test_priorities_out_of_range(text):
+    with pytest.raises(ValueError, match="1 to 99"):
+        priority(text)
+
+
+def pipeline_options(text):
+    findings = Findings()
+    fields = Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "export", FORMAT.keys)
+    return FORMAT.options(ExportOptions(mode="race"), fields, "."), findings.items
+
+
+def test_options_of_a_pipeline_file():
+    options, found = pipeline_options("cpus: {core1: 2}\npriority: 10\n")
+    assert (options, found) == (RosOptions(mode="race", cpus={"core1": 2}, priority=10), [])
+    assert pipeline_options("priority: 99\n")[0].cpus is None
+    assert [d.at.line for d in pipeline_options("cpus:\n  core1: x\npriority: 0\n")[1]] == [2, 3]

@@ -1,0 +1,48 @@
+"""A 20 MB extract is imported in ten seconds and half a gigabyte."""
+
+import subprocess
+import sys
+
+import pytest
+from arxml_case import assembly, component, composition, every, in_port, out_port, package, runnable, write
+
+# The peak is read from /proc: getrusage would count that of the process which started this one, too.
+_IMPORT = """
+import re, sys, time
+from halpipe.importers.arxml import FORMAT
+from halpipe.importers.base import ImportOptions
+imported = FORMAT.read([sys.argv[1]], ImportOptions())
+peak = re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1]
+print(len(imported.model.tasks), peak, time.process_time())
+"""
+
+
+def extract(tmp_path, components):
+    """A chain of components with four runnables each, every one with data from the one before."""
+    types = [
+        component(
+            f"C{index}",
+            *(every(f"0.0{1 + number % 2}", f"E{number}", f"C{index}/R{number}") for number in range(4)),
+            runnables=[runnable(f"R{n}", writes=[f"C{index}/out"], reads=[f"C{index}/in"]) for n in range(4)],
+            ports=[out_port("out"), in_port("in")],
+        )
+        for index in range(components)
+    ]
+    links = [
+        assembly(f"k{index}", f"Root/c{index} C{index}/out", f"Root/c{index + 1} C{index + 1}/in")
+        for index in range(components - 1)
+    ]
+    uses = " ".join(f"c{index}:C{index}" for index in range(components))
+    return write(tmp_path, package("T", *types, composition("Root", uses, *links)))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
+def test_a_20_megabyte_extract_is_read_within_10_seconds_and_500_megabytes(tmp_path):
+    path = extract(tmp_path, 5_500)
+    assert path.stat().st_size > 20 * 2**20
+    done = subprocess.run([sys.executable, "-c", _IMPORT, str(path)], capture_output=True, text=True, check=True)
+    tasks, kilobytes, seconds = done.stdout.split()
+    assert float(seconds) < 10  # of the processor: other work on the machine does not count
+    assert int(kilobytes) < 500 * 2**10
+    assert int(tasks) == 22_000

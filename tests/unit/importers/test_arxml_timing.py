@@ -1,0 +1,378 @@
+"""The timing extension: triggerings, deadlines, chains, distances, ages, nested orders; and execution times."""
+
+from fractions import Fraction
+
+import pytest
+from arxml_case import (
+    assembly,
+    component,
+    composition,
+    configuration,
+    container,
+    core,
+    cse,
+    data_observed,
+    el,
+    event_chain,
+    every,
+    execution_time,
+    extension,
+    found,
+    hardware,
+    implementation,
+    in_port,
+    latency,
+    named,
+    observed,
+    on_data,
+    orders,
+    out_port,
+    package,
+    periods,
+    read,
+    ref,
+    runnable,
+    triggering,
+    write,
+)
+
+from halpipe.durations import Duration
+from halpipe.importers.arxml import codes
+from halpipe.models import Anchor
+
+PUMP = component(
+    "Pump", every("0.01", "A", "Pump/First"), every("0.01", "B", "Pump/Second"), runnables="First Second Third"
+)
+BEGIN, END = observed("Begin", "Pump/First", "ACTIVATED"), observed("End", "Pump/First", "TERMINATED")
+LAST = observed("Last", "Pump/Second", "TERMINATED")
+START = observed("Start", "Pump/Second", "STARTED")
+
+
+def pump(tmp_path, *timing, types=(PUMP,), **options):
+    return read(write(tmp_path, package("T", *types), *timing), **options)
+
+
+def first(imported):
+    return imported.model.task("Pump/First")
+
+
+# ------------------------------------------------------------------------------------------------ triggerings
+
+
+def test_a_periodic_triggering_gives_a_runnable_without_events_its_period(tmp_path):
+    third = observed("E", "Pump/Third", "ACTIVATED")
+    imported = pump(tmp_path, extension([third], triggering("PERIODIC", "P", "E", cse("PERIOD", 20, code=3))))
+    assert periods(imported)["Pump/Third"] == "20ms"
+    assert ("PERIODIC-EVENT-TRIGGERING", 1, 1, 0) in imported.coverage.rows()
+
+
+def test_jitter_is_slack_and_the_whole_period_at_most(tmp_path):
+    for jitter, slack in ((0, 0), (2_500, Fraction(1, 4)), (10_000, 1), (10_001, 1)):
+        wanted = triggering("PERIODIC", "P", "Begin", cse("JITTER", jitter), cse("PERIOD", 10_000))
+        imported = pump(tmp_path, extension([BEGIN], wanted))
+        assert first(imported).slack == slack
+        assert bool(found(imported, codes.TIMING_PART_LOST)) == (jitter > 10_000)
+
+
+def test_a_triggering_that_contradicts_the_event_is_reported_and_does_not_count(tmp_path):
+    imported = pump(tmp_path, extension([BEGIN], triggering("PERIODIC", "P", "Begin", cse("PERIOD", 9_999))))
+    assert str(first(imported).period) == "10ms"
+    assert "9.999ms" in found(imported, codes.TRIGGERING_DIFFERS)[0].message
+
+
+@pytest.mark.parametrize(
+    ("kind", "content"),
+    [
+        ("SPORADIC", cse("MINIMUM-INTER-ARRIVAL-TIME", 4_000)),
+        ("BURST-PATTERN", cse("MINIMUM-INTER-ARRIVAL-TIME", 4_000)),
+        ("ARBITRARY", el("MINIMUM-DISTANCES", cse("MULTIDIMENSIONAL-TIME", 4_000))),
+    ],
+)
+def test_unforeseen_arrivals_get_a_job_in_every_least_distance(tmp_path, kind, content):
+    third = observed("E", "Pump/Third", "ACTIVATED")
+    imported = pump(tmp_path, extension([third], triggering(kind, "P", "E", content)))
+    assert periods(imported)["Pump/Third"] == "4ms"
+    assert found(imported, codes.SPORADIC)
+
+
+def test_a_concrete_pattern_gives_one_task_for_each_offset(tmp_path):
+    third = observed("E", "Pump/Third", "ACTIVATED")
+    pattern = [
+        el("OFFSETS", *(cse("MULTIDIMENSIONAL-TIME", offset) for offset in (0, 3_000))),
+        cse("PATTERN-PERIOD", 10_000),
+    ]
+    imported = pump(tmp_path, extension([third], triggering("CONCRETE-PATTERN", "P", "E", *pattern)))
+    tasks = [task for task in imported.model.tasks if task.name.startswith("Pump/Third")]
+    assert [(str(task.period), str(task.offset or 0)) for task in tasks] == [("10ms", "0"), ("10ms", "3ms")]
+
+
+def test_data_that_arrives_sporadically_starts_its_reader(tmp_path):
+    reader = component("Reader", on_data("E", "Reader/Read", "Reader/in"), runnables="Read", ports=[in_port("in")])
+    arrival = triggering("SPORADIC", "S", "Data", cse("MINIMUM-INTER-ARRIVAL-TIME", 30, code=3))
+    timing = extension([data_observed("Data", "Reader/in", "RECEIVED")], arrival)
+    assert periods(pump(tmp_path, timing, types=(reader,))) == {"Reader/Read": "30ms"}
+
+
+# ------------------------------------------------------------------------------------------- limits and chains
+
+
+def test_latency_from_begin_to_end_of_a_runnable_is_its_deadline(tmp_path):
+    imported = pump(
+        tmp_path,
+        extension([BEGIN, END, event_chain("C", "Begin", "End")], latency("L", "C", 8_000), latency("M", "C", 9_000)),
+    )
+    assert str(first(imported).deadline) == "8ms"
+    assert imported.model.chains == ()
+    assert ("LATENCY-TIMING-CONSTRAINT", 2, 2, 0) in imported.coverage.rows()
+
+
+def test_latency_between_runnables_is_a_chain_with_its_limits(tmp_path):
+    chain = event_chain("C", "Begin", "Last")
+    imported = pump(
+        tmp_path, extension([BEGIN, LAST, chain], latency("R", "C", 30_000), latency("A", "C", 25_000, "AGE"))
+    )
+    (chain,) = imported.model.chains
+    assert (chain.name, chain.tasks) == ("C", ("Pump/First", "Pump/Second"))
+    assert (str(chain.max_reaction), str(chain.max_age)) == ("30ms", "25ms")
+
+
+def test_segments_are_the_steps_of_a_chain(tmp_path):
+    third = component("Valve", every("0.02", "E", "Valve/Move"), runnables="Move")
+    steps = [BEGIN, END, START, LAST, observed("M", "Valve/Move", "STARTED"), observed("N", "Valve/Move", "TERMINATED")]
+    chains = [event_chain("One", "Begin", "End"), event_chain("Two", "Start", "Last"), event_chain("Three", "M", "N")]
+    whole = event_chain("All", "Begin", "N", "One", "Two", "Three")
+    imported = pump(tmp_path, extension([*steps, *chains, whole], latency("L", "All", 90_000)), types=(PUMP, third))
+    assert [chain.tasks for chain in imported.model.chains] == [("Pump/First", "Pump/Second", "Valve/Move")]
+
+
+def test_a_chain_without_limit_is_kept(tmp_path):
+    (chain,) = pump(tmp_path, extension([BEGIN, LAST, event_chain("C", "Begin", "Last")])).model.chains
+    assert chain.max_reaction is None
+
+
+def test_instances_of_one_type_have_a_chain_each_and_a_named_one_its_own(tmp_path):
+    root = composition("Root", "left:Pump right:Pump")
+    types = (PUMP, root)
+    both = pump(tmp_path, extension([BEGIN, LAST, event_chain("C", "Begin", "Last")]), types=types)
+    assert {chain.tasks for chain in both.model.chains} == {
+        ("left/First", "left/Second"),
+        ("right/First", "right/Second"),
+    }
+    ends = [observed("Begin", "Pump/First", "ACTIVATED", "Root/right"), LAST, event_chain("C", "Begin", "Last")]
+    one = pump(tmp_path, extension(ends), types=types)
+    assert [chain.tasks for chain in one.model.chains] == [("right/First", "right/Second")]
+
+
+def test_guarantees_require_nothing(tmp_path):
+    parts = [BEGIN, END, event_chain("C", "Begin", "End")]
+    imported = pump(tmp_path, extension(parts, guarantees=[latency("L", "C", 8_000)]))
+    assert first(imported).deadline is None
+    assert ("LATENCY-TIMING-CONSTRAINT", 1, 0, 1) in imported.coverage.rows()
+
+
+def test_the_age_of_data_is_a_chain_from_each_sender(tmp_path):
+    reader = component(
+        "Reader",
+        every("0.02", "E", "Reader/Read"),
+        runnables=[runnable("Read", reads=["Reader/in"])],
+        ports=[in_port("in")],
+    )
+    sender = component(
+        "Sender",
+        every("0.01", "E", "Sender/Send"),
+        runnables=[runnable("Send", writes=["Sender/out"])],
+        ports=[out_port("out")],
+    )
+    root = composition("Root", "s:Sender r:Reader", assembly("k", "Root/s Sender/out", "Root/r Reader/in"))
+    scope = ref("SCOPE-REF", "/Timing/X/Data")
+    timing = extension(
+        [data_observed("Data", "Reader/in", "RECEIVED")],
+        named("AGE-CONSTRAINT", "Fresh", scope, cse("MAXIMUM", 50_000)),
+    )
+    (chain,) = pump(tmp_path, timing, types=(sender, reader, root)).model.chains
+    assert (chain.name, chain.tasks, str(chain.max_age)) == ("Fresh", ("s/Send", "r/Read"), "50ms")
+
+
+# ------------------------------------------------------------------------------------------ distances and orders
+
+
+def distance(low, high, source="Begin", target="Start"):
+    ends = [ref("SOURCE-REF", f"/Timing/X/{source}"), ref("TARGET-REF", f"/Timing/X/{target}")]
+    limits = [cse("MINIMUM", low)] if low else []
+    return named("OFFSET-TIMING-CONSTRAINT", "O", *ends, *limits, *([cse("MAXIMUM", high)] if high else []))
+
+
+@pytest.mark.parametrize(
+    ("source", "low", "high", "window"),
+    [
+        ("Begin", 1_000, 3_000, ("1ms", "3ms", Anchor.START)),
+        ("End", 1_000, 3_000, ("1ms", "3ms", Anchor.END)),
+        ("Begin", 0, 3_000, ("0ms", "3ms", Anchor.START)),
+        ("Begin", 1_000, 0, ("1ms", "11ms", Anchor.START)),
+    ],
+)
+def test_an_offset_constraint_is_a_window(tmp_path, source, low, high, window):
+    imported = pump(tmp_path, extension([BEGIN, END, START], distance(low, high, source)))
+    (precedence,) = imported.model.task("Pump/Second").versions[0].precedences
+    assert (str(precedence.min), str(precedence.max), precedence.anchor) == window
+    assert precedence.task == "Pump/First"
+
+
+def test_an_offset_to_the_end_of_a_runnable_is_lost_and_said_so(tmp_path):
+    imported = pump(tmp_path, extension([BEGIN, LAST], distance(0, 5_000, target="Last")))
+    assert found(imported, codes.TIMING_LOST)
+    assert orders(imported) == set()
+
+
+def eoc(*elements):
+    return extension([], named("EXECUTION-ORDER-CONSTRAINT", "O", el("ORDERED-ELEMENTS", *elements)))
+
+
+def entity(name, path, *after, prototype=""):
+    where = el("COMPONENT-IREF", ref("TARGET-COMPONENT-REF", f"/T/{prototype}")) if prototype else ""
+    owner, runnable_name = path.split("/")
+    return named(
+        "EOC-EXECUTABLE-ENTITY-REF",
+        name,
+        where,
+        ref("EXECUTABLE-REF", f"/T/{owner}/B/{runnable_name}"),
+        el("DIRECT-SUCCESSOR-REFS", *(ref("DIRECT-SUCCESSOR-REF", f"/Timing/X/O/{n}") for n in after)),
+    )
+
+
+def nest(name, inner, *after):
+    return named(
+        "EOC-EXECUTABLE-ENTITY-REF-GROUP",
+        name,
+        el("NESTED-ELEMENT-REFS", *(ref("NESTED-ELEMENT-REF", f"/Timing/X/O/{n}") for n in inner.split())),
+        el("SUCCESSOR-REFS", *(ref("SUCCESSOR-REF", f"/Timing/X/O/{n}") for n in after)),
+    )
+
+
+FIVE = component("P", *(every("0.01", f"E{n}", f"P/{n}") for n in "ABCDE"), runnables="A B C D E")
+
+
+def test_nested_groups_are_ordered_from_their_last_to_the_first_of_the_next(tmp_path):
+    constraint = eoc(
+        entity("a", "P/A", "b"),
+        entity("b", "P/B"),
+        entity("c", "P/C"),
+        entity("d", "P/D", "e"),
+        entity("e", "P/E"),
+        nest("inner", "a b"),
+        nest("outer", "inner c", "late"),
+        nest("late", "d e"),
+    )
+    assert orders(pump(tmp_path, constraint, types=(FIVE,))) == {"P/A > P/B", "P/D > P/E", "P/B > P/D", "P/C > P/D"}
+
+
+def test_a_group_inside_itself_does_not_hang_the_import(tmp_path):
+    constraint = eoc(entity("a", "P/A"), entity("b", "P/B"), nest("g", "g a", "b"))
+    assert orders(pump(tmp_path, constraint, types=(FIVE,))) == {"P/A > P/B"}
+
+
+def test_an_order_of_one_component_instance_leaves_the_others_alone(tmp_path):
+    root = composition("Root", "left:P right:P")
+    constraint = eoc(entity("a", "P/A", "b", prototype="Root/left"), entity("b", "P/B", prototype="Root/left"))
+    assert orders(pump(tmp_path, constraint, types=(FIVE, root))) == {"left/A > left/B"}
+
+
+def test_a_synchronisation_point_separates_before_from_after(tmp_path):
+    elements = [entity("a", "P/A"), entity("b", "P/B"), entity("c", "P/C"), nest("g", "a b")]
+    point = named(
+        "SYNCHRONIZATION-POINT-CONSTRAINT",
+        "S",
+        el("SOURCE-EEC-REFS", ref("SOURCE-EEC-REF", "/Timing/X/O/g")),
+        el("TARGET-EEC-REFS", ref("TARGET-EEC-REF", "/Timing/X/O/c")),
+    )
+    constraint = named("EXECUTION-ORDER-CONSTRAINT", "O", el("ORDERED-ELEMENTS", *elements))
+    imported = pump(tmp_path, extension([], constraint, point), types=(FIVE,))
+    assert orders(imported) == {"P/A > P/C", "P/B > P/C"}
+
+
+# ----------------------------------------------------------------------------------------------- execution times
+
+
+def timed(tmp_path, *times, extra=()):
+    step = component("P", every("0.01", "E", "P/A"), runnables="A")
+    (task,) = pump(tmp_path, types=(step, implementation(*times), *extra)).model.tasks
+    return task
+
+
+@pytest.mark.parametrize(
+    ("code", "factor", "wcet"),
+    [
+        (0, "1500", "1.5ms"),
+        (3, "2", "2ms"),
+        (26, "750", "750ns"),
+        (1, "7", "70us"),
+        (6, "0.001", "1ms"),
+        (20, "1", "1/1000000ns"),
+    ],
+)
+def test_codes_of_time_are_exact(tmp_path, code, factor, wcet):
+    time = execution_time("ANALYZED", "T", "P/A", "WORST-CASE-EXECUTION-TIME", factor, code=code)
+    assert timed(tmp_path, time).versions[0].wcet == Duration.parse(wcet)
+
+
+def test_the_most_trustworthy_kind_counts_and_of_it_the_longest(tmp_path):
+    times = [
+        execution_time("ROUGH-ESTIMATE-OF", "R", "P/A", "ESTIMATED-EXECUTION-TIME", 90),
+        execution_time("SIMULATED", "S", "P/A", "MAXIMUM-EXECUTION-TIME", 80),
+        execution_time("MEASURED", "M1", "P/A", "MAXIMUM-EXECUTION-TIME", 50),
+        execution_time("MEASURED", "M2", "P/A", "MAXIMUM-EXECUTION-TIME", 60),
+    ]
+    version = timed(tmp_path, *times).versions[0]
+    assert str(version.wcet) == "60us"
+    assert version.origin.path == "/T/Impl/Used/M2"
+
+
+def test_a_required_execution_time_is_the_last_resort(tmp_path):
+    step = component("P", every("0.01", "E", "P/A"), runnables="A")
+    budget = named("EXECUTION-TIME-CONSTRAINT", "B", ref("EXECUTABLE-REF", "/T/P/B/A"), cse("MAXIMUM", 400))
+    assert str(pump(tmp_path, extension([], budget), types=(step,)).model.tasks[0].versions[0].wcet) == "400us"
+
+
+def test_hardware_with_times_of_its_own_makes_versions(tmp_path):
+    times = [
+        execution_time("ANALYZED", "B", "P/A", "WORST-CASE-EXECUTION-TIME", 300, "Big"),
+        execution_time("ANALYZED", "L", "P/A", "WORST-CASE-EXECUTION-TIME", 900, "Little"),
+        execution_time("ANALYZED", "M", "P/A", "WORST-CASE-EXECUTION-TIME", 900, "Other"),
+    ]
+    task = timed(tmp_path, *times, extra=(hardware("Big", "Little", "Other"),))
+    versions = [(version.name, str(version.wcet), version.units) for version in task.versions]
+    assert versions == [("Big", "300us", ("Big",)), ("Little", "900us", ("Little", "Other"))]
+
+
+def test_cores_of_the_configuration_say_what_hardware_they_are(tmp_path):
+    cores = [
+        container("EcuC/EcucHardware/EcucCoreDefinition", "C0", refs=[("EcucCoreHwRef", "/T/Big")]),
+        container("EcuC/EcucHardware/EcucCoreDefinition", "C1", refs=[("EcucCoreHwRef", "/T/Little")]),
+    ]
+    step = component("P", every("0.01", "E", "P/A"), runnables="A")
+    times = implementation(
+        execution_time("ANALYZED", "B", "P/A", "WORST-CASE-EXECUTION-TIME", 300, "Big"),
+        execution_time("ANALYZED", "L", "P/A", "WORST-CASE-EXECUTION-TIME", 900),
+    )
+    path = write(
+        tmp_path, package("T", step, times, hardware("Big", "Little")), package("E", configuration("EcuC", *cores))
+    )
+    (task,) = read(path).model.tasks
+    assert [(v.name, str(v.wcet), v.units) for v in task.versions] == [
+        ("Big", "300us", ("C0",)),
+        ("default", "900us", ("C1",)),
+    ]
+
+
+def test_without_knowing_the_hardware_of_a_core_the_longest_time_counts(tmp_path):
+    times = implementation(
+        execution_time("ANALYZED", "B", "P/A", "WORST-CASE-EXECUTION-TIME", 300, "Big"),
+        execution_time("ANALYZED", "L", "P/A", "WORST-CASE-EXECUTION-TIME", 900, "Little"),
+    )
+    step = component("P", every("0.01", "E", "P/A"), runnables="A")
+    path = write(
+        tmp_path,
+        package("T", step, times, hardware("Big", "Little")),
+        package("E", configuration("EcuC", core("C0", "0"))),
+    )
+    assert str(read(path).model.tasks[0].versions[0].wcet) == "900us"

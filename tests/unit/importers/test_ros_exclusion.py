@@ -1,0 +1,103 @@
+"""Mutually exclusive callback groups as resources: where WCETs are known, and the schedule keeps callbacks apart."""
+
+from dataclasses import replace
+
+import pytest
+from ros_case import FIXTURES, Overlay, found, reasons, rows
+
+from halpipe.importers.base import RESOURCES, ImportOptions, group_rule
+from halpipe.importers.ros import FORMAT, codes
+from halpipe.models import Job, ModeSchedule, Schedule, Status, Unit
+from halpipe.pipeline.verify import verify
+from support import ms
+
+GRAPH = """\
+named_paths: []
+executors:
+- {executor_type: single_threaded_executor, executor_name: all, callback_group_names: [/n/both, /n/free]}
+nodes:
+- node_name: /n
+  callback_groups:
+  - {callback_group_type: mutually_exclusive, callback_group_name: /n/both, callback_names: [/n/a, /n/b]}
+  - {callback_group_type: reentrant, callback_group_name: /n/free, callback_names: [/n/c, /n/d]}
+  callbacks:
+  - {callback_name: /n/a, callback_type: timer_callback, period_ns: 10000000, symbol: A}
+  - {callback_name: /n/b, callback_type: timer_callback, period_ns: 10000000, symbol: B}
+  - {callback_name: /n/c, callback_type: timer_callback, period_ns: 10000000, symbol: C}
+  - {callback_name: /n/d, callback_type: timer_callback, period_ns: 10000000, symbol: D}
+"""
+TABLE = "callback,duration_ms\n" + "/n/a,2\n/n/b,3\n" * 10
+
+
+@pytest.fixture
+def grouped(tmp_path):
+    def read(table=TABLE, groups=RESOURCES):
+        (tmp_path / "a.yaml").write_text(GRAPH)
+        (tmp_path / "t.csv").write_text(table)
+        options = ImportOptions(calibrate=(str(tmp_path / "t.csv"),), groups=groups)
+        return FORMAT.read([str(tmp_path / "a.yaml")], options)
+
+    return read
+
+
+def test_a_group_becomes_a_resource_that_its_tasks_need_to_their_end(grouped):
+    imported = grouped()
+    (resource,) = imported.model.resources
+    assert (resource.name, resource.origin.line) == ("/n/both", 7)
+    held = {
+        task.name: [(a.resource, str(a.start), str(a.end), a.bound) for a in task.versions[0].accesses]
+        for task in imported.model.tasks
+    }
+    assert held == {
+        "/n/a": [("/n/both", "0ms", "2ms", 1)],
+        "/n/b": [("/n/both", "0ms", "3ms", 1)],
+        "/n/c": [],
+        "/n/d": [],
+    }
+    assert rows(imported)["callback_group"] == [2, 1, 1]
+    (note,) = found(imported.diagnostics, codes.EXCLUSION)
+    assert note.message.startswith("0 mutually exclusive callback groups and 1 single-threaded executors")
+
+
+@pytest.mark.parametrize(("start", "fits"), [(2, True), (1, False), (8, False), (7, True)])
+def test_only_schedules_that_keep_them_apart_are_valid(grouped, start, fits):
+    """On two units: a runs from 0 to 2 ms, b for 3 ms from `start` in a hyperperiod of 10 ms."""
+    model = grouped().model
+    tasks = tuple(replace(t, versions=(replace(t.versions[0], units=("u1", "u2")),)) for t in model.tasks[:2])
+    mode = replace(model.modes[0], runs=model.modes[0].runs[:2])
+    model = replace(model, units=(Unit(name="u1"), Unit(name="u2")), tasks=tasks, modes=(mode,))
+    jobs = tuple(
+        Job(task=name, index=0, start=ms(begin), end=ms(begin + length), version="default", units=(unit,))
+        for name, begin, length, unit in (("/n/a", 0, 2, "u1"), ("/n/b", start, 3, "u2"))
+    )
+    table = ModeSchedule(name=mode.name, hyperperiod=ms(10), status=Status.VALID, jobs=jobs)
+    found_errors = [d for d in verify(model, Schedule(model=model.name, model_sha256="", modes=(table,))) if d.is_error]
+    assert (found_errors == []) is fits
+
+
+def test_a_group_with_a_callback_that_was_not_measured_stays_out(grouped):
+    imported = grouped(TABLE.replace("/n/b", "/n/c"))
+    assert imported.model.resources == ()
+    (note,) = found(imported.diagnostics, codes.EXCLUSION)
+    assert note.message.startswith("1 mutually exclusive callback groups")
+    assert "--calibrate" in note.help
+    assert "/n/both" in reasons(imported, "callback_group")
+
+
+def test_groups_are_ignored_unless_asked_for(grouped):
+    imported = grouped(groups="ignored")
+    assert imported.model.resources == ()
+    assert not any(task.versions[0].accesses for task in imported.model.tasks)
+
+
+def test_groups_of_a_real_looking_stack():
+    options = ImportOptions(overlay=Overlay({"/gps": "100ms"}), groups=RESOURCES)
+    imported = FORMAT.read([str(FIXTURES / "stack.yaml")], options)
+    assert found(imported.diagnostics, codes.EXCLUSION)
+    assert imported.model.resources == ()
+
+
+def test_an_unknown_rule_is_refused():
+    assert group_rule("ignored") == "ignored"
+    with pytest.raises(ValueError, match="ignored or resources"):
+        group_rule("locks")

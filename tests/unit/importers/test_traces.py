@@ -1,0 +1,186 @@
+"""Traces in their three forms: what is read, exactly, and what is refused, with its line."""
+
+from fractions import Fraction
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration
+from halpipe.importers.traces import codes, read_traces
+from halpipe.importers.traces.read import parse_traces
+
+
+def executions(text, file="t"):
+    (trace,) = parse_traces(text.encode(), file).traces
+    return trace.executions
+
+
+def refusal(data):
+    with pytest.raises(HalpipeError) as refused:
+        parse_traces(data if isinstance(data, bytes) else data.encode(), "t")
+    found = [d for d in refused.value.diagnostics if d.is_error]
+    assert all(d.help for d in found)
+    return found
+
+
+def told(text, code):
+    return [found for found in parse_traces(text.encode(), "t").diagnostics if found.code == code.id]
+
+
+# ------------------------------------------------------------------------------------------------ CSV
+
+
+def test_every_column_of_a_table_is_read():
+    (seen,) = executions("cycle,mode,task,job,units,start,end,busy\n3,race->slow,/a,2,c1 c2,10.5,20,9\n")
+    assert (seen.cycle, seen.table, seen.task, seen.job, seen.units) == (3, "race->slow", "/a", 2, ("c1", "c2"))
+    assert (seen.start, seen.end, seen.busy) == (Duration(Fraction(21, 2)), Duration(20), Duration(9))
+    assert seen.at.line == 2
+
+
+@pytest.mark.parametrize(("unit", "ns"), [("ns", 1), ("us", 10**3), ("ms", 10**6), ("s", 10**9)])
+def test_the_name_of_a_time_column_states_its_unit(unit, ns):
+    (seen,) = executions(f"start_{unit},task,end\n1/3,a,9000000000\n")
+    assert (seen.start, seen.end) == (Duration(Fraction(ns, 3)), Duration(9 * 10**9))
+
+
+def test_rows_are_ordered_by_their_start_and_blank_lines_are_none():
+    seen = executions("task,start,end,unit\nb,5,6,c\n\na,1,2,c\n")
+    assert [(e.task, e.units, e.cycle, e.job, e.table) for e in seen] == [
+        ("a", ("c",), None, None, ""),
+        ("b", ("c",), None, None, ""),
+    ]
+
+
+def test_a_job_without_an_end_still_ran():
+    text = "task,start,end\na,1,\n"
+    assert executions(text)[0].end is None
+    assert len(told(text, codes.UNFINISHED)) == 1
+
+
+def test_a_short_row_has_empty_cells():
+    assert executions("task,start,end,job\na,1\n")[0].end is None
+
+
+@pytest.mark.parametrize("row", [",1,2", "a,,2", "a,x,2", "a,1,2e3", "a,5,1", "a,1,nan", "a,1/0,2", "a,1,2,1.5"])
+def test_rows_that_cannot_be_read_are_all_named(row):
+    found = refusal(f"task,start,end,job\nb,1,2\n{row}\n{row}\n")
+    assert [(d.code, d.at.line) for d in found] == [(codes.BROKEN_ROW.id, 3), (codes.BROKEN_ROW.id, 4)]
+
+
+# ------------------------------------------------------------------------------------------------ BTF
+
+BTF = """#version 2.1.5
+#timescale us
+#creator a pencil
+0,STI_TABLE_race,0,STI,STI_TABLE_race,0,trigger
+0,STI_a,0,T,TASK_a,0,activate
+1,Core_1,0,T,TASK_a,0,start
+# a comment
+2,Core_1,0,T,TASK_a,0,preempt
+2,Core_1,0,T,TASK_b,7,start,with, a note
+4,Core_1,0,T,TASK_b,7,terminate
+4,Core_1,0,T,TASK_a,0,resume
+7,Core_1,0,T,TASK_a,0,terminate
+7,Core_1,0,SIG,x,0,write
+"""
+
+
+def test_btf_jobs_run_from_start_to_terminate_without_what_preempts_them():
+    a, b = executions(BTF)
+    assert (a.task, a.units, a.start, a.end, a.busy) == (
+        "TASK_a",
+        ("Core_1",),
+        Duration(1000),
+        Duration(7000),
+        Duration(4000),
+    )
+    assert (b.task, b.start, b.end, b.busy) == ("TASK_b", Duration(2000), Duration(4000), Duration(2000))
+    assert {(e.table, e.cycle) for e in (a, b)} == {("race", 0)}
+    assert "1 of type SIG" in told(BTF, codes.LEFT_OUT)[0].message
+
+
+@pytest.mark.parametrize(("scale", "ps"), [("ps", 1), ("ns", 10**3), ("us", 10**6), ("ms", 10**9), ("s", 10**12)])
+def test_btf_time_scales_are_exact(scale, ps):
+    seen = executions(f"#timeScale {scale}\n3,Core_1,0,T,a,0,start\n5,Core_1,0,T,a,0,terminate\n")
+    assert seen[0].start == Duration(Fraction(3 * ps, 1000))
+
+
+def test_btf_events_that_contradict_each_other_are_left_out_and_told():
+    text = "1,C,0,T,a,0,terminate\n2,C,0,T,b,0,start\n3,C,0,T,b,0,start\n4,C,0,T,b,0,terminate\n"
+    assert [e.task for e in executions(text)] == ["b"]
+    assert [d.at.line for d in told(text, codes.ODD_SEQUENCE)] == [1, 3]
+
+
+def test_btf_without_an_end():
+    text = "1,C,0,T,a,0,start\n"
+    assert executions(text)[0].end is None
+    assert len(told(text, codes.UNFINISHED)) == 1
+
+
+@pytest.mark.parametrize("row", ["1,C,0,T,a", "x,C,0,T,a,0,start", "1.5x,C,0,T,a,0,start", "1,C,0,T,a,z,start"])
+def test_btf_rows_that_cannot_be_read(row):
+    found = refusal(f"#version 2.1.5\n1,C,0,T,a,0,start\n{row}\n")
+    assert [(d.code, d.at.line) for d in found] == [(codes.BROKEN_ROW.id, 3)]
+
+
+def test_btf_time_scale_that_is_none():
+    assert [d.code for d in refusal("#timeScale fortnight\n1,C,0,T,a,0,start\n")] == [codes.BROKEN_ROW.id]
+
+
+# ------------------------------------------------------------------------------------------------ Trace Event Format
+
+
+def test_slices_are_executions_and_threads_units():
+    text = """{"traceEvents":[
+    {"ph":"M","name":"process_name","pid":1,"tid":0,"args":{"name":"mode race"}},
+    {"ph":"M","name":"thread_name","pid":1,"tid":4,"args":{"name":"core0"}},
+    {"ph":"X","name":"a","pid":1,"tid":4,"ts":0.1,"dur":0.25,"args":{"job":2,"cycle":1,"table":"race"}},
+    {"ph":"X","name":"a","pid":1,"tid":5,"ts":0.1,"dur":0.25,"args":{"job":2,"cycle":1,"table":"race"}},
+    {"ph":"X","name":"b","pid":2,"tid":1,"ts":7,"dur":1},
+    {"ph":"X","name":"c","pid":2,"tid":1,"ts":7,"dur":1,"args":{"ends":"after this trace"}},
+    {"ph":"C","name":"bus","pid":1,"ts":1}]}"""
+    first, second = parse_traces(text.encode(), "t").traces
+    assert (first.name, second.name) == ("mode race", "2")
+    (a,) = first.executions
+    assert (a.task, a.units, a.job, a.cycle, a.table) == ("a", ("core0", "5"), 2, 1, "race")
+    assert (a.start, a.end) == (Duration(100), Duration(350))
+    assert [(e.task, e.start) for e in second.executions] == [("b", Duration(7000))]
+    assert len(told(text, codes.LEFT_OUT)) == 1
+
+
+@pytest.mark.parametrize("value", ['"1"', "true", "null", "1e99999999", "NaN", "[1]"])
+def test_times_that_are_no_numbers(value):
+    found = refusal(f'[{{"ph":"X","name":"a","ts":{value},"dur":1}}]')
+    assert [d.code for d in found] == [codes.BROKEN_ROW.id]
+
+
+# ------------------------------------------------------------------------------------------------ all
+
+
+@pytest.mark.parametrize("data", ["", "hello", "<xml/>", "{", '{"a":1}', "[" * 100_000, b"\xff\xfe", "a,b\n1,2\n"])
+def test_what_is_no_trace(data):
+    assert [d.code for d in refusal(data)] == [codes.UNKNOWN_TRACE.id]
+
+
+@pytest.mark.parametrize("text", ["task,start,end\n", "#version 2\n", "[]", '{"traceEvents":[{}]}'])
+def test_a_trace_in_which_nothing_ran(text):
+    assert refusal(text)[-1].code == codes.NO_EXECUTIONS.id
+
+
+def test_a_trace_is_read_from_its_file(tmp_path):
+    (tmp_path / "t.csv").write_text("task,start,end\na,1,2\n")
+    assert read_traces(str(tmp_path / "t.csv")).traces[0].executions[0].at.file == str(tmp_path / "t.csv")
+
+
+LINES = [*BTF.split("\n"), "{", "task,start,end", "a,1,2"]
+
+
+@given(st.one_of(st.text(max_size=200), st.lists(st.sampled_from(LINES))))
+def test_whatever_the_text_it_is_read_or_refused_with_a_code(text):
+    text = text if isinstance(text, str) else "\n".join(text)
+    try:
+        parse_traces(text.encode("utf-8", "surrogatepass"), "t")
+    except HalpipeError:
+        return  # with codes; anything else would escape

@@ -1,0 +1,245 @@
+"""Comparison of a trace with its schedule: a faithful trace is clean, and every kind of deviation is found."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import HalpipeError, Severity
+from halpipe.durations import ZERO, Duration
+from halpipe.models import Execution, Job, ModeSchedule, Schedule, Status, Trace, TransitionTable
+from halpipe.pipeline.compare import CompareOptions, codes, compare
+from support import ms
+
+
+def job(task, index, start, end, units="c1", version="v"):
+    return Job(task=task, index=index, start=ms(start), end=ms(end), version=version, units=tuple(units.split()))
+
+
+def table(name, hyperperiod, *jobs):
+    return ModeSchedule(name=name, hyperperiod=ms(hyperperiod), status=Status.VALID, jobs=jobs)
+
+
+def switch(source, target, length, *jobs):
+    return TransitionTable(
+        source=source, target=target, length=ms(length), worst_latency=ms(length), status=Status.VALID, jobs=jobs
+    )
+
+
+RACE = table("race", 20, job("a", 0, 0, 3), job("a", 1, 10, 13), job("b", 0, 4, 6), job("c", 0, 18, 22, "c2 c3"))
+SLOW = table("slow", 10, job("b", 0, 5, 7))
+PLAN = Schedule(
+    model="m",
+    model_sha256="",
+    modes=(RACE, SLOW),
+    transitions=(switch("race", "slow", 5, job("b", 0, 2, 4)), switch("slow", "race", 0)),
+)
+PIECES = [("race", RACE), ("race", RACE), ("race->slow", PLAN.transitions[0]), ("slow", SLOW), ("slow", SLOW)]
+
+
+def play(pieces=PIECES, origin=ZERO, *, stated=True):
+    """The trace of a run that keeps the schedule; a table of length zero takes a number, too."""
+    seen, now = [], origin
+    for cycle, (name, played) in enumerate(pieces):
+        for planned in played.jobs:
+            label = {"table": name, "cycle": cycle, "job": planned.index} if stated else {}
+            start, end = now + planned.start, now + planned.end
+            seen.append(Execution(task=planned.task, units=planned.units, start=start, end=end, **label))
+        now += played.length if isinstance(played, TransitionTable) else played.hyperperiod
+    return seen
+
+
+def compared(seen, **options):
+    seen = sorted(seen, key=lambda execution: execution.start.ns)
+    return compare(PLAN, Trace(name="", executions=tuple(seen)), CompareOptions(**options))
+
+
+def deviations(seen, **options):
+    return [d for d in compared(seen, **options).diagnostics if d.severity is Severity.ERROR]
+
+
+def found(seen, **options):
+    return {d.code for d in deviations(seen, **options)}
+
+
+def test_a_faithful_trace_has_no_deviation():
+    answer = compared(play(), origin=ZERO)
+    assert answer.diagnostics == ()
+    rows = {row.task: row for row in answer.rows}
+    assert {task: row.seen for task, row in rows.items()} == {"a": 4, "b": 5, "c": 2}
+    assert all(row.missing == row.extra == 0 for row in rows.values())
+    assert all(row.least == row.worst == row.worst_end == ZERO for row in rows.values())
+    assert (rows["a"].longest, rows["a"].budget) == (ms(3), ms(3))
+
+
+@given(st.integers(-(10**9), 10**9), st.booleans())
+def test_the_zero_of_the_schedule_is_found(shift, stated):
+    pieces = PIECES if stated else [("race", RACE)] * 3
+    answer = compared(play(pieces, Duration(shift), stated=stated), mode="race")
+    assert answer.origin == Duration(shift)
+    assert [d.code for d in answer.diagnostics] == [codes.ALIGNED.id]
+
+
+@given(st.integers(0, 10**6), st.lists(st.integers(0, 400_000), min_size=12, max_size=12))
+def test_with_jitter_no_job_is_early_and_one_is_on_time(shift, jitter):
+    seen = play([("race", RACE)] * 3, Duration(shift), stated=False)
+    late = [replace(e, start=e.start + Duration(j), end=e.end + Duration(j)) for e, j in zip(seen, jitter, strict=True)]
+    answer = compared(late, mode="race", tolerance=ms(1))
+    assert answer.origin == Duration(shift + min(jitter))
+    assert min(row.least for row in answer.rows) == ZERO
+    assert max(row.worst for row in answer.rows) == Duration(max(jitter) - min(jitter))
+    assert [d for d in answer.diagnostics if d.is_error] == []
+
+
+def moved(seen, position, *, start=0, end=0, **changes):
+    e = seen[position]
+    changed = replace(e, start=e.start + Duration(start), end=e.end + Duration(end), **changes)
+    return [*seen[:position], changed, *seen[position + 1 :]]
+
+
+@given(st.integers(1, 900_000), st.integers(0, 900_000))
+def test_a_late_job_is_late_by_what_the_tolerance_does_not_forgive(late, tolerance):
+    seen = moved(play(), 2, start=late, end=late)
+    expected = {codes.WRONG_START.id, codes.LATE_END.id} if late > tolerance else set()
+    assert found(seen, origin=ZERO, tolerance=Duration(tolerance)) == expected
+
+
+def test_an_early_job_is_a_deviation_though_it_ends_in_time():
+    assert found(moved(play(), 2, start=-1, end=-1), origin=ZERO) == {codes.WRONG_START.id}
+
+
+def test_an_overrun_is_told_with_its_amount():
+    late, overrun = sorted(deviations(moved(play(), 2, end=500_000), origin=ZERO), key=lambda found: found.code)
+    assert (late.code, overrun.code) == (codes.LATE_END.id, codes.OVERRUN.id)
+    assert "runs for 2.5ms, 500us more than the 2ms of its version v (cycle 0)" in overrun.message
+    assert overrun.path == 'table "race", job 0 of task "b"'
+
+
+def test_preemption_is_no_overrun():
+    assert found(moved(play(), 2, end=1_000_000, busy=ms(2)), origin=ZERO) == {codes.LATE_END.id}
+
+
+def test_a_job_that_ends_early_is_welcome():
+    assert found(moved(play(), 2, end=-1_000_000), origin=ZERO) == set()
+
+
+def test_a_job_whose_end_is_unknown_is_judged_by_its_start():
+    seen = play()
+    seen[-1] = replace(seen[-1], end=None)
+    assert found(seen, origin=ZERO) == set()
+
+
+def test_another_unit():
+    assert found(moved(play(), 2, units=("c9",)), origin=ZERO) == {codes.WRONG_UNIT.id}
+    assert found(moved(play(), 2, units=()), origin=ZERO) == set()
+
+
+def test_names_with_the_prefixes_of_viewers_are_the_names_of_the_schedule():
+    seen = [replace(e, task=f"TASK_{e.task}", units=tuple(f"Core_{u}" for u in e.units)) for e in play()]
+    assert compared(seen, origin=ZERO).diagnostics == ()
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_job_that_did_not_run(stated):
+    pieces = PIECES if stated else [("race", RACE)] * 3
+    seen = play(pieces, stated=stated)
+    (missing,) = deviations(seen[:5] + seen[6:], origin=ZERO, mode="race")
+    assert (missing.code, missing.path) == (codes.MISSING_JOB.id, 'table "race", job 1 of task "a"')
+    assert "cycle 1" in missing.message
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_job_that_ran_twice(stated):
+    seen = play([("race", RACE)] * 3, stated=stated)
+    again = replace(seen[0], start=ms(7), end=ms(8))
+    assert codes.EXTRA_JOB.id in found([*seen, again], origin=ZERO, mode="race")
+
+
+def test_jobs_of_one_unit_in_another_order_and_at_once():
+    seen = play()
+    swapped = moved(moved(seen, 0, start=4_000_000, end=3_500_000), 2, start=-4_000_000, end=-4_000_000)
+    assert codes.WRONG_ORDER.id in found(swapped, origin=ZERO)
+    at_once = moved(seen, 0, end=1_500_000)
+    assert codes.WRONG_ORDER.id in found(at_once, origin=ZERO)
+    assert codes.WRONG_ORDER.id not in found(moved(seen, 0, end=500_000), origin=ZERO)
+
+
+def test_a_gang_may_be_recorded_unit_by_unit():
+    seen = play()
+    parts = [replace(e, units=(unit,)) for e in seen for unit in e.units]
+    assert len(parts) > len(seen)
+    assert compared(parts, origin=ZERO).diagnostics == ()
+    late = [replace(e, start=e.start + Duration(1)) if e.units == ("c3",) else e for e in parts]
+    assert found(late, origin=ZERO) == {codes.WRONG_START.id}
+    alone = [e for e in parts if e.units != ("c3",)]
+    assert found(alone, origin=ZERO) == {codes.WRONG_UNIT.id}
+
+
+def test_a_task_that_is_not_scheduled():
+    stranger = Execution(task="aa", units=("c1",), start=ms(8), end=ms(9), table="race", cycle=0)
+    (unknown,) = deviations([*play(), stranger], origin=ZERO)
+    assert unknown.code == codes.UNKNOWN_TASK.id
+    assert 'did you mean "a"' in unknown.help
+
+
+def test_a_table_that_is_not_scheduled():
+    seen = [replace(e, table="pit") if e.table == "slow" else e for e in play()]
+    assert codes.UNKNOWN_TABLE.id in found(seen, origin=ZERO)
+
+
+@pytest.mark.parametrize(
+    ("pieces", "allowed"),
+    [
+        (PIECES, True),
+        ([("slow", SLOW), ("slow->race", PLAN.transitions[1]), ("race", RACE)], True),
+        ([("slow", SLOW), ("race", RACE)], True),  # a switch of length zero need not be counted
+        ([("race", RACE), ("slow", SLOW)], False),  # this one has a table
+        ([("race->slow", PLAN.transitions[0]), ("race", RACE)], False),
+        ([("slow", SLOW), ("race->slow", PLAN.transitions[0])], False),
+    ],
+)
+def test_the_order_of_the_tables(pieces, allowed):
+    seen = found(play(pieces), origin=ZERO)
+    assert (codes.WRONG_SEQUENCE.id not in seen) is allowed
+    assert seen == set() or not allowed
+
+
+def test_two_tables_in_one_cycle():
+    seen = [replace(e, table="slow") if i == 2 else e for i, e in enumerate(play())]
+    assert codes.WRONG_SEQUENCE.id in found(seen, origin=ZERO)
+
+
+def test_several_modes_and_no_labels_need_a_word():
+    seen = play([("race", RACE)], stated=False)
+    for options, code in [({}, codes.NEEDS_MODE), ({"mode": "rice"}, codes.UNKNOWN_TABLE)]:
+        with pytest.raises(HalpipeError) as refused:
+            compared(seen, **options)
+        assert [d.code for d in refused.value.diagnostics] == [code.id]
+        assert "race" in refused.value.diagnostics[0].help
+
+
+def test_deviations_of_one_job_are_one_finding_with_the_worst_and_how_often():
+    seen = [replace(e, start=e.start + Duration(e.cycle + 1), end=e.end) if e.task == "c" else e for e in play()]
+    (late,) = deviations(seen, origin=ZERO)
+    assert "starts 2ns late" in late.message
+    assert "2 times, this is the worst" in late.message
+
+
+def test_cost_grows_with_the_trace_and_not_with_its_square():
+    """Counted, not timed: how often an execution is asked for its start."""
+    counts = []
+    for cycles in (20, 40):
+        reads = 0
+
+        class Counting(Execution):
+            def __getattribute__(self, name):
+                nonlocal reads
+                reads += name == "start"
+                return super().__getattribute__(name)
+
+        seen = play([("race", RACE)] * cycles, stated=False)
+        counted = [Counting(task=e.task, units=e.units, start=e.start, end=e.end) for e in seen]
+        compared(counted, mode="race")
+        counts.append(reads)
+    assert counts[1] < counts[0] * 2.5
