@@ -40,6 +40,9 @@ RANGES = {
     "HAL07": "Overlays",
     "HAL08": "Exports",
     "HAL09": "The tool chain",
+    "HAL10": "Bundles and their checks",
+    "HAL11": "Traces and their comparison",
+    "HAL12": "Import of AMALTHEA",
 }
 
 MEANINGS = {
@@ -70,6 +73,7 @@ def pages() -> dict[str, str]:
         "exit-codes.md": exit_codes_page(),
         "cli.md": cli_page(),
         "schemas.md": schemas_page(),
+        "formats.md": formats_page(),
     }
 
 
@@ -145,6 +149,53 @@ def _link(code: str) -> str:
     return f"[{code}](diagnostics.md#{code.lower()})"
 
 
+# ------------------------------------------------------------------------------------------------ formats
+
+
+def formats_page() -> str:
+    """What every format reads, writes and loses, from the extents that importers and exporters state."""
+    from halpipe.pipeline.stages import EXPORTERS, IMPORTERS, exporter, formats, importer
+
+    readers = [importer(name) for name in formats(IMPORTERS)]
+    writers = [exporter(name) for name in formats(EXPORTERS)]
+    return _page(
+        "Formats",
+        "What each format carries of a [model](../explanation/model.md) and its schedule. halpipe's own XML carries "
+        "everything, both ways ([schemas](schemas.md)). Whatever a source has beyond this is counted as ignored in the "
+        "[account of the import](../how-to/import-an-ecu-extract.md), with its line and the reason.",
+        "## What is read",
+        _matrix(readers),
+        "## What is written",
+        _matrix(writers),
+        *(part for reader in readers for part in _extent("import", reader)),
+        *(part for writer in writers for part in _extent("export", writer)),
+    )
+
+
+def _matrix(formats: list[Any]) -> str:
+    from halpipe.extent import ASPECTS
+
+    head = f"| | {' | '.join(f'`{format.name}`' for format in formats)} |"
+    rows = (
+        f"| {meaning} | {' | '.join('yes' if aspect in format.extent.carried else '' for format in formats)} |"
+        for aspect, meaning in ASPECTS.items()
+    )
+    return "\n".join((head, "|---" * (len(formats) + 1) + "|", *rows))
+
+
+def _extent(verb: str, format: Any) -> tuple[str, ...]:
+    from halpipe.extent import ASPECTS
+
+    rows = (
+        f"| {ASPECTS[aspect]} | {_escaped(format.extent.carried[aspect])} |"
+        for aspect in ASPECTS
+        if aspect in format.extent.carried
+    )
+    lost = "\n".join(f"* {sentence}" for sentence in format.extent.lost)
+    title = f"## halpipe {verb} {format.name}"
+    return title, f"{format.summary[0].upper()}{format.summary[1:]}.", "\n".join(("| | |", "|---|---|", *rows)), lost
+
+
 # ------------------------------------------------------------------------------------------------ exit codes
 
 
@@ -167,7 +218,11 @@ def cli_page() -> str:
     from halpipe.cli.output import SHOWN_PER_CODE
 
     verbs = [(str(command.name), command.callback) for command in app.registered_commands if command.callback]
-    overview = "\n".join(("| verb | |", "|---|---|", *(f"| [`{n}`](#halpipe-{n}) | {_doc(f)[0]} |" for n, f in verbs)))
+    for group in app.registered_groups:
+        inside = group.typer_instance.registered_commands if group.typer_instance else []
+        verbs += [(f"{group.name} {command.name}", command.callback) for command in inside if command.callback]
+    rows = (f"| [`{name}`](#halpipe-{name.replace(' ', '-')}) | {_doc(function)[0]} |" for name, function in verbs)
+    overview = "\n".join(("| verb | |", "|---|---|", *rows))
     common = (
         "Results go to standard output or to the file named with `-o`, everything else to standard error. For input, "
         "`-` is standard input; for output, standard output. Colour is used on a terminal only, and never where "
