@@ -3,11 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO := examples/roboracer
+# One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
+PARALLEL ?= -n auto --dist worksteal
 
 .PHONY: demo test test-fast lint docs clean help
 
 help:
-	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule and reports"
+	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
 	@echo "make test       set up, then run the linters and all tests"
 	@echo "make test-fast  the tests without the slow ones"
 	@echo "make docs       regenerate the reference pages from the code"
@@ -19,23 +21,30 @@ $(BIN)/python:
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
 $(VENV)/.demo-ready: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[riscv]'
 	@touch $@
 
 $(VENV)/.test-ready: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,exact,cluster]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,arxml,exact,cluster,riscv]'
 	@touch $@ $(VENV)/.demo-ready
 
 demo: $(VENV)/.demo-ready
 	$(BIN)/halpipe run $(DEMO)/pipeline.yaml
 	@command -v dot >/dev/null && $(BIN)/halpipe export graph $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml -o $(DEMO)/out/graph.svg || \
 	  echo "graph.svg skipped: the dot program is missing (Debian: apt-get install graphviz); graph.dot is there"
+	$(BIN)/halpipe export riscv $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml --sources $(DEMO) -o $(DEMO)/out/bundle
+	$(BIN)/halpipe deploy check $(DEMO)/out/bundle
+	$(BIN)/halpipe deploy check $(DEMO)/out/regulator
+	$(BIN)/python $(DEMO)/drive.py $(DEMO)/out/bundle -o $(DEMO)/out/drive
 	@echo
 	@echo "Look at:"
 	@echo "  $(DEMO)/out/report.html    the schedule of every mode, as a page for any browser"
+	@echo "  $(DEMO)/out/drive/drive.svg  the line that the car drove, with the bundle on a simulated board"
+	@echo "  $(DEMO)/out/bundle         what a RISC-V board loads: programs, runtime, tables"
+	@echo "  $(DEMO)/out/regulator      budgets of memory-bandwidth regulators for every mode and switch, with a picture"
 	@echo "  $(DEMO)/out/schedule.xml   the verified schedule"
 	@echo "  $(DEMO)/out/model.xml      the task model made from the ROS graph and overlay.yaml"
-	@echo "  $(DEMO)/out/graph.dot      its dependencies; trace.json opens in ui.perfetto.dev"
+	@echo "  $(DEMO)/out/graph.dot      its dependencies; trace.json opens in ui.perfetto.dev, trace.btf in Trace Compass"
 
 lint: $(VENV)/.test-ready
 	$(BIN)/ruff check .
@@ -43,10 +52,10 @@ lint: $(VENV)/.test-ready
 	$(BIN)/mypy
 
 test: lint
-	$(BIN)/pytest
+	$(BIN)/pytest $(PARALLEL)
 
 test-fast: $(VENV)/.test-ready
-	$(BIN)/pytest -m "not slow"
+	$(BIN)/pytest $(PARALLEL) -m "not slow"
 
 docs: $(VENV)/.test-ready
 	$(BIN)/python docs/generate.py
