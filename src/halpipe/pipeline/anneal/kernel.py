@@ -39,7 +39,7 @@ CANDIDATES, CANDIDATES_IN_WINDOWS = 16, 32
 CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
 FIRST_CYCLE_MOVES = 20
-"""Cycles begin shorter and double up to `CYCLE_MOVES`: most sets need no more than a quench."""
+"""Of many entries, cycles begin shorter and double up to `CYCLE_MOVES`: most sets need no more than a quench."""
 RESTART = 4
 """One cycle in so many begins with an empty schedule: some basins are left in no other way."""
 FEW_CYCLES = 4
@@ -92,7 +92,7 @@ def begin_cycle(p, s):
     register[CYCLE] += 1
     number = register[CYCLE]
     entries = len(p.entry_offset)
-    moves = min(CYCLE_MOVES, FIRST_CYCLE_MOVES << min(number - 1, 8))
+    moves = CYCLE_MOVES if entries < FEW_ENTRIES else min(CYCLE_MOVES, FIRST_CYCLE_MOVES << min(number - 1, 8))
     register[CYCLE_LENGTH] = moves * entries * luby(number)
     register[CYCLE_LEFT] = register[CYCLE_LENGTH]
     is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (entries < FEW_ENTRIES or number > FEW_CYCLES)
