@@ -78,7 +78,7 @@ def test_with_one_more_unit_nothing_is_proven():
 )
 def test_strictly_periodic_with_more_units(extra):
     system = waters2019(**extra)
-    schedule = schedule_model(system, SearchOptions(budget=200), lambda *_: True).schedule
+    schedule = schedule_model(system, SearchOptions(budget=2000), lambda *_: True).schedule
     assert schedule.modes[0].status is Status.VALID
     assert not [d for d in verify(system, schedule) if d.is_error]
 
