@@ -2,7 +2,6 @@
 
 import csv
 import json
-import time
 from collections import Counter
 from pathlib import Path
 
@@ -96,12 +95,6 @@ def test_systems_are_complete_at_every_granularity(name, granularity):
     assert all(task.period for task in imported.model.tasks)
     assert parse_model(format_model(imported.model), "model.xml") == imported.model
     assert all(read == mapped + ignored for _, read, mapped, ignored in imported.coverage.rows())
-
-
-def test_the_three_core_system_is_read_within_two_seconds():
-    start = time.process_time()
-    read(DATA / "sys_vector_tc275_3core")
-    assert time.process_time() - start < 2
 
 
 def test_the_constraint_of_a_large_export_orders_its_runnables():

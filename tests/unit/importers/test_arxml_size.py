@@ -1,4 +1,4 @@
-"""A 20 MB extract is imported in ten seconds and half a gigabyte."""
+"""A 20 MB extract is imported in half a gigabyte, and time grows with the size of an extract."""
 
 import subprocess
 import sys
@@ -6,14 +6,18 @@ import sys
 import pytest
 from arxml_case import assembly, component, composition, every, in_port, out_port, package, runnable, write
 
+from growth import growth
+from halpipe.importers.arxml import FORMAT
+from halpipe.importers.base import ImportOptions
+
 # The peak is read from /proc: getrusage would count that of the process which started this one, too.
 _IMPORT = """
-import re, sys, time
+import re, sys
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.base import ImportOptions
 imported = FORMAT.read([sys.argv[1]], ImportOptions())
 peak = re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1]
-print(len(imported.model.tasks), peak, time.process_time())
+print(len(imported.model.tasks), peak)
 """
 
 
@@ -38,11 +42,21 @@ def extract(tmp_path, components):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no /proc")
-def test_a_20_megabyte_extract_is_read_within_10_seconds_and_500_megabytes(tmp_path):
+def test_a_20_megabyte_extract_is_read_within_500_megabytes(tmp_path):
     path = extract(tmp_path, 5_500)
     assert path.stat().st_size > 20 * 2**20
     done = subprocess.run([sys.executable, "-c", _IMPORT, str(path)], capture_output=True, text=True, check=True)
-    tasks, kilobytes, seconds = done.stdout.split()
-    assert float(seconds) < 10  # of the processor: other work on the machine does not count
+    tasks, kilobytes = done.stdout.split()
     assert int(kilobytes) < 500 * 2**10
     assert int(tasks) == 22_000
+
+
+@pytest.mark.slow
+def test_the_time_of_an_import_grows_with_the_extract_and_not_with_its_square(tmp_path):
+    def prepare(components):
+        folder = tmp_path / str(components)
+        folder.mkdir()
+        path = extract(folder, components)
+        return lambda: FORMAT.read([str(path)], ImportOptions())
+
+    assert growth(prepare, 100, 2_000) < 3 * 20  # linear: 20, quadratic: 400
