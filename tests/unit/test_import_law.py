@@ -15,7 +15,7 @@ import halpipe
 
 SOURCE = Path(halpipe.__file__).parent
 
-FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "fields", "bundles", "extent"}
+FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "fields", "bundles", "extent", "caches"}
 
 # Part of the package -> the parts it may import besides itself. The longest matching name rules.
 MAY_IMPORT = {
@@ -26,6 +26,7 @@ MAY_IMPORT = {
     "files": {"diagnostics"},
     "fields": {"diagnostics", "files", "suggest"},
     "extent": set(),
+    "caches": set(),
     "bundles": {"diagnostics", "files"},
     "models": {"diagnostics", "durations", "quantities"},
     "schemas": {"diagnostics", "suggest"},
@@ -56,11 +57,11 @@ WORLD = {
     "subprocess": {"cli", "pipeline.run", "exporters.graph", "exporters.riscv", "deploy"},
     "multiprocessing": {"cli", "pipeline.run"},
     "concurrent": {"cli", "pipeline.run", "pipeline.workers", "exporters.riscv"},
-    "threading": {"cli", "pipeline.run", "pipeline.workers", "pipeline.checkpoint"},
+    "threading": {"cli", "pipeline.run", "pipeline.workers", "pipeline.checkpoint", "pipeline.anneal"},
     "socket": set(),
     "urllib": set(),
-    "tempfile": {"cli", "pipeline.run", "pipeline.bench", "exporters.riscv", "deploy"},
-    "os": {"cli", "pipeline.run", "files", "exporters.riscv", "deploy"},
+    "tempfile": {"cli", "pipeline.run", "pipeline.bench", "exporters.riscv", "deploy", "caches"},
+    "os": {"cli", "pipeline.run", "files", "exporters.riscv", "deploy", "caches"},
     "platform": {"cli"},
     "shutil": {"cli", "files", "exporters.riscv", "deploy"},
 }

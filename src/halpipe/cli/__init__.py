@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import sys
 from typing import NoReturn
 
 from halpipe.diagnostics import Exit, HalpipeError
 
+RARELY = (100_000, 50, 100)
+"""Thresholds of the garbage collector: a model is a large tree of lasting objects, and looking through it again and
+again takes up to a quarter of the time of an import."""
+
 
 def main() -> NoReturn:
     """Run the command line and leave with the exit code of the table in docs/reference/exit-codes.md."""
+    gc.set_threshold(*RARELY)
     sys.exit(invoke(sys.argv[1:]))
 
 

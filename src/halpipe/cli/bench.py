@@ -27,7 +27,9 @@ JOURNAL = "journal.jsonl"
 
 
 def bench(
-    suite: Annotated[str, typer.Argument(metavar="SUITE", help="table3 (the paper's), hard, harder, or tiny (a try-out).")],
+    suite: Annotated[
+        str, typer.Argument(metavar="SUITE", help="table3 (the paper's), hard, harder, or tiny (a try-out).")
+    ],
     folder: Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Where table, plot and results go.")],
     row: Annotated[list[str] | None, typer.Option(help="Only rows whose names contain this; repeatable.")] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Sets of each cell.")] = 20,

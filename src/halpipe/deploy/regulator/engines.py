@@ -9,11 +9,11 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from halpipe.caches import cache_folder, is_ours, keep
 from halpipe.deploy.regulator.codes import ENGINE_FAILED
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import sha256
@@ -73,13 +73,13 @@ class Verilator:
         """Compile, or take what an earlier check compiled."""
         versions = [_version([tool, "--version"]) for tool in ("verilator", "g++")]
         name = design.digest(self.name, *versions)
-        kept = _cache()
-        if kept is not None and _is_ours(kept / name):
+        kept = cache_folder("regulator")
+        if kept is not None and is_ours(kept / name) and os.access(kept / name, os.X_OK):
             return Player((str(kept / name),))
         program = _verilate(design, folder)
-        if kept is None:
-            return Player((str(program),))
-        return Player((str(_keep(program, kept / name)),))
+        if kept is not None and keep(kept / name, program.read_bytes(), executable=True):
+            program = kept / name
+        return Player((str(program),))
 
 
 class Icarus:
@@ -140,45 +140,6 @@ def _call(command: Sequence[str], folder: str, seconds: int) -> None:
         said = [line.strip() for line in (done.stderr + done.stdout).splitlines() if line.strip()]
         telling = [line for line in said if "rror" in line] or said
         raise HalpipeError(_failed(f"{tool} ended with {done.returncode}: {' | '.join(telling[:3])[:400]}"))
-
-
-# ------------------------------------------------------------------------------------------------ cache
-
-
-def _cache() -> Path | None:
-    """Return the folder of compiled benches, None where the user's cache cannot hold one that only they can write."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    folder = Path(home, "halpipe", "regulator")
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return folder if _is_private(folder) else None
-    except OSError:
-        return None
-
-
-def _is_private(path: Path) -> bool:
-    facts = path.lstat()
-    return facts.st_uid == os.getuid() and not facts.st_mode & 0o022
-
-
-def _is_ours(program: Path) -> bool:
-    """Return whether a kept program is there and nobody else could have put it there."""
-    try:
-        return program.is_file() and not program.is_symlink() and _is_private(program) and os.access(program, os.X_OK)
-    except OSError:
-        return False
-
-
-def _keep(program: Path, place: Path) -> Path:
-    """Move a compiled bench into the cache in one step; another check may be doing the same."""
-    try:
-        with tempfile.NamedTemporaryFile(dir=place.parent, delete=False) as stream:
-            stream.write(program.read_bytes())
-        os.chmod(stream.name, 0o700)
-        os.replace(stream.name, place)
-    except OSError:
-        return program
-    return place
 
 
 def _failed(message: str) -> Diagnostic:

@@ -1,47 +1,112 @@
-"""How the kernel is compiled: machine code at the first call, kept on disk for the next."""
+"""The border between Python and the compiled kernel: what is compiled, and how it is called.
+
+An entry point is compiled at its first call and kept as machine code for the next run, which calls it as it would call
+C. Only to compile is numba needed: its import and set-up take longer than most searches.
+"""
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import wraps
+from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from numba import njit
-from numba.extending import register_jitable
+import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
-_FILES = [path.stat() for path in sorted(Path(__file__).parent.glob("*.py"))]
-STAMP = (max(file.st_mtime for file in _FILES), sum(file.st_size for file in _FILES))
+    from numpy.typing import NDArray
 
-F = TypeVar("F", bound="Callable[..., object]")
+WORDS_PER_FIELD = 3
+"""Address, rows and columns of an array; or an integer."""
 
-_OPTIONS: dict[str, Any] = {"nogil": True, "_nrt": False, "no_cfunc_wrapper": True}
-"""Without the interpreter's lock, so that Ctrl-C and threads work. The kernel allocates nothing, so it needs no
-reference counts, which would be kept at every use of an array."""
+F = TypeVar("F", bound="Callable[..., Any]")
+T = TypeVar("T", bound="type[tuple[Any, ...]]")
+
+INNER: list[Callable[..., Any]] = []
+"""Functions that compiled code may call."""
+
+ENTRIES: dict[Callable[..., Any], Callable[..., Any]] = {}
+"""Entry points, as they are called from Python, and the functions that they stand for."""
+
+FIXED: dict[type, bool] = {}
+"""The NamedTuples that are passed as tables of addresses, and whether compiled code only reads them."""
+
+_lock = Lock()
 
 
 def compiled(function: F) -> F:
-    """Compile a function wherever an `entry_point` uses it; called from Python it stays Python.
+    """Let an `entry_point` use a function; called from Python it stays Python."""
+    INNER.append(function)
+    return function
 
-    Wrappers for other callers, of which there are none, would be half of what there is to compile.
+
+def as_table(cls: T, *, fixed: bool = False) -> T:
+    """Let compiled code take instances of a NamedTuple as tables; `fixed` if it never writes to their arrays.
+
+    All instances must have arrays of the same dimensions and types.
     """
-    register: Any = register_jitable(no_cpython_wrapper=True, **_OPTIONS)
-    return register(function)  # type: ignore[no-any-return]
+    FIXED[cls] = fixed
+    return cls
 
 
 def entry_point(function: F) -> F:
-    """Compile a function that is called from Python, with all that it uses, and keep the outcome on disk."""
-    jitted = njit(cache=True, **_OPTIONS)(function)
-    _renew_with_any_file(jitted)
-    return jitted  # type: ignore[no-any-return]
+    """Compile a function that is called from Python, with all that it uses.
 
-
-def _renew_with_any_file(jitted: Any) -> None:
-    """Make the kept machine code of a function stale when any file of the kernel changes, not only its own.
-
-    Functions of the kernel are compiled into their callers, of which numba's cache knows nothing.
+    Arguments are tables, arrays of 64 bit integers and integers, of the same kinds in every call. The answer is an
+    integer, 0 if the function returns nothing.
     """
-    kept: Any = getattr(getattr(jitted, "_cache", None), "_cache_file", None)
-    if hasattr(kept, "_source_stamp"):
-        kept._source_stamp = STAMP  # noqa: SLF001 - numba offers no public way
+    native: list[Callable[..., int]] = []
+
+    @wraps(function)
+    def call(*arguments: Any) -> int:
+        if not native:
+            with _lock:
+                if not native:
+                    native.append(_prepared(function, arguments))
+        held: list[NDArray[np.int64]] = []
+        return native[0](*_words(arguments, held))
+
+    ENTRIES[call] = function
+    return call  # type: ignore[return-value]
+
+
+def _prepared(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Callable[..., int]:
+    from halpipe.pipeline.anneal.machine_code import kept_or_made, ready
+
+    def make() -> tuple[str, bytes]:
+        from halpipe.pipeline.anneal.compiler import compile_entry
+
+        return compile_entry(function, arguments)
+
+    words = len(list(_words(arguments, [])))
+    return ready(*kept_or_made(function, make), words)
+
+
+def _words(arguments: tuple[Any, ...], held: list[NDArray[np.int64]]) -> Iterator[int]:
+    """Return the machine words of a call; tables made for it are `held` until it ends."""
+    for argument in arguments:
+        if isinstance(argument, tuple):
+            held.append(addresses(argument))
+            yield _address(held[-1])
+        elif isinstance(argument, np.ndarray):
+            yield from (_address(argument), *(*argument.shape, 0)[:2])
+        else:
+            yield int(argument)
+
+
+def addresses(values: tuple[Any, ...]) -> NDArray[np.int64]:
+    """Return the table of a NamedTuple; it is good as long as the arrays live."""
+    table = np.zeros((len(values), WORDS_PER_FIELD), np.int64)
+    for row, value in zip(table, values, strict=True):
+        if isinstance(value, np.ndarray):
+            row[0] = _address(value)
+            row[1 : 1 + value.ndim] = value.shape
+        else:
+            row[0] = value
+    return table
+
+
+def _address(array: NDArray[Any]) -> int:
+    address: int = array.__array_interface__["data"][0]
+    return address

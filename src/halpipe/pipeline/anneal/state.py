@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from halpipe.pipeline.anneal.jit import compiled
-from halpipe.pipeline.anneal.memory import as_table
+from halpipe.pipeline.anneal.jit import as_table, compiled
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.problem import Arrays
 

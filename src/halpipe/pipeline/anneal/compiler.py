@@ -1,8 +1,9 @@
-"""How compiled code sees `Arrays` and `State`: as a pointer to a table of addresses, instead of field by field.
+"""From Python to machine code, by numba: needed at the first search of an installation only.
 
-numba passes a NamedTuple of arrays as seven words for each array, 400 in each call here, and generates code that takes
-them apart and puts them together in every function: that was two thirds of the time to compile. A `Table` is one
-word. Its entries never change while compiled code runs, and the code generator is told so.
+Compiled code sees `Arrays` and `State` as a pointer to a table of addresses, instead of field by field. numba passes a
+NamedTuple of arrays as seven words for each array, 400 in each call here, and generates code that takes them apart and
+puts them together in every function: that was two thirds of the time to compile. A `Table` is one word. Its entries
+never change while compiled code runs, and the code generator is told so.
 
 A field is read as a `View`. Unlike numba's arrays, views do not look for negative indices, which the kernel never uses;
 looking for them was a third of the time to run. Both types are made with numba's interface for extensions.
@@ -11,32 +12,68 @@ looking for them was a third of the time to run. Both types are made with numba'
 from __future__ import annotations
 
 import operator
-from typing import TYPE_CHECKING, Any, TypeVar
+from functools import cache
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
+from numba import njit
 from numba.core import cgutils, types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
-    NativeValue,
     infer_getattr,
     lower_builtin,
     lower_getattr_generic,
     models,
+    overload,
     register_model,
     type_callable,
-    typeof_impl,
-    unbox,
 )
 
+from halpipe.pipeline.anneal.jit import ENTRIES, FIXED, INNER, WORDS_PER_FIELD
+
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from collections.abc import Callable
 
 _WORD = ir.IntType(64)
-_WORDS_PER_FIELD = 3
-"""Address, rows and columns of an array; or an integer."""
 
-T = TypeVar("T", bound="type[tuple[Any, ...]]")
+_OPTIONS: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+"""The kernel allocates nothing, so it needs no reference counts, which would be kept at every use of an array. It is
+called as C is, so it needs no wrappers."""
+
+
+def compile_entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[str, bytes]:
+    """Return symbol and object file of a function for arguments of these kinds, with all that it uses compiled in."""
+    _let_them_call_each_other()
+    kinds = tuple(kind_of(argument) for argument in arguments)
+    made = njit(kinds, **_OPTIONS)(function).overloads[kinds]
+    return made.fndesc.llvm_func_name, made.library._get_compiled_object()  # noqa: SLF001 - as numba's own cache does
+
+
+@cache
+def _let_them_call_each_other() -> None:
+    for called, function in (*ENTRIES.items(), *((inner, inner) for inner in INNER)):
+        overload(called, jit_options=_OPTIONS, strict=False)(_standing_for(function))
+
+
+def _standing_for(function: Callable[..., Any]) -> Callable[..., Any]:
+    return lambda *_: function
+
+
+def kind_of(value: Any) -> Any:
+    """Return the type that compiled code has for a table, an array, or an integer."""
+    if isinstance(value, tuple):
+        fixed = FIXED[type(value)]
+        fields = ((name, _kind_of_field(field, fixed)) for name, field in zip(value._fields, value, strict=True))
+        return Table(type(value).__name__, tuple(fields))
+    return _kind_of_field(value, fixed=False)
+
+
+def _kind_of_field(value: Any, fixed: bool) -> Any:
+    if isinstance(value, np.ndarray):
+        return View(value.ndim, getattr(types, value.dtype.name), fixed=fixed)
+    return types.int64
 
 
 class Table(types.Type):
@@ -44,7 +81,8 @@ class Table(types.Type):
 
     def __init__(self, name: str, fields: tuple[tuple[str, Any], ...]) -> None:
         self.fields = fields
-        super().__init__(name=f"Table({name}, {fields})")
+        # Names of types are in the names of all functions that take them: short ones compile faster.
+        super().__init__(name=f"Table({name}, {sha256(repr(fields).encode()).hexdigest()[:16]})")
 
 
 class View(types.Type):
@@ -68,59 +106,6 @@ class _ViewModel(models.StructModel):
         super().__init__(dmm, fe_type, members)
 
 
-# ------------------------------------------------------------------------------------------------ from Python
-
-
-def as_table(cls: T, *, fixed: bool = False) -> T:
-    """Let compiled code take instances of a NamedTuple as tables; `fixed` if it never writes to their arrays.
-
-    All instances must have arrays of the same dimensions and types.
-    """
-    known: list[Table] = []
-
-    @typeof_impl.register(cls)
-    def typeof(values: Any, _: Any) -> Table:
-        if not known:
-            fields = (_field(name, value, fixed) for name, value in zip(values._fields, values, strict=True))
-            known.append(Table(cls.__name__, tuple(fields)))
-        return known[0]
-
-    return cls
-
-
-def _field(name: str, value: Any, fixed: bool) -> tuple[str, Any]:
-    if isinstance(value, np.ndarray):
-        return name, View(value.ndim, getattr(types, value.dtype.name), fixed=fixed)
-    return name, types.int64
-
-
-def addresses(values: tuple[Any, ...]) -> NDArray[np.int64]:
-    """Return the table of a NamedTuple; it is good as long as the arrays live."""
-    table = np.zeros((len(values), _WORDS_PER_FIELD), np.int64)
-    for row, value in zip(table, values, strict=True):
-        if isinstance(value, np.ndarray):
-            row[0] = value.__array_interface__["data"][0]
-            row[1 : 1 + value.ndim] = value.shape
-        else:
-            row[0] = value
-    return table
-
-
-@unbox(Table)
-def _unbox(typ: Any, instance: Any, c: Any) -> Any:
-    make = c.pyapi.unserialize(c.pyapi.serialize_object(addresses))
-    table = c.pyapi.call_function_objargs(make, [instance])
-    c.pyapi.decref(make)
-    kind = types.Array(types.int64, 2, "C")
-    native = c.unbox(kind, table)
-    array = c.context.make_array(kind)(c.context, c.builder, native.value)
-    pointer = c.builder.bitcast(array.data, _WORD.as_pointer())
-    return NativeValue(pointer, is_error=native.is_error, cleanup=lambda: c.pyapi.decref(table))
-
-
-# ------------------------------------------------------------------------------------------------ in compiled code
-
-
 @infer_getattr
 class _TableAttributes(AttributeTemplate):
     key = Table
@@ -133,7 +118,7 @@ class _TableAttributes(AttributeTemplate):
 def _read_field(context: Any, builder: Any, typ: Any, table: Any, attr: str) -> Any:
     index = [name for name, _ in typ.fields].index(attr)
     kind = typ.fields[index][1]
-    words = [_fixed_load(builder, table, _WORDS_PER_FIELD * index + word) for word in range(_WORDS_PER_FIELD)]
+    words = [_fixed_load(builder, table, WORDS_PER_FIELD * index + word) for word in range(WORDS_PER_FIELD)]
     if not isinstance(kind, View):
         return words[0]
     view = cgutils.create_struct_proxy(kind)(context, builder)

@@ -1,0 +1,53 @@
+"""What is kept for the next run in the user's cache folder: compiled things only, which can always be made again.
+
+Programs and machine code are taken from there only if nobody but the user can have put them there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from pathlib import Path
+
+
+def cache_folder(kind: str) -> Path | None:
+    """Return the folder for things of a kind, None where the user's cache cannot hold one that only they can write."""
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    folder = Path(home, "halpipe", kind)
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return folder if _is_private(folder) else None
+    except OSError:
+        return None
+
+
+def is_ours(path: Path) -> bool:
+    """Return whether a kept file is there and nobody else could have put it there."""
+    try:
+        return path.is_file() and not path.is_symlink() and _is_private(path)
+    except OSError:
+        return False
+
+
+def keep(place: Path, content: bytes, *, executable: bool = False) -> bool:
+    """Put a file into the cache in one step, since others may be doing the same; return whether it is there."""
+    try:
+        stream = tempfile.NamedTemporaryFile(dir=place.parent, delete=False)  # noqa: SIM115 - it is renamed
+    except OSError:
+        return False
+    try:
+        with stream:
+            stream.write(content)
+        os.chmod(stream.name, 0o700 if executable else 0o600)
+        os.replace(stream.name, place)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(stream.name)
+        return False
+    return True
+
+
+def _is_private(path: Path) -> bool:
+    facts = path.lstat()
+    return facts.st_uid == os.getuid() and not facts.st_mode & 0o022
