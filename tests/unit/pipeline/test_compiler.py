@@ -8,7 +8,8 @@ from numba import types
 from numba.core.errors import TypingError
 
 from halpipe.pipeline.anneal.compiler import Table, View, kind_of
-from halpipe.pipeline.anneal.jit import addresses, as_table, compiled, entry_point
+from halpipe.pipeline.anneal.jit import addresses, entry_point
+from halpipe.pipeline.anneal.registry import as_table, compiled
 
 
 @as_table

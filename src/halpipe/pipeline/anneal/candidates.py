@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled
 from halpipe.pipeline.anneal.placement import slide
+from halpipe.pipeline.anneal.registry import compiled
 from halpipe.pipeline.anneal.state import draw
 
 GAP_STEPS = 24

@@ -31,7 +31,7 @@ from numba.extending import (
     type_callable,
 )
 
-from halpipe.pipeline.anneal.jit import ENTRIES, FIXED, INNER, WORDS_PER_FIELD
+from halpipe.pipeline.anneal.registry import ENTRIES, FIXED, INNER, WORDS_PER_FIELD
 
 if TYPE_CHECKING:
     from collections.abc import Callable

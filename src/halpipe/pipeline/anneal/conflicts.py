@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled
 from halpipe.pipeline.anneal.placement import lane_conflict
 from halpipe.pipeline.anneal.profile import overloaded
+from halpipe.pipeline.anneal.registry import compiled
 from halpipe.pipeline.anneal.side_costs import side_cost
 from halpipe.pipeline.anneal.state import FROZEN, FROZEN_HINT, HOT, INSERTED, draw
 

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from halpipe.pipeline.anneal.candidates import candidate_start
 from halpipe.pipeline.anneal.conflicts import heat_up, heat_up_overlapped, heat_up_partners, pick
-from halpipe.pipeline.anneal.jit import compiled, entry_point
+from halpipe.pipeline.anneal.jit import entry_point
 from halpipe.pipeline.anneal.placement import option_cost, put, slide, take
 from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.anneal.registry import compiled
 from halpipe.pipeline.anneal.side_costs import chain_cost, demand_cost, job_window_cost, side_cost
 from halpipe.pipeline.anneal.state import (
     BEST,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled, entry_point
+from halpipe.pipeline.anneal.jit import entry_point
 from halpipe.pipeline.anneal.profile import excess, find, overloaded, raise_level
+from halpipe.pipeline.anneal.registry import compiled
 
 SLIDE_STEPS = 24
 """Steps of the profiles that a slide may look at before it gives up."""

@@ -6,7 +6,7 @@ sentinel at the hyperperiod. Neighbouring levels differ, except at the permanent
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled
+from halpipe.pipeline.anneal.registry import compiled
 
 NEVER = 1 << 60
 """A cost that nothing reaches."""

@@ -6,8 +6,9 @@ nothing, so that construction can start from an empty schedule.
 
 from __future__ import annotations
 
-from halpipe.pipeline.anneal.jit import compiled, entry_point
+from halpipe.pipeline.anneal.jit import entry_point
 from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.anneal.registry import compiled
 
 
 @compiled

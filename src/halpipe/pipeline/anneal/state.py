@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from halpipe.pipeline.anneal.jit import as_table, compiled
 from halpipe.pipeline.anneal.profile import NEVER
+from halpipe.pipeline.anneal.registry import as_table, compiled
 from halpipe.pipeline.problem import Arrays
 
 if TYPE_CHECKING:
