@@ -1,7 +1,8 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
-The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn,
-and the first to succeed, by turn and number, has won. Who wins does not depend on how many of them run at the same
+The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
+first as many as all others together, and later more than they: the hardest problems want one long search. The first to
+succeed, by turn and number, has won. Who wins does not depend on how many of them run at the same
 time; with as many threads as searches, the time is that of the quickest.
 """
 
@@ -25,7 +26,10 @@ LEAD = 256
 """Moves per task that the first search makes before the others begin."""
 
 TURN = 64
-"""Moves per task in one turn."""
+"""Moves per task in one turn of all searches but the first, which makes as many as they do together."""
+
+LONG, LONGER = 2048, 4
+"""Once the first has made so many moves per task, it makes four times as many as the others together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +85,15 @@ def race(
         lead = min(budget, LEAD * tasks)
         found.turn(workers, [lead])
         left = budget - lead
-        while left >= members and not found.over:
-            step = min(TURN * tasks, left // members)
+        others = members - 1
+        while left > 0 and not found.over:
+            share = others * (1 if first.bound < LONG * tasks else LONGER)
+            step = min(TURN * tasks, left // (share + others))
+            moves = share * step if step else left  # the rest, which is too little for all of them
             while len(found.all) < members:
                 found.add()
-            found.turn(workers, [member.bound + step for member in found.all])
-            left -= members * step
+            found.turn(workers, [first.bound + moves, *(member.bound + step for member in found.all[1:])])
+            left -= moves + others * step
     return found.outcome()
 
 

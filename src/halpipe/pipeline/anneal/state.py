@@ -29,7 +29,7 @@ HOT = 9
 FROZEN = 10
 REGISTERS = 11
 
-START_HEAT, START_HEAT_WITH_WINDOWS = 30, 40
+START_HEAT, START_HEAT_WITH_WINDOWS = 24, 40
 """T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
 
 FROZEN_HINT = -2
