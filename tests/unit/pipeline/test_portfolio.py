@@ -1,5 +1,7 @@
 """Searches that take turns: who wins depends on the moves alone, not on threads, slices or a stop on the way."""
 
+import operator
+
 import pytest
 
 from halpipe.pipeline.anneal import portfolio
@@ -40,6 +42,7 @@ def short_turns(monkeypatch):
     """Let the others begin after a handful of moves, and every turn be short."""
     monkeypatch.setattr(portfolio, "LEAD", 2)
     monkeypatch.setattr(portfolio, "TURN", 1)
+    monkeypatch.setattr(portfolio, "LONG", 10)
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 200)
 
 
@@ -63,20 +66,18 @@ def test_any_number_of_threads_comes_to_the_same(problem, seed):
 def test_the_winner_is_the_first_by_turn_and_then_by_number(problem, seed):
     """Recomputed from what each search needs when it is alone."""
     needed = [run_alone(problem, 1000 * seed + member) for member in range(3)]
-    lead, turn = 2 * TASKS, TASKS
-    turns = [
-        max(0, -(-(need - lead) // turn)) if member == 0 else -(-need // turn) for member, need in enumerate(needed)
-    ]
-    winner = min(range(3), key=lambda member: (turns[member], member))
-    expected = [(lead if member == 0 else 0) + turns[winner] * turn for member in range(3)]
-    for member in range(3):
-        if member > winner:
-            expected[member] -= turn if turns[winner] else 0
+    bounds = [(2 * TASKS, 0, 0)]
+    while not any(map(operator.ge, bounds[-1], needed)):
+        first, *others = bounds[-1]
+        share = 2 if first < 10 * TASKS else 2 * 4
+        bounds.append((first + share * TASKS, *(bound + TASKS for bound in others)))
+    winner = next(member for member in range(3) if bounds[-1][member] >= needed[member])
+    expected = [bounds[-1 if member < winner else -2][member] for member in range(3)] if len(bounds) > 1 else [0, 0, 0]
     expected[winner] = needed[winner]
     result = run(problem, seed=seed)
     assert int(result.state.register[MOVES]) == needed[winner]
-    assert result.moves == (sum(expected) if turns[winner] else needed[0])
-    assert any(turns), "a seed that decides something"
+    assert result.moves == sum(expected)
+    assert len(bounds) > 1, "a seed that decides something"
 
 
 def run_alone(problem, seed):
