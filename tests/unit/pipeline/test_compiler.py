@@ -8,7 +8,7 @@ from numba import types
 from numba.core.errors import TypingError
 
 from halpipe.pipeline.anneal.compiler import Table, View, kind_of
-from halpipe.pipeline.anneal.jit import addresses, entry_point
+from halpipe.pipeline.anneal.jit import _layout, addresses, entry_point
 from halpipe.pipeline.anneal.registry import as_table, compiled
 
 
@@ -107,6 +107,25 @@ def test_two_classes_are_not_confused():
 
 def test_arrays_are_passed_as_they_are():
     assert of_array(np.arange(10, 20), 3) == 23
+
+
+def test_the_layout_tells_kinds_names_and_order_apart():
+    values = [7, np.arange(5), np.arange(12).reshape(4, 3), np.zeros(2, np.uint64), box(), Twin(np.arange(1), 2)]
+    values += [Fixed(np.arange(1)), (box(), 1), (1, box())]
+    assert len({_layout(value) for value in values}) == len(values)
+    assert _layout(box()) == _layout(box())
+
+
+def test_what_is_registered_later_can_be_called_too():
+    @compiled
+    def doubled(number):
+        return 2 * number
+
+    @entry_point
+    def quadrupled(number):
+        return doubled(doubled(number))
+
+    assert quadrupled(3) == 12
 
 
 def test_views_travel_between_functions_and_entry_points():

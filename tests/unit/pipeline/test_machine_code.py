@@ -31,12 +31,12 @@ def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     made = []
 
-    def ask():
+    def ask(layout="(x: integer)"):
         def make():
             made.append(1)
             return MADE
 
-        assert kept_or_made(function, make) == MADE
+        assert kept_or_made(function, layout, make) == MADE
         return len(made)
 
     return tmp_path / "cache" / "halpipe" / "kernel", ask
@@ -79,6 +79,11 @@ def test_without_a_cache_it_is_made_each_time(cache):
     folder, ask = cache
     folder.parent.parent.write_text("in the way")
     assert [ask(), ask()] == [1, 2]
+
+
+def test_arguments_of_another_layout_need_another_version(cache):
+    _, ask = cache
+    assert [ask("(x: integer)"), ask("(y: integer)"), ask("(x: integer)")] == [1, 2, 2]
 
 
 def test_other_sources_and_processors_have_other_names(cache, monkeypatch):

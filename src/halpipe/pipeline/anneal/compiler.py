@@ -12,7 +12,6 @@ looking for them was a third of the time to run. Both types are made with numba'
 from __future__ import annotations
 
 import operator
-from functools import cache
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -45,16 +44,21 @@ called as C is, so it needs no wrappers."""
 
 def compile_entry(function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[str, bytes]:
     """Return symbol and object file of a function for arguments of these kinds, with all that it uses compiled in."""
-    _let_them_call_each_other()
+    _make_callable()
     kinds = tuple(kind_of(argument) for argument in arguments)
     made = njit(kinds, **_OPTIONS)(function).overloads[kinds]
     return made.fndesc.llvm_func_name, made.library._get_compiled_object()  # noqa: SLF001 - as numba's own cache does
 
 
-@cache
-def _let_them_call_each_other() -> None:
+_callable: set[Callable[..., Any]] = set()
+
+
+def _make_callable() -> None:
+    """Let compiled code call what has been registered since the last time."""
     for called, function in (*ENTRIES.items(), *((inner, inner) for inner in INNER)):
-        overload(called, jit_options=_OPTIONS, strict=False)(_standing_for(function))
+        if called not in _callable:
+            overload(called, jit_options=_OPTIONS, strict=False)(_standing_for(function))
+            _callable.add(called)
 
 
 def _standing_for(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -54,7 +54,17 @@ def _prepared(function: Callable[..., Any], arguments: tuple[Any, ...]) -> Calla
         return compile_entry(function, arguments)
 
     words = len(list(_words(arguments, [])))
-    return ready(*kept_or_made(function, make), words)
+    return ready(*kept_or_made(function, _layout(arguments), make), words)
+
+
+def _layout(value: Any) -> str:
+    """Return what compiled code takes for granted of its arguments: the fields of tables, the kinds of arrays."""
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype.str}*{value.ndim}"
+    if not isinstance(value, tuple):
+        return "integer"
+    names = getattr(value, "_fields", range(len(value)))
+    return "({})".format(", ".join(f"{name}: {_layout(field)}" for name, field in zip(names, value, strict=True)))
 
 
 def _words(arguments: tuple[Any, ...], held: list[NDArray[np.int64]]) -> Iterator[int]:

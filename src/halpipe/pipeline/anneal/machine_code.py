@@ -1,7 +1,8 @@
 """Machine code of entry points: kept in the user's cache, and made ready to be called.
 
 What is kept is an object file as a compiler writes it, without any reference to Python or numba. Its name has the hash
-of all source files of the kernel and the kind of processor in it, and its first line the hash of what follows.
+of all source files of the kernel, the layout of its arguments and the kind of processor in it, and its first line the
+hash of what follows.
 """
 
 from __future__ import annotations
@@ -33,12 +34,15 @@ _engines: list[Any] = []
 """They own the machine code in memory, for as long as the process lives."""
 
 
-def kept_or_made(function: Callable[..., Any], make: Callable[[], tuple[str, bytes]]) -> tuple[str, bytes]:
-    """Return symbol and object file of a function, from the cache if it is there; what `make` returned goes there."""
+def kept_or_made(function: Callable[..., Any], layout: str, make: Callable[[], tuple[str, bytes]]) -> tuple[str, bytes]:
+    """Return symbol and object file of a function, from the cache if it is there; what `make` returned goes there.
+
+    `layout` tells what it takes for granted of its arguments; sources, system and processor are looked up here.
+    """
     folder = cache_folder("kernel")
     if folder is None:
         return make()
-    place = folder / f"{function.__name__}-{_version(Path(function.__code__.co_filename))}.o"
+    place = folder / f"{function.__name__}-{_version(Path(function.__code__.co_filename), layout)}.o"
     found = _read(place)
     if found is None:
         found = make()
@@ -71,11 +75,17 @@ def _forget_oldest(folder: Path, name: str) -> None:
 
 
 @cache
-def _version(source: Path) -> str:
+def _version(source: Path, layout: str) -> str:
     """Return what the machine code of a function in `source` depends on, as a hash."""
     files = sorted({source, *Path(__file__).parent.glob("*.py")})
     parts = [sha256(file.read_bytes()).hexdigest() for file in files]
-    parts += [sys.platform, llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
+    parts += [
+        layout,
+        sys.platform,
+        llvm.get_process_triple(),
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+    ]
     return sha256("\n".join(parts).encode()).hexdigest()[:32]
 
 
