@@ -112,8 +112,9 @@ def _regulator(folder: Path) -> list[str]:
     from halpipe.pipeline.generate import SetParameters, generate
     from support import mode
 
-    (folder / "platform.yaml").write_text(PLATFORM)
-    base = generate(SetParameters(tasks=120, units=8, unit_types=1, resources=2), 1)
+    base = generate(SetParameters(tasks=120, units=8, unit_types=1, resources=1, fractional=True), 1)
+    managers = "".join(f"  {unit.name}: {{manager: {number}}}\n" for number, unit in enumerate(base.units))
+    (folder / "platform.yaml").write_text(f"resource: r1\n{PLATFORM.partition('units:')[0]}units:\n{managers}")
     names = ("a", "b", "c", "d")
     modes = tuple(mode(name, [t for n, t in enumerate(base.tasks) if n % 4 != k]) for k, name in enumerate(names))
     pairs = tuple(Transition(source=x, target=y) for x in names for y in names if x != y)
