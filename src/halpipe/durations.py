@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, overload
 
 from halpipe.quantities import format_rational, parse_rational, quoted
@@ -61,14 +62,7 @@ class Duration:
         return Fraction(self._ns, _UNITS_NS[unit])
 
     def __str__(self) -> str:
-        if self._ns == 0:
-            return "0ms"
-        magnitude = abs(self.fraction)
-        # The largest unit that gives a number of 1 or more; another one where only that keeps the digits few.
-        units = sorted(_UNITS_NS, key=lambda u: (magnitude < _UNITS_NS[u], -_UNITS_NS[u]))
-        texts = (format_rational(self.in_unit(u)) + u for u in (units if magnitude >= 1 else units[::-1]))
-        first = next(texts)
-        return first if _SCHEMA_FORM.fullmatch(first) else next(filter(_SCHEMA_FORM.fullmatch, texts), first)
+        return _text(self._ns)
 
     def __repr__(self) -> str:
         return f"Duration({str(self)!r})"
@@ -122,6 +116,18 @@ class Duration:
 
     def __mod__(self, other: Duration) -> Duration:
         return Duration(self._ns % other._ns)
+
+
+@lru_cache(maxsize=8192)  # a model states the same few times again and again
+def _text(ns: int | Fraction) -> str:
+    if ns == 0:
+        return "0ms"
+    magnitude = abs(Fraction(ns))
+    # The largest unit that gives a number of 1 or more; another one where only that keeps the digits few.
+    units = sorted(_UNITS_NS, key=lambda u: (magnitude < _UNITS_NS[u], -_UNITS_NS[u]))
+    texts = (format_rational(Fraction(ns, _UNITS_NS[u])) + u for u in (units if magnitude >= 1 else units[::-1]))
+    first = next(texts)
+    return first if _SCHEMA_FORM.fullmatch(first) else next(filter(_SCHEMA_FORM.fullmatch, texts), first)
 
 
 ZERO = Duration(0)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, error, sort_diagnostics, warning
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, error, warning
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -138,7 +138,7 @@ def validate_model(model: TaskModel) -> list[Diagnostic]:
     """Return everything that is wrong or odd with a model, in the order of its file."""
     from halpipe.pipeline.validate import validate
 
-    return sort_diagnostics(validate(model))
+    return list(validate(model))
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import TYPE_CHECKING
 
 from lxml import etree
@@ -30,7 +31,7 @@ _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 def document(kind: str, **attributes: str | int | Duration | None) -> etree._Element:
     """Start a document of a kind, with its default namespace."""
     uri = namespace(kind)
-    return _with(etree.Element(f"{{{uri}}}{kind}", nsmap={None: uri}), attributes)
+    return etree.Element(f"{{{uri}}}{kind}", _texts(attributes), nsmap={None: uri})
 
 
 def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | None) -> etree._Element:
@@ -38,15 +39,21 @@ def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | N
 
     A trailing ``_`` escapes a Python keyword: ``from_`` writes ``from``.
     """
-    return _with(etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag), attributes)
+    return etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag, _texts(attributes))
 
 
-def _with(element: etree._Element, attributes: Mapping[str, str | int | Duration | None]) -> etree._Element:
-    for name, value in attributes.items():
-        if value is not None:
-            # File names may hold what XML cannot; in a name the replacement is found by the schema.
-            element.set(name.rstrip("_").replace("_", "-"), _ILLEGAL.sub("\ufffd", str(value)))
-    return element
+def _texts(attributes: Mapping[str, str | int | Duration | None]) -> dict[str, str]:
+    return {_attribute(name): _legal(str(value)) for name, value in attributes.items() if value is not None}
+
+
+@cache
+def _attribute(name: str) -> str:
+    return name.rstrip("_").replace("_", "-")
+
+
+def _legal(text: str) -> str:
+    """Return `text` without what XML cannot hold: file names may; in a name the replacement is found by the schema."""
+    return text if text.isprintable() else _ILLEGAL.sub("\ufffd", text)
 
 
 def listed(items: Iterable[str]) -> str:

@@ -90,7 +90,8 @@ def find_activations(system: System, findings: Findings) -> list[Activation]:
         Activation(name=process.place.name, place=process.place, context=(process.place.path,), process=process)
         for process in system.processes
     ]
-    found = [replace(activation, arrival=arrivals.of(activation)) for activation in found]
+    if arrivals.subjects:
+        found = [replace(activation, arrival=arrivals.of(activation)) for activation in found]
     return _named_apart(_joined(found, system), findings)
 
 
@@ -145,6 +146,8 @@ def _mapping(instance: Instance, mappings: list[Mapping]) -> Mapping | None:
 
 def _joined(activations: list[Activation], system: System) -> list[Activation]:
     """Point BSW entities to the runnable that is the same function, where an instance of it exists."""
+    if not system.twins:
+        return activations
     runnable_of = {twin.entity: twin.runnable for twin in system.twins}
     actors = {a.place.path: a.actor for a in reversed(activations) if a.runnable is not None}
     return [replace(a, twin=actors.get(runnable_of.get(a.place.path, ""))) for a in activations]
@@ -166,7 +169,8 @@ def _named_apart(activations: list[Activation], findings: Findings) -> list[Acti
                     path=f'{activation.place.kind} "{activation.name}"',
                 )
             )
-    return [replace(activation, name=names[activation.actor]) for activation in activations]
+    chosen = ((activation, names[activation.actor]) for activation in activations)
+    return [activation if name == activation.name else replace(activation, name=name) for activation, name in chosen]
 
 
 def _full_name(activation: Activation) -> str:

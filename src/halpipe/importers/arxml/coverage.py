@@ -104,11 +104,11 @@ class Ledger:
             else:
                 reason = self._reasons.get((node.path, kind)) or _default(kind)
                 coverage.ignored(kind, node.path, reason, node.at)
-            _account_for_nameless(node, node in mapped, coverage)
+            _account_for_nameless(tree, node, node in mapped, coverage)
         return coverage
 
 
-def _account_for_nameless(node: Node, is_mapped: bool, coverage: Coverage) -> None:
+def _account_for_nameless(tree: Tree, node: Node, is_mapped: bool, coverage: Coverage) -> None:
     """Account for the elements of a node that have no name of their own, but say when something runs, or where.
 
     They share the fate of the node that holds them.
@@ -116,7 +116,7 @@ def _account_for_nameless(node: Node, is_mapped: bool, coverage: Coverage) -> No
     paths = _NAMELESS.get(node.tag, _NAMELESS_OF_EVENTS if node.tag.endswith("-EVENT") else ())
     for path in paths:
         tag = path.rpartition("/")[2]
-        for index, (element, file) in enumerate(node.elements(path), 1):
+        for index, (element, file) in enumerate(tree.elements(node, path), 1):
             if is_mapped and tag not in _NEVER:
                 coverage.mapped(tag)
             else:

@@ -120,6 +120,8 @@ def _names(groups: list[list[Activation]], granularity: str) -> list[str]:
     """Name tasks after runnable or OsTask, adding the period, then the offset, then the event while names collide."""
     names = [_base_name(found[0], granularity) for found in groups]
     for suffix in (_period_suffix, _offset_suffix, _event_suffix):
+        if len(set(names)) == len(names):
+            break
         longer = [legal_name(name + suffix(found[0])) for name, found in zip(names, groups, strict=True)]
         variants = Counter(name for name, _ in set(zip(names, longer, strict=True)))
         names = [more if variants[name] > 1 else name for name, more in zip(names, longer, strict=True)]

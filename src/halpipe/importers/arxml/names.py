@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+
+T = TypeVar("T")
 
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 900
@@ -27,7 +29,7 @@ def unique_name(name: str, taken: set[str]) -> str:
     return chosen
 
 
-def listed(names: Sequence[str]) -> str:
-    """Return the first few names for a message, and how many more there are."""
-    shown = ", ".join(names[:_SHOWN])
-    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
+def listed(items: Sequence[T], name_of: Callable[[T], str] = str) -> str:
+    """Return the names of the first few items for a message, and how many more there are."""
+    shown = ", ".join(map(name_of, items[:_SHOWN]))
+    return f"{shown} and {len(items) - _SHOWN} more" if len(items) > _SHOWN else shown

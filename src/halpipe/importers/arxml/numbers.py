@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
+from functools import lru_cache
 
 from halpipe.durations import Duration, seconds
 
@@ -39,6 +40,7 @@ def parse_number(text: str) -> Fraction | None:
     return None
 
 
+@lru_cache(maxsize=4096)  # an extract has thousands of events, and few different periods
 def parse_double(text: str) -> Fraction | None:
     """Read an xsd:double other than INF and NaN exactly, never through a binary float; None if it is none."""
     match = _DOUBLE.fullmatch(text.strip())

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.arxml.activation import Activation
-    from halpipe.importers.arxml.dataflow import DataFlow
+    from halpipe.importers.arxml.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.grouping import Draft
     from halpipe.importers.arxml.platform import Platform
     from halpipe.importers.arxml.system import System
@@ -157,15 +157,16 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
     if not dataflow.dependencies:
         return
     labels = {instance.context: instance.label for instance in system.instances}
-    names = [
-        " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
-        for pair in dataflow.dependencies
-    ]
+
+    def described(pair: tuple[Actor, Actor]) -> str:
+        return " to ".join(f"{labels[context]}/{path.rpartition('/')[2]}" for context, path in pair)
+
     (_, writer), _ = dataflow.dependencies[0]
     places = {runnable.place.path: runnable.place for c in system.components for runnable in c.runnables}
     findings.add(
         codes.DATA_FLOW(
-            f"{len(names)} data dependencies between runnables: {listed(names)}",
+            f"{len(dataflow.dependencies)} data dependencies between runnables: "
+            f"{listed(dataflow.dependencies, described)}",
             at=places[writer].at,
             help="list those that must be fresh as chains in the overlay",
         )

@@ -6,8 +6,9 @@ The schema that a file names is not looked at for that, since tools write names 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import TYPE_CHECKING, cast
 
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.files import find_inputs, parse_xml, read_bytes
@@ -16,7 +17,7 @@ from halpipe.importers.arxml.dialect import modernise
 from halpipe.importers.arxml.spelling import report_misspelt
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, KeysView, Sequence
 
     from lxml import etree
 
@@ -35,12 +36,18 @@ _BARE = re.compile(r"(?:http://(?:www\.)?autosar\.org/?)?")
 class Document:
     """A parsed AUTOSAR file in the words of release 4, and the name that the user gave it.
 
-    `release` is what an older file says of itself, empty for release 4.
+    `release` is what an older file says of itself, empty for release 4; `tags` are all tags in it, with their
+    namespaces, in order of first appearance.
     """
 
     name: str
     root: etree._Element
     release: str = ""
+    tags: KeysView[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        tags = cast("Iterable[str]", map(attrgetter("tag"), self.root.iter("{*}*")))
+        object.__setattr__(self, "tags", dict.fromkeys(tags).keys())
 
 
 def load(paths: Sequence[str], findings: Findings) -> list[Document]:
@@ -71,7 +78,7 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:
-        report_misspelt(document.root, document.name, NAMESPACE, findings)
+        report_misspelt(document, NAMESPACE, findings)
     return documents
 
 

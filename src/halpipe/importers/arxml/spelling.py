@@ -10,9 +10,8 @@ from halpipe.importers.arxml import codes
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lxml import etree
-
     from halpipe.diagnostics import Findings
+    from halpipe.importers.arxml.sniff import Document
 
 # Elements that need a SHORT-NAME to have an effect, and the lists that hold them.
 NAMED = (
@@ -86,18 +85,18 @@ _OTHERS = frozenset({"TYPE-IREF", "TYPE-REF"})
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ-_"
 
 
-def report_misspelt(root: etree._Element, file: str, namespace: str, findings: Findings) -> None:
+def report_misspelt(document: Document, namespace: str, findings: Findings) -> None:
     """Report every tag of a file that is one slip away from one that is read, at its first use."""
-    for tag in dict.fromkeys(str(element.tag) for element in root.iter("{*}*")):
+    for tag in document.tags:
         space, _, name = tag.rpartition("}")
         meant = _meant(name)
         if meant or space.lstrip("{") != namespace:
             why = "" if meant else f' of the namespace "{space.lstrip("{")}"'
-            found = list(root.iter(tag))
+            found = list(document.root.iter(tag))
             findings.add(
                 codes.UNKNOWN_ELEMENT(
                     f'the element "{name}"{why} is not read, {len(found)} in all',
-                    at=Location(file, found[0].sourceline or 0),
+                    at=Location(document.name, found[0].sourceline or 0),
                     help=f"did you mean {meant}?" if meant else f"put them into {namespace}",
                 )
             )

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from lxml import etree
 
 from halpipe.diagnostics import Location
 from halpipe.importers.arxml import codes
@@ -17,9 +19,7 @@ from halpipe.importers.arxml.sniff import NAMESPACE
 from halpipe.importers.arxml.spelling import NAMED
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterable, Iterator
-
-    from lxml import etree
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.arxml.sniff import Document
@@ -61,11 +61,17 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Ref:
-    """A reference: absolute target path, the stated kind of target, where it stands."""
+    """A reference: absolute target path, the stated kind of target, and the element that it is, with its file."""
 
     path: str
     dest: str
-    at: Location
+    element: etree._Element
+    file: str
+
+    @property
+    def at(self) -> Location:
+        """Where it stands."""
+        return place(self.element, self.file)
 
     @property
     def name(self) -> str:
@@ -109,11 +115,10 @@ class Node:
             if not tags or child.tag in tags:
                 yield child
 
-    def elements(self, path: str) -> Iterator[tuple[etree._Element, str]]:
-        """Yield the elements at a relative path such as ``A/B`` in every part, with their file."""
-        for part in self.parts:
-            for element in part.element.iterfind(qualified(path)):
-                yield element, part.file
+    def elements(self, path: str) -> list[tuple[etree._Element, str]]:
+        """Return the elements at a relative path such as ``A/B`` in every part, with their file."""
+        find = _finder(path)
+        return [(element, part.file) for part in self.parts for element in find(part.element)]
 
 
 def place(element: etree._Element, file: str) -> Location:
@@ -123,7 +128,8 @@ def place(element: etree._Element, file: str) -> Location:
 
 def local(element: etree._Element) -> str:
     """Return the tag of an AUTOSAR element without its namespace."""
-    return str(element.tag).removeprefix(NS)
+    tag: str = element.tag
+    return tag.removeprefix(NS)
 
 
 @lru_cache(maxsize=256)
@@ -132,19 +138,32 @@ def qualified(path: str) -> str:
     return "/".join(step if step in ("*", ".") else NS + step for step in path.split("/"))
 
 
+@lru_cache(maxsize=256)
+def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
+    """Return a relative path as a compiled query, which is twice as fast as the search of ElementTree."""
+    steps = (step if step in ("*", ".") else f"ar:{step}" for step in path.split("/"))
+    # lxml types the result of a query as anything that XPath can return.
+    finder: Any = etree.XPath("/".join(steps), namespaces={"ar": NAMESPACE})
+    finds_elements: Callable[[etree._Element], list[etree._Element]] = finder
+    return finds_elements
+
+
 class Tree:
     """The merged elements of all documents; `findings` collects what is wrong with them as it is noticed."""
 
     def __init__(self, documents: Iterable[Document], findings: Findings) -> None:
         self.findings = findings
         self.root = Node("", "", "", None)
-        self._by_path: dict[str, list[Node]] = {}
-        self._by_name: dict[str, list[str]] = {}
+        self._by_path: dict[str, tuple[Node, ...]] = {}
+        self._by_name: dict[str, list[str]] | None = None
+        self._tags: set[str] = set()
+        self._occurs: dict[str, bool] = {}
         self._folded: dict[str, str] | None = None
         self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
         self._bases: dict[str, dict[str, str]] = {}
         for document in documents:
+            self._tags |= document.tags
             self._add(document)
 
     # ------------------------------------------------------------------------------------------- building
@@ -179,8 +198,7 @@ class Tree:
         if node is None:
             node = Node(f"{owner.path}/{name}", tag, name, owner)
             owner.children[tag, name] = node
-            self._by_path.setdefault(node.path, []).append(node)
-            self._by_name.setdefault(name, []).append(node.path)
+            self._by_path[node.path] = (*self._by_path.get(node.path, ()), node)
             self._by_tag.setdefault(tag, []).append(node)
         node.parts.append(part)
         return node
@@ -224,10 +242,18 @@ class Tree:
         """Return where an element of a node stands."""
         return place(element, file)
 
+    def elements(self, node: Node, path: str) -> Sequence[tuple[etree._Element, str]]:
+        """Return the elements of a node at a path; nothing is looked for that occurs in no document."""
+        occurs = self._occurs.get(path)
+        if occurs is None:
+            steps = (step for step in path.split("/") if step not in ("*", "."))
+            occurs = self._occurs[path] = all(NS + step in self._tags for step in steps)
+        return node.elements(path) if occurs else ()
+
     def text(self, node: Node, path: str) -> Text | None:
         """Return the text at a relative path; report a conflict if two parts of the node state it differently."""
         first: Text | None = None
-        for element, file in node.elements(path):
+        for element, file in self.elements(node, path):
             found = Text((element.text or "").strip(), place(element, file))
             if first is None:
                 first = found
@@ -244,11 +270,13 @@ class Tree:
 
     def refs(self, node: Node, path: str) -> list[Ref]:
         """Return the references at a relative path in document order, each target once."""
+        found = [self.reference(node, element, file) for element, file in self.elements(node, path)]
+        if len(found) == 1:
+            return [ref for ref in found if ref is not None]
         unique: dict[str, Ref] = {}
-        for element, file in node.elements(path):
-            found = self.reference(node, element, file)
-            if found is not None:
-                unique.setdefault(found.path, found)
+        for ref in found:
+            if ref is not None:
+                unique.setdefault(ref.path, ref)
         return list(unique.values())
 
     def reference(self, node: Node, element: etree._Element, file: str) -> Ref | None:
@@ -259,7 +287,7 @@ class Tree:
         if not path.startswith("/"):
             base = self._base(node, (element.get("BASE") or "").strip())
             path = f"{base}/{path}"
-        return Ref(path, element.get("DEST") or "", place(element, file))
+        return Ref(path, element.get("DEST") or "", element, file)
 
     def _base(self, node: Node | None, label: str) -> str:
         while node is not None:
@@ -292,13 +320,13 @@ class Tree:
             )
         return node
 
-    def _in_other_case(self, ref: Ref, what: str) -> list[Node]:
+    def _in_other_case(self, ref: Ref, what: str) -> tuple[Node, ...]:
         """Return the nodes of a path that differs in case only, which AUTOSAR forbids to be another element's."""
         if self._folded is None:
             self._folded = {path.casefold(): path for path in self._by_path}
         path = self._folded.get(ref.path.casefold())
         if path is None:
-            return []
+            return ()
         self.findings.add(
             codes.WRONG_CASE(f"refers to {ref.path}, taken for {path}", at=ref.at, path=what, help=f"write {path}")
         )
@@ -306,15 +334,23 @@ class Tree:
 
     # ------------------------------------------------------------------------------------------ reporting
 
-    def _report_dangling(self, ref: Ref, what: str, candidates: list[Node]) -> None:
+    def _report_dangling(self, ref: Ref, what: str, candidates: Sequence[Node]) -> None:
         if candidates:
             message = f"refers to {ref.path}, which is a {candidates[0].tag}"
             help = "refer to the right kind of element"
         else:
-            elsewhere = [path for path in self._by_name.get(ref.name, []) if path != ref.path]
+            elsewhere = self._paths_of(ref.name)
             message = f"refers to {ref.path}, which no file defines"
             help = f"did you mean {elsewhere[0]}?" if elsewhere else "add the file that defines it to the import"
         self.findings.add(codes.DANGLING(message, at=ref.at, path=what, help=help))
+
+    def _paths_of(self, name: str) -> list[str]:
+        """Return the paths of all nodes of a name, in order of first appearance."""
+        if self._by_name is None:
+            self._by_name = {}
+            for path in self._by_path:
+                self._by_name.setdefault(path.rpartition("/")[2], []).append(path)
+        return self._by_name.get(name, [])
 
     def _report_conflict(self, node: Node, path: str, first: Text, second: Text) -> None:
         self.findings.add(

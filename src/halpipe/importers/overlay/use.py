@@ -9,6 +9,7 @@ from halpipe.diagnostics import sort_diagnostics
 from halpipe.importers.overlay import structure
 from halpipe.importers.overlay.changes import Changes
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
+from halpipe.importers.overlay.entries import Overlay
 from halpipe.importers.overlay.patterns import Patterns
 from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic, Location
     from halpipe.durations import Duration
     from halpipe.importers.base import Coverage
-    from halpipe.importers.overlay.entries import Overlay
     from halpipe.models import Task, TaskModel
 
 
@@ -69,6 +69,8 @@ class OverlayUse:
         does not use the model. Values of ``*`` entries go to `coverage` as defaults.
         """
         overlay, changes = self._overlay, Changes(coverage)
+        if overlay == Overlay():
+            return model, ()
         dropped_now = {task.name for task in model.tasks if self.drops(task.name)}
         model = structure.without(model, dropped_now, changes)
         changes.tasks = frozenset(task.name for task in model.tasks)
