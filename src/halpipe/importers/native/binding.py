@@ -29,7 +29,12 @@ _ITEM = re.compile(r"[^ \t\r\n]+")
 
 # A model states few distinct durations many times.
 _duration = lru_cache(maxsize=4096)(Duration.parse)
-_rational = lru_cache(maxsize=4096)(parse_rational)
+
+
+@lru_cache(maxsize=4096)
+def _rational(text: str) -> Fraction:
+    stripped = text.strip()
+    return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(text)
 
 
 class Binder:
@@ -46,11 +51,11 @@ class Binder:
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
         """Return the children called `tag`, in order."""
-        return list(element.iterchildren(self._prefix + tag))
+        return list(element.iterchildren(self._prefix + tag)) if len(element) else []  # most elements have none
 
     def child(self, element: etree._Element, tag: str) -> etree._Element | None:
         """Return the only child called `tag`, if any."""
-        return element.find(self._prefix + tag)
+        return next(element.iterchildren(self._prefix + tag), None) if len(element) else None
 
     def text(self, element: etree._Element, name: str) -> str:
         """Return an attribute's text, empty when absent."""
@@ -74,9 +79,6 @@ class Binder:
 
     def rational(self, element: etree._Element, name: str, default: Fraction) -> Fraction:
         """Return an exact number, which may carry a minus sign."""
-        text = self.text(element, name).strip()
-        if text.startswith("-"):
-            return -self._value(element, name, lambda signed: _rational(signed.strip()[1:]), default)
         return self._value(element, name, _rational, default)
 
     def size(self, element: etree._Element, name: str) -> int:
