@@ -13,9 +13,10 @@ outcome: the bytes depend on the problem and the seed alone.
 from __future__ import annotations
 
 from halpipe.pipeline.anneal.candidates import candidate_start
+from halpipe.pipeline.anneal.clusters import gather_cluster, move_cluster
 from halpipe.pipeline.anneal.conflicts import heat_up, heat_up_overlapped, heat_up_partners, pick
 from halpipe.pipeline.anneal.jit import entry_point
-from halpipe.pipeline.anneal.placement import option_cost, put, slide, take
+from halpipe.pipeline.anneal.placement import enter, option_cost, put, slide, take, take_out
 from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.registry import compiled
 from halpipe.pipeline.anneal.side_costs import chain_cost, demand_cost, job_window_cost, side_cost
@@ -30,6 +31,7 @@ from halpipe.pipeline.anneal.state import (
     HOT,
     INSERTED,
     MOVES,
+    NOISE_SHIFT,
     TEMPERATURE,
     draw,
 )
@@ -52,8 +54,6 @@ FEW_ENTRIES = 32
 """With more entries, the first cycles are never hot: most sets are solved in them."""
 HOTTER = 3
 """Hot cycles start at T0 times 2**3."""
-NOISE_SHIFT = 20
-"""Fraction bits of a temperature times a table entry: 10 each."""
 
 
 @compiled
@@ -195,22 +195,6 @@ def try_job(p, s, noise, task, job, start, limit):
 
 
 @compiled
-def take_out(p, s, begin, end):
-    """Remove jobs from the profiles and note where they were; return the lane cost that goes with them."""
-    cost = 0
-    for job in range(end - 1, begin - 1, -1):
-        take(p, s, job)
-        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
-        s.old[job, 0] = s.start[job]
-        s.old[job, 1] = s.option[job]
-        s.old[job, 2] = s.phase[job]
-        s.kept[job, 0] = s.start[job]
-        s.kept[job, 1] = s.option[job]
-        s.kept[job, 2] = s.phase[job]
-    return cost
-
-
-@compiled
 def keep(s, begin, end):
     """Note the placement just tried as the one to keep."""
     for job in range(begin, end):
@@ -222,14 +206,11 @@ def keep(s, begin, end):
 @compiled
 def put_back(p, s, begin, end):
     """Enter the placement kept into the profiles; return the lane cost it brings."""
-    cost = 0
     for job in range(begin, end):
         s.start[job] = s.kept[job, 0]
         s.option[job] = s.kept[job, 1]
         s.phase[job] = s.kept[job, 2]
-        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
-        put(p, s, job)
-    return cost
+    return enter(p, s, begin, end)
 
 
 @compiled
@@ -282,9 +263,23 @@ def is_flexible(p, task):
 
 @entry_point
 def move(p, s, noise):
-    """Make one heat-bath move and account for its cost."""
-    register = s.register
+    """Make one heat-bath move and account for its cost: of an entry, or of it and what is tightly linked to it."""
     entry, conflicting = pick(p, s)
+    task = p.job_task[p.entry_job[entry]]
+    size = 1
+    if s.register[INSERTED] == len(p.entry_offset) and p.task_coupled[task] == 1 and draw(s.random, 2) == 0:
+        size = gather_cluster(p, s, task)
+    if size > 1:
+        move_cluster(p, s, noise, size)
+    else:
+        move_entry(p, s, noise, entry, conflicting)
+    note_best(p, s)
+
+
+@compiled
+def move_entry(p, s, noise, entry, conflicting):
+    """Move an entry or, of one with a choice for each job, half of the time a job: that in conflict, if one is."""
+    register = s.register
     fresh = register[INSERTED] < len(p.entry_offset)
     if register[INSERTED] == 0:
         register[COST] = total_cost(p, s)  # of chains through tasks that have no jobs at all
@@ -316,7 +311,6 @@ def move(p, s, noise):
             heat_up_overlapped(p, s, job)
         if side > 0:
             heat_up_partners(p, s, task, begin, end)
-    note_best(p, s)
 
 
 @compiled

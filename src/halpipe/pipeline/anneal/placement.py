@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from halpipe.pipeline.anneal.jit import entry_point
-from halpipe.pipeline.anneal.profile import excess, find, overloaded, raise_level
+from halpipe.pipeline.anneal.profile import NEVER, excess, find, overloaded, raise_level
 from halpipe.pipeline.anneal.registry import compiled
 
 SLIDE_STEPS = 24
@@ -68,6 +68,39 @@ def take(p, s, job):
         moved = s.owner[p.owner_first[lane] + s.owners[lane]]
         s.owner[p.owner_first[lane] + place] = moved
         s.owner_at[moved // s.max_rects, moved % s.max_rects] = place
+
+
+@compiled
+def enter(p, s, begin, end):
+    """Enter jobs into the profiles, one after the other; return the lane cost that they bring."""
+    cost = 0
+    for job in range(begin, end):
+        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
+        put(p, s, job)
+    return cost
+
+
+@compiled
+def leave(p, s, begin, end):
+    """Remove jobs from the profiles."""
+    for job in range(begin, end):
+        take(p, s, job)
+
+
+@compiled
+def take_out(p, s, begin, end):
+    """Remove jobs from the profiles and note where they were; return the lane cost that goes with them."""
+    cost = 0
+    for job in range(end - 1, begin - 1, -1):
+        take(p, s, job)
+        cost += option_cost(p, s, s.option[job], s.start[job], NEVER)
+        s.old[job, 0] = s.start[job]
+        s.old[job, 1] = s.option[job]
+        s.old[job, 2] = s.phase[job]
+        s.kept[job, 0] = s.start[job]
+        s.kept[job, 1] = s.option[job]
+        s.kept[job, 2] = s.phase[job]
+    return cost
 
 
 @compiled

@@ -32,6 +32,12 @@ REGISTERS = 11
 START_HEAT, START_HEAT_WITH_WINDOWS = 24, 40
 """T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
 
+NOISE_SHIFT = 20
+"""Fraction bits of a temperature times an entry of the table of noise: 10 each."""
+
+CLUSTER = 8
+"""Tasks that may move together."""
+
 FROZEN_HINT = -2
 """Mark of an entry that never moves."""
 
@@ -55,6 +61,7 @@ class State(NamedTuple):
     best_option: Ints
     old: Ints  # per job: start, option, phase before the move
     kept: Ints  # per job: start, option, phase of the candidate to keep
+    cluster: Ints  # tasks of the move at hand, if it moves several
     register: Ints
     random: NDArray[np.uint64]
     max_rects: int
@@ -90,6 +97,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
         best_option=np.zeros(jobs, np.int64),
         old=np.zeros((jobs, 3), np.int64),
         kept=np.zeros((jobs, 3), np.int64),
+        cluster=np.zeros(CLUSTER, np.int64),
         register=register,
         random=seeded(seed),
         max_rects=max_rects,

@@ -1,0 +1,101 @@
+"""Tightly linked tasks move together: who belongs to a cluster, and that a move keeps the windows inside it."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.pipeline.anneal.clusters import gather_cluster, move_cluster
+from halpipe.pipeline.anneal.kernel import anneal, total_cost
+from halpipe.pipeline.anneal.noise import gumbel_table
+from halpipe.pipeline.anneal.state import CLUSTER, COST, FROZEN_HINT, INSERTED, new_state
+from halpipe.pipeline.expand import expand
+from halpipe.pipeline.problem import build_problem
+from profiles import examples
+from support import access, after, chain, model, task, version
+
+NOISE = gumbel_table()
+PHASES = access("r", 0, "1ms")
+
+
+def follows(name, first, high, period="40ms", **options):
+    return task(name, period, version("v", "2ms", "u1 u2", PHASES, after(first, 0, high)), **options)
+
+
+def first(name, **options):
+    return task(name, "40ms", version("v", "2ms", "u1 u2", PHASES), **options)
+
+
+def constructed(*tasks, seed=1, **options):
+    """Return the arrays of a model and the state in which all its tasks are placed, and the numbers of tasks."""
+    system = model(*tasks, units="u1 u2", resources="r", **options)
+    problem = build_problem(expand(system, system.modes[0]), system.units, ["r"], system.chains)
+    state = new_state(problem.arrays, seed, problem.mean_wcet)
+    anneal(problem.arrays, state, NOISE, len(problem.arrays.entry_offset))
+    assert state.register[INSERTED] == len(problem.arrays.entry_offset)
+    return problem.arrays, state, {active.name: number for number, active in enumerate(problem.expansion.tasks)}
+
+
+def cluster(arrays, state, numbers, name):
+    size = gather_cluster(arrays, state, numbers[name])
+    names = {number: name for name, number in numbers.items()}
+    return {names[number] for number in state.cluster[:size].tolist()}
+
+
+def test_windows_up_to_an_eighth_of_the_period_link_tightly_in_both_directions_and_over_several_tasks():
+    made = constructed(first("a"), follows("b", "a", "5ms"), follows("c", "b", "4ms"), follows("d", "a", "6ms"))
+    for name in "abc":
+        assert cluster(*made, name) == {"a", "b", "c"}
+    assert cluster(*made, "d") == {"d"}
+
+
+@pytest.mark.parametrize(
+    "bound", [{"offset": "0ms"}, {"period": "20ms", "offset": "3ms"}], ids=["an offset", "an offset and two jobs"]
+)
+def test_what_is_bound_to_its_offset_is_not_moved_with_others(bound):
+    made = constructed(first("a"), follows("b", "a", "1ms", **{"period": "40ms", **bound}))
+    assert cluster(*made, "a") == set()
+
+
+def test_what_is_in_a_chain_with_a_limit_is_not_moved_with_others():
+    made = constructed(first("a"), follows("b", "a", "1ms"), chains=(chain("c", "a b", "20ms"),))
+    assert cluster(*made, "a") == set()
+
+
+def test_what_is_frozen_is_not_moved_with_others():
+    arrays, state, numbers = constructed(first("a"), follows("b", "a", "1ms"))
+    state.hint[arrays.job_entry[arrays.task_job[numbers["b"]]]] = FROZEN_HINT
+    assert cluster(arrays, state, numbers, "a") == set()
+
+
+def test_more_tasks_than_fit_into_a_move_are_not_moved_together():
+    tasks = [first("t0"), *(follows(f"t{n}", f"t{n - 1}", "2ms") for n in range(1, CLUSTER + 1))]
+    assert cluster(*constructed(*tasks[:CLUSTER]), "t0") == {f"t{n}" for n in range(CLUSTER)}
+    assert cluster(*constructed(*tasks), "t0") == set()
+
+
+@examples(60)
+@given(st.integers(0, 2**32), st.booleans())
+def test_a_move_keeps_distances_inside_the_cluster_and_accounts_for_its_cost(seed, flexible):
+    slack = "0.1" if flexible else 0
+    tasks = [
+        first("a", slack=slack),
+        follows("b", "a", "5ms", slack=slack),
+        follows("c", "b", "2ms", period="80ms", slack=slack),
+        *(first(f"x{n}") for n in range(8)),
+    ]
+    arrays, state, numbers = constructed(*tasks, seed=seed)
+    jobs = [job for name in "abc" for job in range(arrays.task_job[numbers[name]], arrays.task_job[numbers[name] + 1])]
+    moved = False
+    for _ in range(10):
+        before, phases, others = state.start[jobs], state.phase[jobs], np.delete(state.start, jobs)
+        size = gather_cluster(arrays, state, numbers["b"])
+        assert size == 3
+        move_cluster(arrays, state, NOISE, size)
+        shifts = set(((state.start[jobs] - before) % arrays.hyperperiod).tolist())
+        assert len(shifts) == 1
+        assert set(((state.phase[jobs] - phases) % arrays.hyperperiod).tolist()) == shifts
+        assert np.array_equal(np.delete(state.start, jobs), others)
+        assert state.register[COST] == total_cost(arrays, state)
+        moved |= shifts != {0}
+    assert moved
