@@ -95,6 +95,7 @@ def test_a_move_keeps_distances_inside_the_cluster_and_accounts_for_its_cost(see
         shifts = set(((state.start[jobs] - before) % arrays.hyperperiod).tolist())
         assert len(shifts) == 1
         assert set(((state.phase[jobs] - phases) % arrays.hyperperiod).tolist()) == shifts
+        assert all(0 <= state.phase[arrays.task_job[numbers[name]]] < arrays.hyperperiod for name in "abc")
         assert np.array_equal(np.delete(state.start, jobs), others)
         assert state.register[COST] == total_cost(arrays, state)
         moved |= shifts != {0}

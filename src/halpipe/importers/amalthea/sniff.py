@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import find_inputs, parse_xml, read_bytes
+from halpipe.files import parse_xml
 from halpipe.importers.amalthea import codes
+from halpipe.importers.inputs import read_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,22 +44,7 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 
     Raise `HalpipeError` if any file named directly cannot be used, if none is left, or if their versions differ.
     """
-    documents = []
-    for name in dict.fromkeys(find_inputs(paths, (_SUFFIX,))):
-        try:
-            documents.append(recognise(read_bytes(name), name))
-        except HalpipeError as failure:
-            if name in paths:
-                findings.extend(failure.diagnostics)
-                continue
-            findings.extend(
-                codes.SKIPPED_FILE(f"skipped: {cause.message}", at=cause.at, help=cause.help)
-                for cause in failure.diagnostics
-            )
-    if not documents and not findings.has_errors:
-        what = "holds no usable .amxmi file" if paths else "no input was named"
-        help = "name .amxmi files, or directories that hold them"
-        findings.add(codes.NO_INPUT(what, at=Location(paths[0] if paths else ""), help=help))
+    documents = read_inputs(paths, (_SUFFIX,), recognise, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
     _report_versions(documents, findings)
     findings.stop_on_errors()
     return documents

@@ -11,10 +11,11 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import find_inputs, parse_xml, read_bytes
+from halpipe.files import parse_xml
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.dialect import modernise
 from halpipe.importers.arxml.spelling import report_misspelt
+from halpipe.importers.inputs import read_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, KeysView, Sequence
@@ -55,26 +56,8 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 
     Raise `HalpipeError` if any file named directly cannot be used, or if none is left.
     """
-    documents = []
-    for name in dict.fromkeys(find_inputs(paths, (".arxml", ".xdm"))):
-        try:
-            documents.append(recognise(read_bytes(name), name))
-        except HalpipeError as failure:
-            if name in paths:
-                findings.extend(failure.diagnostics)
-                continue
-            findings.extend(
-                codes.SKIPPED_FILE(f"skipped: {cause.message}", at=cause.at, help=cause.help)
-                for cause in failure.diagnostics
-            )
-    if not documents and not findings.has_errors:
-        findings.add(
-            codes.NO_INPUT(
-                "holds no usable .arxml file" if paths else "no input was named",
-                at=Location(paths[0] if paths else ""),
-                help="name .arxml files, or directories that hold them",
-            )
-        )
+    suffixes = (".arxml", ".xdm")
+    documents = read_inputs(paths, suffixes, recognise, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:

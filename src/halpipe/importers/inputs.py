@@ -1,0 +1,46 @@
+"""The files of one format among those that the user named."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files import find_inputs, read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from halpipe.diagnostics import Code, Findings
+
+Document = TypeVar("Document")
+
+
+def read_inputs(
+    paths: Sequence[str],
+    suffixes: tuple[str, ...],
+    recognise: Callable[[bytes, str], Document],
+    skipped: Code,
+    no_input: Code,
+    findings: Findings,
+) -> list[Document]:
+    """Read every file of `paths`, and in directories those with one of `suffixes`; the first is the usual one.
+
+    `recognise` raises `HalpipeError` for a file of another kind: that is an error if the file was named directly, and a
+    note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left.
+    """
+    documents = []
+    for name in dict.fromkeys(find_inputs(paths, suffixes)):
+        try:
+            documents.append(recognise(read_bytes(name), name))
+        except HalpipeError as failure:
+            if name in paths:
+                findings.extend(failure.diagnostics)
+                continue
+            findings.extend(
+                skipped(f"skipped: {cause.message}", at=cause.at, help=cause.help) for cause in failure.diagnostics
+            )
+    if not documents and not findings.has_errors:
+        what = f"holds no usable {suffixes[0]} file" if paths else "no input was named"
+        help = f"name {suffixes[0]} files, or directories that hold them"
+        findings.add(no_input(what, at=Location(paths[0] if paths else ""), help=help))
+    return documents
