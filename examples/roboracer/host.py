@@ -56,8 +56,8 @@ class Program:
         defines = [f"-D{define}" for define in source.defines]
         if subprocess.run([*compiler(), *FLAGS, *defines, "-o", str(library), *files], check=False).returncode:
             raise SystemExit(f"{source.entry} does not compile")
-        self.library = ctypes.CDLL(str(library))
-        self.entry = self.library[source.entry]
+        self.loaded = ctypes.CDLL(str(library))
+        self.entry = self.loaded[source.entry]
         self.entry.restype = None
         with library.open("rb") as stream:
             elf = ELFFile(stream)
@@ -72,9 +72,9 @@ class Program:
         for part, content in zip(self.memory, self.initial, strict=True):
             part[:] = content
         for symbol, content in inputs.items():
-            (ctypes.c_char * len(content)).in_dll(self.library, symbol)[:] = content
+            (ctypes.c_char * len(content)).in_dll(self.loaded, symbol)[:] = content
         self.entry()
-        return {s: bytes((ctypes.c_char * size).in_dll(self.library, s)) for s, size in outputs.items()}
+        return {s: bytes((ctypes.c_char * size).in_dll(self.loaded, s)) for s, size in outputs.items()}
 
 
 def programs(model: TaskModel, sources: Path, folder: Path) -> dict[tuple[str, str], Program]:

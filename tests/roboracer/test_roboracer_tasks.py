@@ -81,7 +81,7 @@ def test_every_transfer_is_as_large_as_its_symbol(model, programs):
 
     for task, version in versions(model):
         program = programs[task.name, version.name]
-        with open(program.library._name, "rb") as stream:
+        with open(program.loaded._name, "rb") as stream:
             sizes = {s.name: s["st_size"] for s in ELFFile(stream).get_section_by_name(".dynsym").iter_symbols()}
         for access in version.accesses:
             for t in access.transfers:

@@ -270,13 +270,11 @@ class Tree:
 
     def refs(self, node: Node, path: str) -> list[Ref]:
         """Return the references at a relative path in document order, each target once."""
-        found = [self.reference(node, element, file) for element, file in self.elements(node, path)]
-        if len(found) == 1:
-            return [ref for ref in found if ref is not None]
         unique: dict[str, Ref] = {}
-        for ref in found:
-            if ref is not None:
-                unique.setdefault(ref.path, ref)
+        for element, file in self.elements(node, path):
+            found = self.reference(node, element, file)
+            if found is not None:
+                unique.setdefault(found.path, found)
         return list(unique.values())
 
     def reference(self, node: Node, element: etree._Element, file: str) -> Ref | None:
