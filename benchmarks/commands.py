@@ -5,6 +5,8 @@ each a process of its own with the start of Python in it; memory is the peak. ``
 """
 
 import argparse
+import multiprocessing
+import multiprocessing.queues
 import os
 import platform
 import shutil
@@ -57,6 +59,18 @@ def run(arguments: list[str], folder: Path) -> Figures:
     if os.waitstatus_to_exitcode(status):
         raise SystemExit(f"halpipe {' '.join(arguments)}\n{said}")
     return Figures(time.perf_counter() - begin, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+
+
+def prepared(row: Row, folder: Path) -> list[str]:
+    """Prepare a row in a process of its own: Linux counts the memory of the process that starts a command to it."""
+    processes = multiprocessing.get_context("fork")
+    answers: multiprocessing.queues.SimpleQueue[list[str]] = processes.SimpleQueue()
+    helper = processes.Process(target=lambda: answers.put(row.prepare(folder)))
+    helper.start()
+    helper.join()
+    if helper.exitcode:
+        raise SystemExit(helper.exitcode)
+    return answers.get()
 
 
 def rows() -> Iterator[Row]:
@@ -172,7 +186,7 @@ def main() -> None:
             continue
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            arguments = row.prepare(folder)
+            arguments = prepared(row, folder)
             run(arguments, folder)  # what every later run finds in its caches: bytecode, the compiled kernel
             found = [run(arguments, folder) for _ in range(options.runs)]
         walls = [figures.wall for figures in found]

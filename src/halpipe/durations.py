@@ -10,7 +10,7 @@ import math
 import re
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, Final, overload
 
 from halpipe.quantities import format_rational, parse_rational, quoted
 
@@ -26,13 +26,14 @@ _FORM = "write a number and a unit, such as 25ms, 0.5ms, 40us, 100/3ms or 1/30s"
 class Duration:
     """An exact span of time in nanoseconds: an integer where possible, else a ``Fraction``."""
 
-    __slots__ = ("_ns",)
-    _ns: int | Fraction
+    __slots__ = ("ns",)
+    ns: Final[int | Fraction]
+    """The value in nanoseconds, exact."""
 
     def __init__(self, ns: int | Fraction) -> None:
         if type(ns) is not int and ns.denominator == 1:  # asking for the type first: most values are integers
             ns = ns.numerator
-        self._ns = ns
+        self.ns = ns
 
     @staticmethod
     def parse(text: str) -> Duration:
@@ -48,57 +49,52 @@ class Duration:
             raise ValueError(f"{quoted(text)} is not a duration: {error}; {_FORM}") from None
 
     @property
-    def ns(self) -> int | Fraction:
-        """The value in nanoseconds, exact."""
-        return self._ns
-
-    @property
     def fraction(self) -> Fraction:
         """The value in nanoseconds as a ``Fraction``."""
-        return Fraction(self._ns)
+        return Fraction(self.ns)
 
     def in_unit(self, unit: str) -> Fraction:
         """Return the value counted in ``ns``, ``us``, ``ms`` or ``s``, exact."""
-        return Fraction(self._ns, _UNITS_NS[unit])
+        return Fraction(self.ns, _UNITS_NS[unit])
 
     def __str__(self) -> str:
-        return _text(self._ns)
+        return _text(self.ns)
 
     def __repr__(self) -> str:
         return f"Duration({str(self)!r})"
 
     def __hash__(self) -> int:
-        return hash(self._ns)
+        return hash(self.ns)
 
     def __eq__(self, other: object) -> bool:
-        return self._ns == other._ns if isinstance(other, Duration) else NotImplemented
+        return self.ns == other.ns if isinstance(other, Duration) else NotImplemented
 
     def __lt__(self, other: Duration) -> bool:
-        return self._ns < other._ns
+        return self.ns < other.ns
 
     def __le__(self, other: Duration) -> bool:
-        return self._ns <= other._ns
+        return self.ns <= other.ns
 
     def __gt__(self, other: Duration) -> bool:
-        return self._ns > other._ns
+        return self.ns > other.ns
 
     def __ge__(self, other: Duration) -> bool:
-        return self._ns >= other._ns
+        return self.ns >= other.ns
 
     def __bool__(self) -> bool:
-        return self._ns != 0
+        return self.ns != 0
 
     def __add__(self, other: Duration) -> Duration:
-        return Duration(self._ns + other._ns)
+        return Duration(self.ns + other.ns)
 
     def __sub__(self, other: Duration) -> Duration:
-        return Duration(self._ns - other._ns)
+        return Duration(self.ns - other.ns)
 
     def __neg__(self) -> Duration:
-        return Duration(-self._ns)
+        return Duration(-self.ns)
 
     def __mul__(self, factor: int | Fraction) -> Duration:
-        return Duration(self._ns * factor)
+        return Duration(self.ns * factor)
 
     __rmul__ = __mul__
 
@@ -108,14 +104,14 @@ class Duration:
     def __truediv__(self, other: int | Fraction) -> Duration: ...
     def __truediv__(self, other: Duration | int | Fraction) -> Fraction | Duration:
         if isinstance(other, Duration):
-            return Fraction(self._ns) / other._ns
-        return Duration(Fraction(self._ns) / other)
+            return Fraction(self.ns) / other.ns
+        return Duration(Fraction(self.ns) / other)
 
     def __floordiv__(self, other: Duration) -> int:
-        return int(self._ns // other._ns)
+        return int(self.ns // other.ns)
 
     def __mod__(self, other: Duration) -> Duration:
-        return Duration(self._ns % other._ns)
+        return Duration(self.ns % other.ns)
 
 
 @lru_cache(maxsize=8192)  # a model states the same few times again and again

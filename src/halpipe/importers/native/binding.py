@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from halpipe.diagnostics import Findings, Location, error
 from halpipe.durations import Duration
-from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.quantities import parse_rational
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from lxml import etree
+
+Children: TypeAlias = "dict[str, list[etree._Element]]"  # noqa: SLF001 - lxml's only name for it
+"""The children of an element by their names."""
 
 T = TypeVar("T")
 
@@ -28,11 +31,12 @@ BAD_VALUE = error(
 _ITEM = re.compile(r"[^ \t\r\n]+")
 
 # A model states few distinct durations many times.
-_duration = lru_cache(maxsize=4096)(Duration.parse)
+duration = lru_cache(maxsize=4096)(Duration.parse)
 
 
 @lru_cache(maxsize=4096)
-def _rational(text: str) -> Fraction:
+def rational(text: str) -> Fraction:
+    """Read an exact number, which may carry a minus sign."""
     stripped = text.strip()
     return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(text)
 
@@ -43,62 +47,41 @@ class Binder:
     def __init__(self, file: str, namespace: str) -> None:
         self.file = file
         self.findings = Findings()
-        self._prefix = f"{{{namespace}}}"
+        self._prefix = len(f"{{{namespace}}}")
 
     def at(self, element: etree._Element) -> Location:
         """Return the place of an element."""
         return Location(self.file, line_of(element))
 
-    def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
-        """Return the children called `tag`, in order."""
-        return list(element.iterchildren(self._prefix + tag)) if len(element) else []  # most elements have none
-
-    def child(self, element: etree._Element, tag: str) -> etree._Element | None:
-        """Return the only child called `tag`, if any."""
-        return next(element.iterchildren(self._prefix + tag), None) if len(element) else None
-
-    def text(self, element: etree._Element, name: str) -> str:
-        """Return an attribute's text, empty when absent."""
-        return element.get(name) or ""
+    def children(self, element: etree._Element) -> Children:
+        """Return the children by their names, those of each name in order."""
+        found: Children = {}
+        if len(element):  # most have none
+            for child in element.iterchildren("*"):
+                found.setdefault(child.tag[self._prefix :], []).append(child)
+        return found
 
     def names(self, element: etree._Element, name: str) -> tuple[str, ...]:
         """Return an attribute's blank-separated names; only what is white space in XML separates them."""
-        return _items(self.text(element, name))
+        return _items(element.get(name, ""))
 
-    def integer(self, element: etree._Element, name: str, default: int = 0) -> int:
-        """Return an integer attribute."""
-        return self._value(element, name, int, default)
-
-    def duration(self, element: etree._Element, name: str, default: Duration) -> Duration:
-        """Return a duration attribute, `default` when absent."""
-        return self._value(element, name, _duration, default)
-
-    def optional_duration(self, element: etree._Element, name: str) -> Duration | None:
-        """Return a duration attribute, None when absent."""
-        return self._value(element, name, _duration, None)
-
-    def rational(self, element: etree._Element, name: str, default: Fraction) -> Fraction:
-        """Return an exact number, which may carry a minus sign."""
-        return self._value(element, name, _rational, default)
-
-    def size(self, element: etree._Element, name: str) -> int:
-        """Return a size in bytes."""
-        return self._value(element, name, parse_size, 0)
-
-    def optional_bandwidth(self, element: etree._Element, name: str) -> int | None:
-        """Return a bandwidth in bytes per second, None when absent."""
-        return self._value(element, name, parse_bandwidth, None)
-
-    def _value(self, element: etree._Element, name: str, read: Callable[[str], T], default: T) -> T:
+    def read(self, element: etree._Element, name: str, parse: Callable[[str], T], default: T) -> T:
+        """Return what `parse` makes of an attribute, `default` when it is absent; what it refuses is a finding."""
         text = element.get(name)
         if text is None:
             return default
         try:
-            return read(text)
+            return parse(text)
         except ValueError as failure:
-            tag = element.tag.removeprefix(self._prefix)
+            tag = element.tag[self._prefix :]
             self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
             return default
+
+
+def only(children: Children, name: str) -> etree._Element | None:
+    """Return the only child called `name`, if any."""
+    found = children.get(name)
+    return found[0] if found else None
 
 
 @lru_cache(maxsize=4096)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO
 from halpipe.files import parse_xml, read_bytes, sha256
-from halpipe.importers.native.binding import Binder
+from halpipe.importers.native.binding import Binder, Children, duration, only, rational
 from halpipe.models import (
     Access,
     AccessKind,
@@ -27,6 +27,7 @@ from halpipe.models import (
     Unit,
     Version,
 )
+from halpipe.quantities import parse_bandwidth, parse_size
 from halpipe.schemas import TASK_MODEL, check, namespace
 
 if TYPE_CHECKING:
@@ -60,86 +61,89 @@ class _ModelBinder(Binder):
     """One method per element type, in the order of the schema."""
 
     def model(self, root: etree._Element, digest: str) -> TaskModel:
+        sections = self.children(root)
+        platform = self.section(sections, "platform")
         return TaskModel(
-            name=self.text(root, "name"),
-            units=tuple(self.unit(e) for e in self._section(root, "platform", "unit")),
-            resources=tuple(self.resource(e) for e in self._section(root, "platform", "resource")),
-            tasks=tuple(self.task(e) for e in self._section(root, "tasks", "task")),
-            chains=tuple(self.chain(e) for e in self._section(root, "chains", "chain")),
-            modes=tuple(self.mode(e) for e in self._section(root, "modes", "mode")),
-            transitions=tuple(self.transition(e) for e in self._section(root, "transitions", "transition")),
-            origin=self.origin(root),
+            name=root.get("name", ""),
+            units=tuple(map(self.unit, platform.get("unit", ()))),
+            resources=tuple(map(self.resource, platform.get("resource", ()))),
+            tasks=tuple(map(self.task, self.section(sections, "tasks").get("task", ()))),
+            chains=tuple(map(self.chain, self.section(sections, "chains").get("chain", ()))),
+            modes=tuple(map(self.mode, self.section(sections, "modes").get("mode", ()))),
+            transitions=tuple(map(self.transition, self.section(sections, "transitions").get("transition", ()))),
+            origin=self.origin(sections),
             digest=digest,
             at=self.at(root),
         )
 
-    def _section(self, root: etree._Element, section: str, tag: str) -> list[etree._Element]:
-        parent = self.child(root, section)
-        return [] if parent is None else self.children(parent, tag)
+    def section(self, sections: Children, name: str) -> Children:
+        found = only(sections, name)
+        return {} if found is None else self.children(found)
 
-    def origin(self, element: etree._Element) -> Origin | None:
-        found = self.child(element, "origin")
+    def origin(self, children: Children) -> Origin | None:
+        found = only(children, "origin")
         if found is None:
             return None
-        return Origin(self.text(found, "file"), self.integer(found, "line"), self.text(found, "path"))
+        return Origin(found.get("file", ""), self.read(found, "line", int, 0), found.get("path", ""))
 
     def unit(self, e: etree._Element) -> Unit:
-        return Unit(name=self.text(e, "name"), type=self.text(e, "type"), origin=self.origin(e), at=self.at(e))
+        return Unit(name=e.get("name", ""), type=e.get("type", ""), origin=self.origin(self.children(e)), at=self.at(e))
 
     def resource(self, e: etree._Element) -> Resource:
-        bandwidth = self.optional_bandwidth(e, "bandwidth")
-        return Resource(name=self.text(e, "name"), bandwidth=bandwidth, origin=self.origin(e), at=self.at(e))
+        bandwidth, origin = self.read(e, "bandwidth", parse_bandwidth, None), self.origin(self.children(e))
+        return Resource(name=e.get("name", ""), bandwidth=bandwidth, origin=origin, at=self.at(e))
 
     def task(self, e: etree._Element) -> Task:
+        parts = self.children(e)
         return Task(
-            name=self.text(e, "name"),
-            period=self.optional_duration(e, "period"),
-            slack=self.rational(e, "slack", NONE),
-            offset=self.optional_duration(e, "offset"),
-            deadline=self.optional_duration(e, "deadline"),
-            versions=tuple(self.version(v) for v in self.children(e, "version")),
-            origin=self.origin(e),
+            name=e.get("name", ""),
+            period=self.read(e, "period", duration, None),
+            slack=self.read(e, "slack", rational, NONE),
+            offset=self.read(e, "offset", duration, None),
+            deadline=self.read(e, "deadline", duration, None),
+            versions=tuple(map(self.version, parts.get("version", ()))),
+            origin=self.origin(parts),
             at=self.at(e),
         )
 
     def version(self, e: etree._Element) -> Version:
-        units = self.child(e, "units")
-        source = self.child(e, "source")
+        parts = self.children(e)
+        units, source = only(parts, "units"), only(parts, "source")
         return Version(
-            name=self.text(e, "name"),
-            wcet=self.optional_duration(e, "wcet"),
+            name=e.get("name", ""),
+            wcet=self.read(e, "wcet", duration, None),
             units=() if units is None else self.names(units, "names"),
-            gang=1 if units is None else self.integer(units, "gang", 1),
-            accesses=tuple(self.access(a) for a in self.children(e, "access")),
-            precedences=tuple(self.precedence(p) for p in self.children(e, "precedence")),
+            gang=1 if units is None else self.read(units, "gang", int, 1),
+            accesses=tuple(map(self.access, parts.get("access", ()))),
+            precedences=tuple(map(self.precedence, parts.get("precedence", ()))),
             source=None if source is None else self.source(source),
-            origin=self.origin(e),
+            origin=self.origin(parts),
             at=self.at(e),
         )
 
     def access(self, e: etree._Element) -> Access:
-        kind = self.text(e, "kind")
+        kind = e.get("kind", "")
         return Access(
-            resource=self.text(e, "resource"),
-            start=self.duration(e, "start", ZERO),
-            end=self.duration(e, "end", ZERO),
-            bound=self.rational(e, "bound", ONE),
+            resource=e.get("resource", ""),
+            start=self.read(e, "start", duration, ZERO),
+            end=self.read(e, "end", duration, ZERO),
+            bound=self.read(e, "bound", rational, ONE),
             kind=AccessKind(kind.strip()) if kind else None,
-            transfers=tuple(self.transfer(t) for t in self.children(e, "transfer")),
+            transfers=tuple(map(self.transfer, self.children(e).get("transfer", ()))),
             at=self.at(e),
         )
 
     def transfer(self, e: etree._Element) -> Transfer:
-        size = self.size(e, "size")
-        return Transfer(buffer=self.text(e, "buffer"), symbol=self.text(e, "symbol"), size=size, at=self.at(e))
+        size = self.read(e, "size", parse_size, 0)
+        return Transfer(buffer=e.get("buffer", ""), symbol=e.get("symbol", ""), size=size, at=self.at(e))
 
     def precedence(self, e: etree._Element) -> Precedence:
         return Precedence(
-            task=self.text(e, "task"),
-            min=self.duration(e, "min", ZERO),
-            max=self.duration(e, "max", ZERO),
-            anchor=Anchor((self.text(e, "from") or "start").strip()),
-            origin=self.origin(e),
+            task=e.get("task", ""),
+            min=self.read(e, "min", duration, ZERO),
+            max=self.read(e, "max", duration, ZERO),
+            anchor=Anchor(e.get("from", "start").strip()),
+            origin=self.origin(self.children(e)),
             at=self.at(e),
         )
 
@@ -149,26 +153,27 @@ class _ModelBinder(Binder):
 
     def chain(self, e: etree._Element) -> Chain:
         return Chain(
-            name=self.text(e, "name"),
+            name=e.get("name", ""),
             tasks=self.names(e, "tasks"),
-            max_reaction=self.optional_duration(e, "max-reaction"),
-            max_age=self.optional_duration(e, "max-age"),
-            origin=self.origin(e),
+            max_reaction=self.read(e, "max-reaction", duration, None),
+            max_age=self.read(e, "max-age", duration, None),
+            origin=self.origin(self.children(e)),
             at=self.at(e),
         )
 
     def mode(self, e: etree._Element) -> Mode:
-        runs = tuple(self.run(r) for r in self.children(e, "run"))
-        return Mode(name=self.text(e, "name"), runs=runs, origin=self.origin(e), at=self.at(e))
+        parts = self.children(e)
+        runs = tuple(map(self.run, parts.get("run", ())))
+        return Mode(name=e.get("name", ""), runs=runs, origin=self.origin(parts), at=self.at(e))
 
     def run(self, e: etree._Element) -> Run:
-        return Run(task=self.text(e, "task"), versions=self.names(e, "versions"), at=self.at(e))
+        return Run(task=e.get("task", ""), versions=self.names(e, "versions"), at=self.at(e))
 
     def transition(self, e: etree._Element) -> Transition:
         return Transition(
-            source=self.text(e, "from"),
-            target=self.text(e, "to"),
-            max_length=self.optional_duration(e, "max-length"),
-            origin=self.origin(e),
+            source=e.get("from", ""),
+            target=e.get("to", ""),
+            max_length=self.read(e, "max-length", duration, None),
+            origin=self.origin(self.children(e)),
             at=self.at(e),
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO
 from halpipe.files import parse_xml, read_bytes
-from halpipe.importers.native.binding import Binder
+from halpipe.importers.native.binding import Binder, duration, only, rational
 from halpipe.models import (
     ChainLatency,
     CostTerms,
@@ -52,73 +52,75 @@ class _ScheduleBinder(Binder):
     """One method per element type, in the order of the schema."""
 
     def schedule(self, root: etree._Element) -> Schedule:
+        parts = self.children(root)
         return Schedule(
-            model=self.text(root, "model"),
-            model_sha256=self.text(root, "model-sha256").strip(),
-            generator=self.text(root, "generator"),
-            solver=self.text(root, "solver"),
-            seed=None if root.get("seed") is None else self.integer(root, "seed"),
-            tick=self.optional_duration(root, "tick"),
-            modes=tuple(self.mode(e) for e in self.children(root, "mode")),
-            transitions=tuple(self.transition(e) for e in self.children(root, "transition")),
+            model=root.get("model", ""),
+            model_sha256=root.get("model-sha256", "").strip(),
+            generator=root.get("generator", ""),
+            solver=root.get("solver", ""),
+            seed=self.read(root, "seed", int, None),
+            tick=self.read(root, "tick", duration, None),
+            modes=tuple(map(self.mode, parts.get("mode", ()))),
+            transitions=tuple(map(self.transition, parts.get("transition", ()))),
             at=self.at(root),
         )
 
     def mode(self, e: etree._Element) -> ModeSchedule:
-        cost = self.child(e, "cost")
+        parts = self.children(e)
+        cost = only(parts, "cost")
         return ModeSchedule(
-            name=self.text(e, "name"),
-            hyperperiod=self.duration(e, "hyperperiod", ZERO),
-            status=Status(self.text(e, "status").strip()),
-            jobs=tuple(self.job(j) for j in self.children(e, "job")),
+            name=e.get("name", ""),
+            hyperperiod=self.read(e, "hyperperiod", duration, ZERO),
+            status=Status(e.get("status", "").strip()),
+            jobs=tuple(map(self.job, parts.get("job", ()))),
             cost=None if cost is None else self.cost(cost),
-            unit_loads=tuple(self.unit_load(u) for u in self.children(e, "unit-load")),
-            resource_loads=tuple(self.resource_load(r) for r in self.children(e, "resource-load")),
-            chains=tuple(self.chain(c) for c in self.children(e, "chain")),
+            unit_loads=tuple(map(self.unit_load, parts.get("unit-load", ()))),
+            resource_loads=tuple(map(self.resource_load, parts.get("resource-load", ()))),
+            chains=tuple(map(self.chain, parts.get("chain", ()))),
             at=self.at(e),
         )
 
     def job(self, e: etree._Element) -> Job:
         return Job(
-            task=self.text(e, "task"),
-            index=self.integer(e, "index"),
-            start=self.duration(e, "start", ZERO),
-            end=self.duration(e, "end", ZERO),
-            version=self.text(e, "version"),
+            task=e.get("task", ""),
+            index=self.read(e, "index", int, 0),
+            start=self.read(e, "start", duration, ZERO),
+            end=self.read(e, "end", duration, ZERO),
+            version=e.get("version", ""),
             units=self.names(e, "units"),
             at=self.at(e),
         )
 
     def cost(self, e: etree._Element) -> CostTerms:
         return CostTerms(
-            total=self.rational(e, "total", NONE),
-            overlap=self.rational(e, "overlap", NONE),
-            access=self.rational(e, "access", NONE),
-            precedence=self.rational(e, "precedence", NONE),
-            unit=self.rational(e, "unit", NONE),
-            occupancy=self.rational(e, "occupancy", NONE),
-            timeliness=self.rational(e, "timeliness", NONE),
+            total=self.read(e, "total", rational, NONE),
+            overlap=self.read(e, "overlap", rational, NONE),
+            access=self.read(e, "access", rational, NONE),
+            precedence=self.read(e, "precedence", rational, NONE),
+            unit=self.read(e, "unit", rational, NONE),
+            occupancy=self.read(e, "occupancy", rational, NONE),
+            timeliness=self.read(e, "timeliness", rational, NONE),
         )
 
     def unit_load(self, e: etree._Element) -> UnitLoad:
-        busy, share = self.duration(e, "busy", ZERO), self.rational(e, "share", NONE)
-        return UnitLoad(unit=self.text(e, "unit"), busy=busy, share=share)
+        busy, share = self.read(e, "busy", duration, ZERO), self.read(e, "share", rational, NONE)
+        return UnitLoad(unit=e.get("unit", ""), busy=busy, share=share)
 
     def resource_load(self, e: etree._Element) -> ResourceLoad:
-        peak, mean = self.rational(e, "peak", NONE), self.rational(e, "mean", NONE)
-        return ResourceLoad(resource=self.text(e, "resource"), peak=peak, mean=mean)
+        peak, mean = self.read(e, "peak", rational, NONE), self.read(e, "mean", rational, NONE)
+        return ResourceLoad(resource=e.get("resource", ""), peak=peak, mean=mean)
 
     def chain(self, e: etree._Element) -> ChainLatency:
-        reaction, age = self.optional_duration(e, "reaction"), self.optional_duration(e, "age")
-        return ChainLatency(name=self.text(e, "name"), reaction=reaction, age=age)
+        reaction, age = self.read(e, "reaction", duration, None), self.read(e, "age", duration, None)
+        return ChainLatency(name=e.get("name", ""), reaction=reaction, age=age)
 
     def transition(self, e: etree._Element) -> TransitionTable:
         return TransitionTable(
-            source=self.text(e, "from"),
-            target=self.text(e, "to"),
-            length=self.duration(e, "length", ZERO),
-            worst_latency=self.duration(e, "worst-latency", ZERO),
-            status=Status(self.text(e, "status").strip()),
-            jobs=tuple(self.job(j) for j in self.children(e, "job")),
+            source=e.get("from", ""),
+            target=e.get("to", ""),
+            length=self.read(e, "length", duration, ZERO),
+            worst_latency=self.read(e, "worst-latency", duration, ZERO),
+            status=Status(e.get("status", "").strip()),
+            jobs=tuple(map(self.job, self.children(e).get("job", ()))),
             at=self.at(e),
         )

@@ -30,7 +30,7 @@ def _is_share(bound: Fraction) -> bool:
 
 def check_phases(context: Context) -> Iterator[Diagnostic]:
     """0 <= start < end <= C, and 0 < bound <= 1."""
-    for task, version, access in context.each_access():
+    for task, version, access in context.accesses_of_versions:
         is_empty = access.start.ns >= access.end.ns
         is_late = version.wcet is not None and access.end.ns > version.wcet.ns
         if not is_empty and not is_late and _is_share(access.bound):
@@ -51,7 +51,7 @@ def check_phases(context: Context) -> Iterator[Diagnostic]:
 
 def check_overlap(context: Context) -> Iterator[Diagnostic]:
     """Phases of one version that overlap on a resource have bounds that sum to at most 1."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         if len(version.accesses) < 2:
             continue
         by_resource: dict[str, list[Access]] = {}
@@ -83,7 +83,7 @@ def _overload(task: Task, version: Version, accesses: list[Access]) -> Iterator[
 
 def check_transfers(context: Context) -> Iterator[Diagnostic]:
     """Every transfer moves data."""
-    for task, version, access in context.each_access():
+    for task, version, access in context.accesses_of_versions:
         for transfer in access.transfers:
             if transfer.size <= 0:
                 at, path = place(transfer, access, version, task), _path(task, version, access)

@@ -14,7 +14,7 @@ from halpipe.durations import ZERO, Duration, least_common_multiple
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
 
     from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
@@ -103,13 +103,13 @@ class ActiveMode:
         has a cycle the counts are lower bounds.
         """
         counts = dict.fromkeys(self.tasks, 0)
+        on_demand = {name for name, active in self.tasks.items() if active.task.period is None}
         for name in reversed(self.order or tuple(self.tasks)):
             active = self.tasks[name]
             if active.task.period is not None and active.is_periodic and self.hyperperiod:
                 counts[name] = self.hyperperiod // active.task.period
-            for other, demands in self.named[name].items():
-                if self.tasks[other].task.period is None:
-                    counts[other] += pick(demands) * counts[name]
+            for other in on_demand and on_demand & self.named[name].keys():
+                counts[other] += pick(self.named[name][other]) * counts[name]
         return counts
 
 
@@ -145,17 +145,15 @@ class Context:
                 tasks[run.task] = ActiveTask(task, run, versions)
         return tasks
 
-    def each_version(self) -> Iterator[tuple[Task, Version]]:
-        """Yield every version with its task."""
-        for task in self.model.tasks:
-            for version in task.versions:
-                yield task, version
+    @cached_property
+    def versions_of_tasks(self) -> list[tuple[Task, Version]]:
+        """Every version with its task."""
+        return [(task, version) for task in self.model.tasks for version in task.versions]
 
-    def each_access(self) -> Iterator[tuple[Task, Version, Access]]:
-        """Yield every access phase with its version and task."""
-        for task, version in self.each_version():
-            for access in version.accesses:
-                yield task, version, access
+    @cached_property
+    def accesses_of_versions(self) -> list[tuple[Task, Version, Access]]:
+        """Every access phase with its version and task."""
+        return [(task, version, access) for task, version in self.versions_of_tasks for access in version.accesses]
 
     def suggest(self, kind: str, name: str, known: Collection[str]) -> str:
         """Say which known name was probably meant, or what to do; `kind` says what is named."""

@@ -37,9 +37,9 @@ def check_form(context: Context) -> Iterator[Diagnostic]:
     for unit in context.model.units:
         if unit.type:
             yield from _form(f'unit "{unit.name}": type', unit.type, unit)
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         yield from _form(f'task "{task.name}" version', version.name, version, task)
-    for task, version, access in context.each_access():
+    for task, version, access in context.accesses_of_versions:
         for transfer in access.transfers:
             path = f"{version_path(task, version)}: "
             yield from _form(f"{path}buffer", transfer.buffer, transfer, access, version, task)
@@ -88,7 +88,7 @@ def check_lists(context: Context) -> Iterator[Diagnostic]:
             for name in repeated(run.versions) if len(run.versions) > 1 else ():
                 text = f'lists version "{name}" more than once'
                 yield codes.REPEATED_IN_LIST(text, at=at, path=path, help="list it once")
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         if len(set(version.units)) == len(version.units):
             continue
         for name in repeated(version.units):
@@ -99,7 +99,7 @@ def check_lists(context: Context) -> Iterator[Diagnostic]:
 
 def check_units(context: Context) -> Iterator[Diagnostic]:
     """The units of a version exist."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         for name in dict.fromkeys(version.units):
             if name not in context.units:
                 path = version_path(task, version)
@@ -110,7 +110,7 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
 
 def check_resources(context: Context) -> Iterator[Diagnostic]:
     """The resource of an access phase exists."""
-    for task, version, access in context.each_access():
+    for task, version, access in context.accesses_of_versions:
         if access.resource not in context.resources:
             at, path = place(access, version, task), version_path(task, version)
             help = context.suggest("resource", access.resource, context.resources)
@@ -119,7 +119,7 @@ def check_resources(context: Context) -> Iterator[Diagnostic]:
 
 def check_tasks(context: Context) -> Iterator[Diagnostic]:
     """The tasks that precedence constraints, chains and modes name exist."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         for constraint in version.precedences:
             if constraint.task not in context.tasks:
                 yield _task(context, constraint.task, version_path(task, version), constraint, version, task)

@@ -22,7 +22,7 @@ MAX_CYCLES = 20
 
 def check_windows(context: Context) -> Iterator[Diagnostic]:
     """A window has min <= max, and its predecessor is another task."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         for constraint in version.precedences:
             is_self = constraint.task == task.name
             if constraint.min <= constraint.max and not is_self:

@@ -57,12 +57,12 @@ def check_modes(context: Context) -> Iterator[Diagnostic]:
 
 def check_unused(context: Context) -> Iterator[Diagnostic]:
     """Note units, resources, tasks and versions that no schedule will ever contain."""
-    units = {name for _, version in context.each_version() for name in version.units}
+    units = {name for _, version in context.versions_of_tasks for name in version.units}
     for unit in context.units.values():
         if unit.name not in units:
             text, help = "no version may run on it", "remove it, or add it to the units of a version"
             yield codes.UNUSED_UNIT(text, at=place(unit), path=f'unit "{unit.name}"', help=help)
-    resources = {access.resource for _, _, access in context.each_access()}
+    resources = {access.resource for _, _, access in context.accesses_of_versions}
     for resource in context.resources.values():
         if resource.name not in resources:
             text, help = "no version accesses it", "remove it, or add the missing access phases"

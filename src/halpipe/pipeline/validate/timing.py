@@ -49,7 +49,7 @@ def _without_period(task: Task) -> Iterator[Diagnostic]:
 
 def check_wcet(context: Context) -> Iterator[Diagnostic]:
     """Every version states a positive WCET that its task's deadline allows."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         wcet = version.wcet
         if wcet is not None and wcet > ZERO:
             yield from _too_long(task, version, wcet)
@@ -81,7 +81,7 @@ def _too_long(task: Task, version: Version, wcet: Duration) -> Iterator[Diagnost
 
 def check_gang(context: Context) -> Iterator[Diagnostic]:
     """The gang of a version fits its units."""
-    for task, version in context.each_version():
+    for task, version in context.versions_of_tasks:
         if version.gang == 1:
             continue
         at, path = place(version, task), version_path(task, version)
