@@ -1,6 +1,6 @@
 """The kernel's running cost is the cost of what it holds, and the cost that the reference finds in it."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from fractions import Fraction
 
 import numpy as np
@@ -51,9 +51,9 @@ def rectangles(problem, state):
 def check_profiles(problem, state):
     """Every lane's profile is the sum of what lies on it, tick by tick, and its owners are those who lie on it."""
     arrays = problem.arrays
-    load_of, owners = Counter(), set()
+    load_of, owners = Counter(), defaultdict(set)
     for lane, begin, length, height, job, number in rectangles(problem, state):
-        owners.add((lane, job, number))
+        owners[lane].add((begin % arrays.hyperperiod, length, job, number))
         for time in range(begin, begin + length):
             load_of[lane, time % arrays.hyperperiod] += height
     for lane in range(len(arrays.lane_capacity)):
@@ -67,8 +67,8 @@ def check_profiles(problem, state):
         assert base + count < arrays.lane_first[lane + 1]
         place = int(arrays.owner_first[lane])
         held = state.owner[place : place + int(state.owners[lane])].tolist()
-        assert {(lane, *divmod(owner, state.max_rects)) for owner in held} == {o for o in owners if o[0] == lane}
-        assert len(held) == len(set(held))
+        assert len(held) == len(owners[lane])
+        assert {(begin, length, *divmod(mark, state.max_rects)) for begin, length, mark in held} == owners[lane]
 
 
 def check_phases(problem, state):

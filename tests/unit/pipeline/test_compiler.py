@@ -9,6 +9,7 @@ from numba.core.errors import TypingError
 
 from halpipe.pipeline.anneal.compiler import Table, View, kind_of
 from halpipe.pipeline.anneal.jit import _layout, addresses, entry_point
+from halpipe.pipeline.anneal.profile import move_within
 from halpipe.pipeline.anneal.registry import as_table, compiled
 
 
@@ -57,6 +58,11 @@ def write(box, row, column):
     box.line[row] = 100
     box.grid[row, column] += 1000
     box.word[0] >>= np.uint64(1)
+
+
+@entry_point
+def move_in_line(box, begin, end, steps):
+    move_within(box.line, begin, end, steps)
 
 
 @entry_point
@@ -169,3 +175,20 @@ def test_equal_types_are_one_type_and_others_are_not():
     assert kind_of(box()) == kind_of(box()) != kind_of(Twin(np.arange(1), 2))
     line = View(1, types.int64, fixed=False)
     assert Table("a", (("x", types.int64),)) != Table("a", (("x", line),)) != Table("a", (("y", line),))
+
+
+@pytest.mark.parametrize(("begin", "end", "steps"), [(1, 4, 1), (1, 5, -1), (0, 3, 2), (2, 2, 1)])
+def test_compiled_code_moves_elements_as_python_does(begin, end, steps):
+    moved, expected = box(), np.arange(5)
+    move_in_line(moved, begin, end, steps)
+    move_within(expected, begin, end, steps)
+    assert moved.line.tolist() == expected.tolist()
+
+
+def test_nothing_moves_in_fixed_arrays():
+    @entry_point
+    def move_fixed(fixed):
+        move_within(fixed.line, 0, 1, 1)
+
+    with pytest.raises(TypingError):
+        move_fixed(Fixed(np.arange(3)))

@@ -30,6 +30,7 @@ from numba.extending import (
     type_callable,
 )
 
+from halpipe.pipeline.anneal.profile import move_within
 from halpipe.pipeline.anneal.registry import ENTRIES, FIXED, INNER, WORDS_PER_FIELD
 
 if TYPE_CHECKING:
@@ -187,6 +188,24 @@ def _setitem(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     view, index, value = args
     place = _place(context, builder, kind, index_type, view, index)
     builder.store(context.cast(builder, value, value_type, kind.element), place)
+    return context.get_dummy_value()
+
+
+@type_callable(move_within)
+def _type_move_within(_: Any) -> Any:
+    def typer(view: Any, begin: Any, end: Any, steps: Any) -> Any:
+        writable = isinstance(view, View) and not view.fixed and view.dimensions == 1
+        return types.none if writable and all(isinstance(one, types.Integer) for one in (begin, end, steps)) else None
+
+    return typer
+
+
+@lower_builtin(move_within, View, types.Integer, types.Integer, types.Integer)
+def _move_within(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+    proxy = cgutils.create_struct_proxy(sig.args[0])(context, builder, value=args[0])
+    begin, end, steps = (context.cast(builder, *one, types.intp) for one in zip(args[1:], sig.args[1:], strict=True))
+    source = builder.gep(proxy.data, [begin])
+    cgutils.raw_memmove(builder, builder.gep(source, [steps]), source, builder.sub(end, begin), _WORD.width // 8)
     return context.get_dummy_value()
 
 

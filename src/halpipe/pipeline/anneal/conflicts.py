@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from halpipe.pipeline.anneal.placement import lane_conflict
-from halpipe.pipeline.anneal.profile import overloaded
+from halpipe.pipeline.anneal.profile import overloaded, wrapped
 from halpipe.pipeline.anneal.registry import compiled
 from halpipe.pipeline.anneal.side_costs import side_cost
 from halpipe.pipeline.anneal.state import FROZEN, FROZEN_HINT, HOT, INSERTED, draw
@@ -49,20 +49,17 @@ def heat_up_overlapped(p, s, job):
     option = s.option[job]
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
-        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
         length = p.rect[index, 2]
         base = p.lane_first[lane]
         if not overloaded(s.edge, s.level, base, s.edges[lane], p.lane_capacity[lane], begin, length):
             continue
         for place in range(p.owner_first[lane], p.owner_first[lane] + s.owners[lane]):
-            other = s.owner[place] // s.max_rects
-            entry = p.job_entry[other]
-            if s.hot_at[entry] >= 0:
-                continue
-            rect = p.rect_first[s.option[other]] + s.owner[place] % s.max_rects
-            gap = (s.start[other] + p.rect[rect, 1] - begin) % p.hyperperiod
-            if gap < length or p.hyperperiod - gap < p.rect[rect, 2]:
-                heat_up(p, s, entry)
+            gap = s.owner[place, 0] - begin
+            if gap < 0:
+                gap += p.hyperperiod
+            if gap < length or p.hyperperiod - gap < s.owner[place, 1]:
+                heat_up(p, s, p.job_entry[s.owner[place, 2] // s.max_rects])
 
 
 @compiled

@@ -88,7 +88,10 @@ def restart(p, s):
 
 @compiled
 def begin_cycle(p, s):
-    """Choose the length of the next cycle and the temperature it starts from: T0, T0/2, T0/4 or, hot, 8 T0."""
+    """Choose the length of the next cycle and the temperature it starts from.
+
+    It is T0, T0/2 or T0/4, with windows anything from T0/2 to T0, and 8 T0 for hot ones.
+    """
     register = s.register
     register[CYCLE] += 1
     number = register[CYCLE]
@@ -101,6 +104,8 @@ def begin_cycle(p, s):
         register[HEAT] = s.heat << HOTTER
     elif number == 1:
         register[HEAT] = s.heat >> 1
+    elif len(p.row) > 0:
+        register[HEAT] = s.heat * (8 + draw(s.random, 9)) >> 4
     else:
         register[HEAT] = s.heat >> draw(s.random, 3)
     if number > FEW_CYCLES and draw(s.random, RESTART) == 0:

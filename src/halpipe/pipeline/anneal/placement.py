@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from halpipe.pipeline.anneal.jit import entry_point
-from halpipe.pipeline.anneal.profile import NEVER, excess, find, overloaded, raise_level
+from halpipe.pipeline.anneal.profile import NEVER, excess, find, overloaded, raise_level, wrapped
 from halpipe.pipeline.anneal.registry import compiled
 
 SLIDE_STEPS = 24
@@ -12,14 +12,15 @@ SLIDE_STEPS = 24
 
 @compiled
 def option_cost(p, s, option, start, limit):
-    """Return the excess that a job would add on all lanes; stop once it reaches `limit`."""
+    """Return the excess that a job would add on all lanes; stop once it reaches `limit`.
+
+    Access phases come before units: resources are fuller and weigh more, so the limit is reached sooner.
+    """
     cost = 0
-    for index in range(p.rect_first[option], p.rect_first[option + 1]):
+    for index in range(p.rect_first[option + 1] - 1, p.rect_first[option] - 1, -1):
         lane = p.rect[index, 0]
         height = p.rect[index, 3]
-        begin = start + p.rect[index, 1]
-        if begin >= p.hyperperiod:
-            begin -= p.hyperperiod
+        begin = wrapped(start + p.rect[index, 1], p.hyperperiod)
         threshold = p.lane_capacity[lane] - height
         base = p.lane_first[lane]
         added = excess(s.edge, s.level, base, s.edges[lane], threshold, height, begin, p.rect[index, 2])
@@ -35,13 +36,17 @@ def put(p, s, job):
     option = s.option[job]
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
-        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
+        length = p.rect[index, 2]
         s.edges[lane] = raise_level(
-            s.edge, s.level, p.lane_first[lane], s.edges[lane], p.hyperperiod, begin, p.rect[index, 2], p.rect[index, 3]
+            s.edge, s.level, p.lane_first[lane], s.edges[lane], p.hyperperiod, begin, length, p.rect[index, 3]
         )
         number = index - p.rect_first[option]
-        s.owner_at[job, number] = s.owners[lane]
-        s.owner[p.owner_first[lane] + s.owners[lane]] = job * s.max_rects + number
+        place = p.owner_first[lane] + s.owners[lane]
+        s.owner_at[job, number] = place
+        s.owner[place, 0] = begin
+        s.owner[place, 1] = length
+        s.owner[place, 2] = job * s.max_rects + number
         s.owners[lane] += 1
 
 
@@ -51,7 +56,7 @@ def take(p, s, job):
     option = s.option[job]
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
-        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
         s.edges[lane] = raise_level(
             s.edge,
             s.level,
@@ -65,8 +70,10 @@ def take(p, s, job):
         number = index - p.rect_first[option]
         place = s.owner_at[job, number]
         s.owners[lane] -= 1
-        moved = s.owner[p.owner_first[lane] + s.owners[lane]]
-        s.owner[p.owner_first[lane] + place] = moved
+        last = p.owner_first[lane] + s.owners[lane]
+        for column in range(3):
+            s.owner[place, column] = s.owner[last, column]
+        moved = s.owner[place, 2]
         s.owner_at[moved // s.max_rects, moved % s.max_rects] = place
 
 
@@ -153,7 +160,7 @@ def lane_conflict(p, s, job):
     option = s.option[job]
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
-        begin = (s.start[job] + p.rect[index, 1]) % p.hyperperiod
+        begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
         capacity = p.lane_capacity[lane]
         if overloaded(s.edge, s.level, p.lane_first[lane], s.edges[lane], capacity, begin, p.rect[index, 2]):
             return True

@@ -13,6 +13,17 @@ NEVER = 1 << 60
 
 
 @compiled
+def wrapped(time, hyperperiod):
+    """Return a time before twice the hyperperiod on the circle: division takes longer than all else in a short loop."""
+    return time - hyperperiod if time >= hyperperiod else time
+
+
+def move_within(array, begin, end, steps):
+    """Move ``array[begin:end]`` so many places up, or down if negative; compiled code does it in one go."""
+    array[begin + steps : end + steps] = array[begin:end].copy()
+
+
+@compiled
 def find(edge, base, count, time):
     """Return the index of the last breakpoint at or before `time`."""
     low = 0
@@ -72,10 +83,9 @@ def _raise_segment(edge, level, base, count, begin, end, height):
     """Add `height` on [begin, end), which does not wrap; return the new number of breakpoints."""
     index = find(edge, base, count, begin)
     if edge[index] != begin:
-        for move in range(base + count, index, -1):
-            edge[move + 1] = edge[move]
-            level[move] = level[move - 1]
         index += 1
+        move_within(edge, index, base + count + 1, 1)
+        move_within(level, index, base + count, 1)
         edge[index] = begin
         level[index] = level[index - 1]
         count += 1
@@ -84,23 +94,19 @@ def _raise_segment(edge, level, base, count, begin, end, height):
         level[last] += height
         last += 1
     if last < base + count and edge[last] < end:
-        for move in range(base + count, last, -1):
-            edge[move + 1] = edge[move]
-            level[move] = level[move - 1]
-        level[last + 1] = level[last]
+        move_within(edge, last + 1, base + count + 1, 1)
+        move_within(level, last, base + count, 1)
         edge[last + 1] = end
         level[last] += height
         count += 1
         last += 1
     if base < last < base + count and level[last] == level[last - 1]:
-        for move in range(last, base + count):
-            edge[move] = edge[move + 1]
-            level[move] = level[move + 1]
+        move_within(edge, last + 1, base + count + 1, -1)
+        move_within(level, last + 1, base + count, -1)
         count -= 1
     if base < index < base + count and level[index] == level[index - 1]:
-        for move in range(index, base + count):
-            edge[move] = edge[move + 1]
-            level[move] = level[move + 1]
+        move_within(edge, index + 1, base + count + 1, -1)
+        move_within(level, index + 1, base + count, -1)
         count -= 1
     return count
 

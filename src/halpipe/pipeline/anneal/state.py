@@ -51,7 +51,7 @@ class State(NamedTuple):
     edge: Ints
     level: Ints
     edges: Ints  # breakpoints in use on each lane
-    owner: Ints  # rectangles on each lane, as job * max_rects + rectangle
+    owner: Ints  # rectangles on each lane: begin, length, and job * max_rects + rectangle
     owners: Ints
     owner_at: Ints  # per job and rectangle: its place in `owner`
     hot: Ints  # entries that may be in conflict
@@ -87,7 +87,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
         edge=edge,
         level=np.zeros_like(edge),
         edges=np.ones(lanes, np.int64),
-        owner=np.zeros(max(1, int(arrays.owner_first[-1])), np.int64),
+        owner=np.zeros((max(1, int(arrays.owner_first[-1])), 3), np.int64),
         owners=np.zeros(lanes, np.int64),
         owner_at=np.zeros((jobs, max_rects), np.int64),
         hot=np.zeros(entries, np.int64),
