@@ -65,6 +65,10 @@ def check_profiles(problem, state):
         profile = np.repeat(levels, np.diff(edges)).tolist()
         assert profile == [load_of[lane, time] for time in range(arrays.hyperperiod)]
         assert base + count < arrays.lane_first[lane + 1]
+        guide = state.guide[arrays.guide_first[lane] : arrays.guide_first[lane + 1]]
+        begins = np.arange(len(guide)) << arrays.guide_shift[lane]
+        assert begins[-1] < arrays.hyperperiod <= begins[-1] + (1 << arrays.guide_shift[lane])
+        assert guide.tolist() == (np.searchsorted(edges, begins, side="right") - 1).tolist()
         place = int(arrays.owner_first[lane])
         held = state.owner[place : place + int(state.owners[lane])].tolist()
         assert len(held) == len(owners[lane])

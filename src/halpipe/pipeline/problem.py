@@ -52,6 +52,8 @@ class Arrays(NamedTuple):
     lane_capacity: Ints  # quanta
     lane_weight: Ints  # cost of one tick times one quantum of excess
     lane_first: Ints  # room for the breakpoints of each lane's profile
+    guide_first: Ints  # stretches into which each lane is cut to find breakpoints
+    guide_shift: Ints  # of 2**shift ticks each
     owner_first: Ints  # room for the rectangles on each lane
     task_job: Ints  # first job of every task
     task_period: Ints  # D, or the hyperperiod for tasks on demand
@@ -361,8 +363,13 @@ class _Builder:
                     most[lane] = max(most.get(lane, 0), count)
             for lane, count in most.items():
                 room[lane] += count * active.jobs
+        # About as many stretches as breakpoints: more find them hardly quicker, and all must be kept up to date.
+        shift = [max(0, self.hyperperiod.bit_length() - r.bit_length()) for r in room]
+        stretches = [((self.hyperperiod - 1) >> s) + 1 for s in shift]
         return {
             "lane_first": _ints([0, *itertools.accumulate(3 * r + 4 for r in room)]),
+            "guide_first": _ints([0, *itertools.accumulate(stretches)]),
+            "guide_shift": _ints(shift),
             "owner_first": _ints([0, *itertools.accumulate(room)]),
         }
 

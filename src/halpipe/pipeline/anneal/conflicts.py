@@ -51,8 +51,7 @@ def heat_up_overlapped(p, s, job):
         lane = p.rect[index, 0]
         begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
         length = p.rect[index, 2]
-        base = p.lane_first[lane]
-        if not overloaded(s.edge, s.level, base, s.edges[lane], p.lane_capacity[lane], begin, length):
+        if not overloaded(p, s, lane, begin, length):
             continue
         for place in range(p.owner_first[lane], p.owner_first[lane] + s.owners[lane]):
             gap = s.owner[place, 0] - begin

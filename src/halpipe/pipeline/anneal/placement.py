@@ -19,12 +19,8 @@ def option_cost(p, s, option, start, limit):
     cost = 0
     for index in range(p.rect_first[option + 1] - 1, p.rect_first[option] - 1, -1):
         lane = p.rect[index, 0]
-        height = p.rect[index, 3]
         begin = wrapped(start + p.rect[index, 1], p.hyperperiod)
-        threshold = p.lane_capacity[lane] - height
-        base = p.lane_first[lane]
-        added = excess(s.edge, s.level, base, s.edges[lane], threshold, height, begin, p.rect[index, 2])
-        cost += added * p.lane_weight[lane]
+        cost += excess(p, s, lane, begin, p.rect[index, 2], p.rect[index, 3]) * p.lane_weight[lane]
         if cost >= limit:
             return cost
     return cost
@@ -38,9 +34,7 @@ def put(p, s, job):
         lane = p.rect[index, 0]
         begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
         length = p.rect[index, 2]
-        s.edges[lane] = raise_level(
-            s.edge, s.level, p.lane_first[lane], s.edges[lane], p.hyperperiod, begin, length, p.rect[index, 3]
-        )
+        raise_level(p, s, lane, begin, length, p.rect[index, 3])
         number = index - p.rect_first[option]
         place = p.owner_first[lane] + s.owners[lane]
         s.owner_at[job, number] = place
@@ -57,16 +51,7 @@ def take(p, s, job):
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
         begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
-        s.edges[lane] = raise_level(
-            s.edge,
-            s.level,
-            p.lane_first[lane],
-            s.edges[lane],
-            p.hyperperiod,
-            begin,
-            p.rect[index, 2],
-            -p.rect[index, 3],
-        )
+        raise_level(p, s, lane, begin, p.rect[index, 2], -p.rect[index, 3])
         number = index - p.rect_first[option]
         place = s.owner_at[job, number]
         s.owners[lane] -= 1
@@ -126,7 +111,7 @@ def slide(p, s, option, start, most):
         length = p.rect[index, 2]
         base = p.lane_first[lane]
         time = (start + shift + p.rect[index, 1]) % p.hyperperiod
-        here = find(s.edge, base, s.edges[lane], time)
+        here = find(p, s, lane, time)
         advance = 0
         free = 0
         while free < length:
@@ -161,7 +146,6 @@ def lane_conflict(p, s, job):
     for index in range(p.rect_first[option], p.rect_first[option + 1]):
         lane = p.rect[index, 0]
         begin = wrapped(s.start[job] + p.rect[index, 1], p.hyperperiod)
-        capacity = p.lane_capacity[lane]
-        if overloaded(s.edge, s.level, p.lane_first[lane], s.edges[lane], capacity, begin, p.rect[index, 2]):
+        if overloaded(p, s, lane, begin, p.rect[index, 2]):
             return True
     return False

@@ -51,6 +51,7 @@ class State(NamedTuple):
     edge: Ints
     level: Ints
     edges: Ints  # breakpoints in use on each lane
+    guide: Ints  # per stretch of a lane: the breakpoint, of those of the lane, at its begin or the last before it
     owner: Ints  # rectangles on each lane: begin, length, and job * max_rects + rectangle
     owners: Ints
     owner_at: Ints  # per job and rectangle: its place in `owner`
@@ -87,6 +88,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
         edge=edge,
         level=np.zeros_like(edge),
         edges=np.ones(lanes, np.int64),
+        guide=np.zeros(int(arrays.guide_first[-1]), np.int64),
         owner=np.zeros((max(1, int(arrays.owner_first[-1])), 3), np.int64),
         owners=np.zeros(lanes, np.int64),
         owner_at=np.zeros((jobs, max_rects), np.int64),
