@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from llvmlite import ir
 from numba import njit
-from numba.core import cgutils, types
+from numba.core import cgutils, config, types
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     infer_getattr,
@@ -35,6 +35,9 @@ from halpipe.pipeline.anneal.registry import ENTRIES, FIXED, INNER, WORDS_PER_FI
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+config.OPT = type(config.OPT)(1)
+"""What LLVM does beyond its first level takes a third of the compilation and makes no search faster."""
 
 _WORD = ir.IntType(64)
 
