@@ -39,6 +39,8 @@ from halpipe.pipeline.anneal.state import (
 # Choices of the search, tuned on generated sets; none of them affects validity.
 CANDIDATES, CANDIDATES_IN_WINDOWS = 16, 32
 """Places to look at for a task alone, and for one that is coupled with others."""
+CLUSTERS = 4
+"""One move in so many of a task that is coupled with others takes along what is tightly linked to it."""
 CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
 FIRST_CYCLE_MOVES = 20
@@ -272,7 +274,8 @@ def move(p, s, noise):
     entry, conflicting = pick(p, s)
     task = p.job_task[p.entry_job[entry]]
     size = 1
-    if s.register[INSERTED] == len(p.entry_offset) and p.task_coupled[task] == 1 and draw(s.random, 2) == 0:
+    may_be_joint = s.register[INSERTED] == len(p.entry_offset) and p.task_coupled[task] == 1
+    if may_be_joint and draw(s.random, CLUSTERS) == 0:
         size = gather_cluster(p, s, task)
     if size > 1:
         move_cluster(p, s, noise, size)
