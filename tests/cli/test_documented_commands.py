@@ -130,7 +130,14 @@ def test_commands_do_what_the_page_shows(page, workplace, capfd):
             check_shown(shown, output, command)
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "examples" / "roboracer" / "README.md"], ids=name_of)
+LISTS = [
+    # Four seconds: the pages of each command, above, are tried one by one in the fast tier.
+    pytest.param(ROOT / "README.md", id="README.md", marks=pytest.mark.slow),
+    pytest.param(ROOT / "examples" / "roboracer" / "README.md", id="examples/roboracer/README.md"),
+]
+
+
+@pytest.mark.parametrize("page", LISTS)
 def test_commands_that_are_listed_work_one_after_another(page, workplace, capfd):
     (workplace / "wcets.yaml").write_text('halpipe-overlay: 1\ntasks: {"*": {wcet: 1ms}}\n')
     shutil.copy(AMXMI, workplace / "system.amxmi")
