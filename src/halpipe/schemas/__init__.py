@@ -112,9 +112,16 @@ def _line(root: etree._Element, entry: Any) -> int:
 def _libxml2_schema(kind: str) -> etree.XMLSchema:
     from lxml import etree
 
+    return etree.XMLSchema(_grammar(kind))
+
+
+def _grammar(kind: str) -> etree._Element:
+    """Return a schema without its identity constraints."""
+    from lxml import etree
+
     schema = etree.fromstring(_schema_bytes(kind))
     etree.strip_elements(schema, *(_XSD + constraint for constraint in _IDENTITY_CONSTRAINTS), with_tail=False)
-    return etree.XMLSchema(schema)
+    return schema
 
 
 def _schema_bytes(kind: str) -> bytes:
@@ -126,8 +133,9 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
     from itertools import islice
 
     import xmlschema
+    from lxml import etree
 
-    schema = xmlschema.XMLSchema10(_schema_bytes(kind).decode())
+    schema = xmlschema.XMLSchema10(etree.tostring(_grammar(kind), encoding="unicode"))
     reasons: dict[int, str] = {}
     # What xmlschema cannot digest, such as an unknown xsi:type, stays without its explanation.
     with suppress(xmlschema.XMLSchemaException):

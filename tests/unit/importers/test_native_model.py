@@ -350,6 +350,12 @@ def test_an_invalid_file_with_dangling_names_is_refused_for_its_form_only():
     assert [d.at.line for d in refusal(TASKS.format(tasks))] == [5]
 
 
+def test_what_is_wrong_is_not_explained_by_a_name_that_repeats():
+    (finding,) = refusal(TASKS.format('<task name="a"/>\n<task name="a" period="1"/>'))
+    assert "not a duration" in finding.message
+    assert "duplicate" not in finding.help
+
+
 def test_a_missing_file_is_told(tmp_path):
     with pytest.raises(HalpipeError, match="No such file"):
         read_model(str(tmp_path / "none.xml"))
