@@ -14,7 +14,7 @@ from halpipe.durations import ZERO, Duration, least_common_multiple
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
     from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
@@ -150,10 +150,10 @@ class Context:
         """Every version with its task."""
         return [(task, version) for task in self.model.tasks for version in task.versions]
 
-    @cached_property
-    def accesses_of_versions(self) -> list[tuple[Task, Version, Access]]:
-        """Every access phase with its version and task."""
-        return [(task, version, access) for task, version in self.versions_of_tasks for access in version.accesses]
+    @property
+    def accesses_of_versions(self) -> Iterator[tuple[Task, Version, Access]]:
+        """Every access phase with its version and task; kept, so many would burden the garbage collector."""
+        return ((task, version, access) for task, version in self.versions_of_tasks for access in version.accesses)
 
     def suggest(self, kind: str, name: str, known: Collection[str]) -> str:
         """Say which known name was probably meant, or what to do; `kind` says what is named."""
