@@ -19,7 +19,7 @@ from halpipe.pipeline.expand import expand
 from halpipe.pipeline.placement import Placement
 from halpipe.pipeline.problem import build_problem
 from profiles import examples
-from support import chain, model, task, version
+from support import after, chain, model, task, version
 
 SEEDS = st.integers(0, 2**32)
 FAST = examples(120)
@@ -216,6 +216,30 @@ def test_costs_hold_through_cycles_and_their_restarts():
         restarts += state.register[INSERTED] == 1
         assert state.register[COST] == total_cost(problem.arrays, state)
     assert 0 < restarts < 20
+    check_profiles(problem, state)
+
+
+def test_many_linked_tasks_are_built_up_anew_in_each_cycle_and_cycles_get_longer():
+    """Where tasks were before is tried first in a few cycles, and then no more."""
+    tasks = [task("t0", 40, version("v", 1))]
+    tasks += [task(f"t{n}", 40, version("v", 2, "u1", after(f"t{n - 1}", 0, 4))) for n in range(1, 40)]
+    system = model(*tasks)
+    problem = build_problem(expand(system, system.modes[0]), system.units, [])
+    state = new_state(problem.arrays, 1, problem.mean_wcet)
+    state.hint[:] = 7
+    lengths, hinted = [], []
+    for _ in range(20):
+        lengths.append(0)
+        while not lengths[-1] or state.register[CYCLE_LEFT]:
+            lengths[-1] += 1
+            anneal(problem.arrays, state, NOISE, 1)
+            if lengths[-1] == 1:
+                assert state.register[INSERTED] == 1
+        assert state.register[COST] == total_cost(problem.arrays, state)
+        hinted.append(bool((state.hint == 7).all()))
+        assert hinted[-1] or state.hint.max() == -1
+    assert [length // 40 for length in lengths] == [20, 40, 80, 160] + [300] * 11 + [600] * 5
+    assert hinted == [True] * 4 + [False] * 16
     check_profiles(problem, state)
 
 

@@ -18,8 +18,11 @@ DiagnosticFormat = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show errors only.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Show every diagnostic, notes too.")]
 WorkerCount = Annotated[
-    int,
+    int | None,
     typer.Option(
-        "--workers", min=0, help="Threads and processes (0: one per processor); the result is the same for any number."
+        "--workers",
+        min=1,
+        help="Threads and processes; the result is the same for any number, unless the engine is exact.",
+        show_default="one per processor; 1 for the exact engine",
     ),
 ]

@@ -16,7 +16,7 @@ def run(
     pipeline: Annotated[
         str, typer.Argument(metavar="PIPELINE", help="YAML file that names sources, stages and exports.")
     ],
-    workers: WorkerCount = 1,
+    workers: WorkerCount = None,
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -40,7 +40,7 @@ def run(
         write_output(plan.model, format_model(imported.model))
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
-    code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
+    code = find_schedule(model, replace(plan.search, workers=workers_of(workers, plan.search.engine)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code
     schedule = read_schedule(plan.schedule)

@@ -57,7 +57,7 @@ def schedule(
     freeze: Annotated[
         str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
     ] = "",
-    workers: WorkerCount = 1,
+    workers: WorkerCount = None,
     portfolio: Annotated[
         int, typer.Option(min=1, help="Searches of a mode that take turns when the first is not quick.")
     ] = 4,
@@ -85,7 +85,7 @@ def schedule(
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
-    options = replace(options, portfolio=portfolio, workers=workers_of(workers))
+    options = replace(options, portfolio=portfolio, workers=workers_of(workers, options.engine))
     if time_limit:
         options = replace(options, effort=None)  # the clock alone ends the exact engine
     if freeze:

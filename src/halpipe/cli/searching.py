@@ -161,12 +161,18 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
     output.inform("the schedule is valid, but improving it was cut short; --resume goes on from here")
 
 
-def workers_of(count: int) -> Workers:
-    """Return as many workers as the user asked for; for 0 as many as there are processors for this process."""
+def workers_of(count: int | None, engine: str) -> Workers:
+    """Return as many workers as the user asked for, else as many as there are processors for this process.
+
+    The exact engine gets one: with several, what it finds would depend on the machine.
+    """
+    from halpipe.pipeline.schedule import EXACT
     from halpipe.pipeline.workers import Workers
 
-    if count:
+    if count is not None:
         return Workers(count)
+    if engine == EXACT:
+        return Workers()
     return Workers(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
 
 

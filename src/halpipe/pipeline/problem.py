@@ -17,6 +17,7 @@ import numpy as np
 
 from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor
+from halpipe.pipeline.construction import construction_order
 from halpipe.pipeline.expand import Expansion, demands_for
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class Arrays(NamedTuple):
     chain_limit: Ints  # reaction, age; NO_TICK where unlimited
     task_chain_first: Ints
     task_chain: Ints
-    construction: Ints  # entries, heaviest first
+    construction: Ints  # entries, in the order in which they are placed first
     unit_weight: int  # cost of one tick of distance from a window or beyond a limit
     missing_cost: int  # cost of a demand not met, or of a chain that never gets through
 
@@ -219,7 +220,7 @@ class _Builder:
             **self._demands(),
             **chains,
             task_coupled=self._coupled(windows, chains),
-            construction=self._construction(),
+            construction=self._construction(windows),
             unit_weight=WINDOW_WEIGHT * weight,
             missing_cost=WINDOW_WEIGHT * weight * mean,
         )
@@ -412,13 +413,23 @@ class _Builder:
         assert task.period is not None
         return self.ticks(task.offset % task.period)
 
-    def _construction(self) -> Ints:
-        """Order the entries by the time their jobs take, heaviest first."""
-        load = []
+    def _construction(self, windows: dict[str, Ints]) -> Ints:
+        """Order the entries: heavy ones first, and one after the other what has windows in common."""
+        loads = []
         for active in self.expansion.tasks:
             length = self._length(active.versions[0]) * active.versions[0].gang
-            load += [length * active.jobs] if active.task.period is not None else [length] * active.jobs
-        return np.argsort(-_ints(load), kind="stable").astype(np.int64)
+            loads.append(length * active.jobs if active.task.period is not None else length)
+        first, partner = windows["partner_first"].tolist(), windows["partner"].tolist()
+        links: list[dict[int, int]] = []
+        for begin, end in itertools.pairwise(first):
+            widths: dict[int, int] = {}
+            for other, _, width, _, _ in partner[begin:end]:
+                widths[other] = min(width, widths.get(other, width))
+            links.append(widths)
+        counts = [1 if active.task.period is not None else active.jobs for active in self.expansion.tasks]
+        entries = list(itertools.accumulate(counts, initial=0))
+        order = construction_order(loads, links)
+        return _ints(entry for task in order for entry in range(entries[task], entries[task + 1]))
 
     # ---- precedence, demands, chains
 

@@ -45,8 +45,11 @@ CYCLE_MOVES = 300
 """Moves per entry in a cooling cycle, times Luby's sequence."""
 FIRST_CYCLE_MOVES = 20
 """Of many entries, cycles begin shorter and double up to `CYCLE_MOVES`: most sets need no more than a quench."""
+PATIENCE = 16
+"""Of many entries with windows, each cycle begins with an empty schedule, and after so many cycles they get longer:
+linked tasks hold each other in place, and what has not fallen into place in one cycle seldom does in the next."""
 RESTART = 4
-"""One cycle in so many begins with an empty schedule: some basins are left in no other way."""
+"""Without windows, one cycle in so many begins with an empty schedule: some basins are left in no other way."""
 FEW_CYCLES = 4
 """So many cycles are made before the first restart."""
 HOT_CYCLES = 6
@@ -74,10 +77,12 @@ def luby(number):
 
 @compiled
 def restart(p, s):
-    """Take everything out that is not frozen, to construct it anew."""
+    """Take everything out that is not frozen, to construct it anew; after some cycles, without the hints."""
     register = s.register
     for place in range(register[FROZEN], register[INSERTED]):
         entry = p.construction[place]
+        if register[CYCLE] > FEW_CYCLES:
+            s.hint[entry] = -1
         for job in range(p.entry_job[entry], p.entry_job[entry + 1]):
             take(p, s, job)
             s.start[job] = -1
@@ -90,28 +95,38 @@ def restart(p, s):
 
 @compiled
 def begin_cycle(p, s):
-    """Choose the length of the next cycle and the temperature it starts from.
-
-    It is T0, T0/2 or T0/4, with windows anything from T0/2 to T0, and 8 T0 for hot ones.
-    """
+    """Choose the length of the next cycle, the temperature it starts from, and whether it builds up everything anew."""
     register = s.register
     register[CYCLE] += 1
     number = register[CYCLE]
     entries = len(p.entry_offset)
-    moves = CYCLE_MOVES if entries < FEW_ENTRIES else min(CYCLE_MOVES, FIRST_CYCLE_MOVES << min(number - 1, 8))
-    register[CYCLE_LENGTH] = moves * entries * luby(number)
-    register[CYCLE_LEFT] = register[CYCLE_LENGTH]
-    is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (entries < FEW_ENTRIES or number > FEW_CYCLES)
-    if is_hot:
-        register[HEAT] = s.heat << HOTTER
-    elif number == 1:
-        register[HEAT] = s.heat >> 1
-    elif len(p.row) > 0:
-        register[HEAT] = s.heat * (8 + draw(s.random, 9)) >> 4
+    is_small = entries < FEW_ENTRIES
+    moves = CYCLE_MOVES if is_small else min(CYCLE_MOVES, FIRST_CYCLE_MOVES << min(number - 1, 8))
+    is_linked = len(p.row) > 0
+    is_hot = draw(s.random, 16 + entries) < HOT_CYCLES and (is_small or (number > FEW_CYCLES and not is_linked))
+    register[HEAT] = first_heat(s, number, is_linked, is_hot)
+    if is_linked and not is_small:
+        moves *= 1 + number // PATIENCE
+        is_anew = number > 1
     else:
-        register[HEAT] = s.heat >> draw(s.random, 3)
-    if number > FEW_CYCLES and draw(s.random, RESTART) == 0:
+        moves *= luby(number)
+        is_anew = number > FEW_CYCLES and draw(s.random, RESTART) == 0
+    register[CYCLE_LENGTH] = moves * entries
+    register[CYCLE_LEFT] = register[CYCLE_LENGTH]
+    if is_anew:
         restart(p, s)
+
+
+@compiled
+def first_heat(s, number, is_linked, is_hot):
+    """Return where a cycle starts: at T0, T0/2 or T0/4, with windows anywhere from T0/2 to T0, if hot at 8 T0."""
+    if is_hot:
+        return s.heat << HOTTER
+    if number == 1:
+        return s.heat >> 1
+    if is_linked:
+        return s.heat * (8 + draw(s.random, 9)) >> 4
+    return s.heat >> draw(s.random, 3)
 
 
 @entry_point

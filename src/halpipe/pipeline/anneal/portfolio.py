@@ -1,9 +1,10 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
-first as many as all others together, and later more than they: the hardest problems want one long search. The first to
-succeed, by turn and number, has won. Who wins does not depend on how many of them run at the same
-time; with as many threads as searches, the time is that of the quickest.
+first as many as all others together, and later more than they: the hardest problems want one long search, unless they
+have windows, where a search that goes on for long is worth no more than a new one. The first to succeed, by turn and
+number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
+the time is that of the quickest.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.slices import advance
 from halpipe.pipeline.anneal.state import BEST, FROZEN, MOVES
 
@@ -29,7 +31,7 @@ TURN = 64
 """Moves per task in one turn of all searches but the first, which makes as many as they do together."""
 
 LONG, LONGER = 2048, 4
-"""Once the first has made so many moves per task, it makes four times as many as the others together."""
+"""Without windows: after so many moves per task, the first makes four times as many as the others together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +88,9 @@ def race(
         found.turn(workers, [lead])
         left = budget - lead
         others = members - 1
+        long = NEVER if len(problem.arrays.row) else LONG * tasks
         while left > 0 and not found.over:
-            share = others * (1 if first.bound < LONG * tasks else LONGER)
+            share = others * (1 if first.bound < long else LONGER)
             step = min(TURN * tasks, left // (share + others))
             moves = share * step if step else left  # the rest, which is too little for all of them
             while len(found.all) < members:
