@@ -15,7 +15,7 @@ from halpipe.durations import milliseconds
 from halpipe.pipeline import exact
 from halpipe.pipeline.bench import SUITES, Instance, Row, measure, report
 from halpipe.pipeline.bench.render import duration_text, outputs
-from halpipe.pipeline.bench.results import Spread, instances
+from halpipe.pipeline.bench.results import Ratio, Spread, instances
 from halpipe.pipeline.codes import NOT_FOUND
 from halpipe.pipeline.generate import TABLE_III, SetParameters
 
@@ -175,6 +175,22 @@ def test_a_row_counts_what_was_solved_and_only_its_times():
     assert (hard.exact_tried, hard.exact_ns) == (0, None)
 
 
+def test_cp_sat_is_compared_set_by_set_with_the_whole_command():
+    easy, hard = example().rows
+    assert easy.ratios == (Ratio(23, is_bound=False), Ratio(33, is_bound=True))
+    assert (easy.median_ratio, hard.median_ratio) == (Ratio(23, is_bound=False), None)
+    more, _ = example(**UNKNOWN).rows
+    assert more.ratios[0] == Ratio(0, is_bound=True)
+    assert more.median_ratio == Ratio(23, is_bound=True)
+
+
+def test_a_set_that_cp_sat_alone_solved_counts_against_the_search():
+    alone = record("easy", 1, outcome="not-found", **FEASIBLE)
+    neither = record("easy", 2, outcome="not-found", **UNKNOWN)
+    (row,) = report("x", ROWS, {item["key"]: item for item in (alone, neither)}, ABOUT).rows
+    assert row.ratios == (Ratio(0, is_bound=False),)
+
+
 def test_a_goal_is_met_by_success_and_median_together():
     easy, hard = example().rows
     assert easy.meets_goal
@@ -224,14 +240,15 @@ def test_the_table_says_what_the_rows_are():
     assert table[0] == [
         *("sets", "instances", "success", "moves, median", "kernel, median", "kernel, worst", "whole, median"),
         *("whole, worst", "paper (Table III)", "goal", "met", "CP-SAT solved", "CP-SAT, median"),
+        *("CP-SAT : whole, median", "CP-SAT : whole, least"),
     ]
     assert table[2] == [
         *("easy", "3", "100 %", "20", "4.27ms", "123ms", "85.4ms", "2.47s", "460..6816 s"),
-        *("100 %, 5ms", "yes", "1 of 2", "2.00s"),
+        *("100 %, 5ms", "yes", "1 of 2", "2.00s", "23", "23"),
     ]
     assert table[3] == [
         *("hard & <high>", "3", "33.3 %", "10", "2.00ms", "2.00ms", "40.0ms", "40.0ms", "–"),
-        *("50 %, 1ms", "no", "–", "–"),
+        *("50 %, 1ms", "no", "–", "–", "–", "–"),
     ]
     assert "- command: halpipe bench x" in lines
     assert "- processors: 2" in lines

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.pipeline.bench.results import Report, RowResult, Spread
+    from halpipe.pipeline.bench.results import Ratio, Report, RowResult, Spread
 
 _SCALES = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 _NONE = "–"
@@ -23,6 +23,7 @@ def outputs(report: Report) -> dict[str, bytes]:
     """Return the files of a report by name."""
     plot = _render("plot.svg.j2", escape=True, **_plot(report))
     shared = {"report": report, "columns": _columns(report), "table": _table(report), "facts": _facts(report)}
+    shared["has_exact"] = _has_exact(report)
     return {
         "results.json": report.to_json().encode(),
         "table.md": _render("table.md.j2", escape=False, **shared).encode(),
@@ -53,7 +54,7 @@ def _columns(report: Report) -> list[str]:
     if _has_goals(report):
         columns += ["goal", "met"]
     if _has_exact(report):
-        columns += ["CP-SAT solved", "CP-SAT, median"]
+        columns += ["CP-SAT solved", "CP-SAT, median", "CP-SAT : whole, median", "CP-SAT : whole, least"]
     return columns
 
 
@@ -79,6 +80,8 @@ def _cells(report: Report, result: RowResult) -> Iterator[str]:
     if _has_exact(report):
         yield f"{result.exact_solved} of {result.exact_tried}" if result.exact_tried else _NONE
         yield _NONE if result.exact_ns is None else duration_text(result.exact_ns.median)
+        yield _ratio_text(result.median_ratio)
+        yield _ratio_text(next(iter(result.ratios), None))
 
 
 def _has_paper(report: Report) -> bool:
@@ -102,6 +105,10 @@ def _facts(report: Report) -> list[tuple[str, str]]:
 def _percent(part: int, whole: int) -> str:
     tenths = part * 1000 // max(1, whole)
     return f"{tenths // 10} %" if tenths % 10 == 0 else f"{tenths // 10}.{tenths % 10} %"
+
+
+def _ratio_text(ratio: Ratio | None) -> str:
+    return _NONE if ratio is None else f"{'> ' if ratio.is_bound else ''}{ratio.times}"
 
 
 def duration_text(nanoseconds: int) -> str:

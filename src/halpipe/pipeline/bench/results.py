@@ -11,7 +11,7 @@ from halpipe.files import sha256
 from halpipe.pipeline.bench.instance import FAULT, VALID, Instance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.pipeline.bench.suites import Row
 
@@ -38,9 +38,20 @@ class Spread:
         return Spread(*(ordered[last * quarter // 4] for quarter in range(5)))
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class Ratio:
+    """How many times as long CP-SAT took as the whole command; with `is_bound` it took longer than that."""
+
+    times: int
+    is_bound: bool
+
+
 @dataclass(frozen=True, slots=True)
 class RowResult:
-    """What came of a row. Times, in nanoseconds, and moves are those of the instances that were solved."""
+    """What came of a row. Times, in nanoseconds, and moves are those of the instances that were solved.
+
+    `ratios` compares CP-SAT with the whole command set by set, least first.
+    """
 
     row: Row
     records: tuple[Record, ...]
@@ -51,6 +62,15 @@ class RowResult:
     exact_tried: int
     exact_solved: int
     exact_ns: Spread | None
+    ratios: tuple[Ratio, ...]
+
+    @property
+    def median_ratio(self) -> Ratio | None:
+        """The median of the ratios, a bound if any up to it is one; None where CP-SAT and the search solved nothing."""
+        if not self.ratios:
+            return None
+        lower = self.ratios[: (len(self.ratios) + 1) // 2]
+        return Ratio(lower[-1].times, any(ratio.is_bound for ratio in lower))
 
     @property
     def meets_goal(self) -> bool:
@@ -151,7 +171,22 @@ def _row_result(row: Row, records: tuple[Record, ...]) -> RowResult:
         exact_tried=sum(found["answer"] != "none" for found in exact),
         exact_solved=len(answered),
         exact_ns=Spread.of(found["ns"] for found in answered),
+        ratios=tuple(sorted(_ratios(records))),
     )
+
+
+def _ratios(records: Iterable[Record]) -> Iterator[Ratio]:
+    """Compare what CP-SAT and the search took for the sets that at least one of them solved.
+
+    What CP-SAT did not solve counts with the time that it had; what it alone solved counts as 0.
+    """
+    for record in records:
+        found = record["timing"].get("exact", {"answer": "none"})
+        is_solved = record["result"]["outcome"] == VALID
+        if found["answer"] == "feasible":
+            yield Ratio(found["ns"] // record["timing"]["whole_ns"] if is_solved else 0, is_bound=False)
+        elif found["answer"] != "none" and is_solved:
+            yield Ratio(found["ns"] // record["timing"]["whole_ns"], is_bound=True)
 
 
 def _row_json(result: RowResult) -> dict[str, Any]:
@@ -169,6 +204,7 @@ def _row_json(result: RowResult) -> dict[str, Any]:
             "tried": result.exact_tried,
             "solved": result.exact_solved,
             "ns": _spread_json(result.exact_ns),
+            "times_whole": [{"times": ratio.times, "is_bound": ratio.is_bound} for ratio in result.ratios],
         },
         "records": list(result.records),
     }
