@@ -27,6 +27,7 @@ from halpipe.pipeline.anneal.state import (
     CYCLE_LEFT,
     CYCLE_LENGTH,
     FROZEN,
+    FROZEN_HINT,
     HEAT,
     HOT,
     INSERTED,
@@ -362,12 +363,18 @@ def anneal(p, s, noise, moves):
 
 @entry_point
 def load(p, s):
-    """Take the complete placement in `start`, `option` and `phase` as the current one; return its cost."""
+    """Take the complete placement in `start`, `option` and `phase` as the current one; return its cost.
+
+    What is built up anew after that tries the same times first.
+    """
     for job in range(len(p.job_task)):
         put(p, s, job)
     s.register[INSERTED] = len(p.entry_offset)
     for entry in range(len(p.entry_offset)):
         heat_up(p, s, entry)
+        if s.hint[entry] != FROZEN_HINT:
+            job = p.entry_job[entry]
+            s.hint[entry] = s.phase[job] % p.task_period[p.job_task[job]]
     s.register[COST] = total_cost(p, s)
     note_best(p, s)
     return s.register[COST]

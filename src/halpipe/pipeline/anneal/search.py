@@ -135,10 +135,7 @@ def _completed(problem: Problem, state: State, seed: int) -> State:
 
 
 def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tuple[Problem, State]:
-    """Carry a schedule over to the problem with one lane per unit; overlaps are left to the kernel.
-
-    Where it begins anew, it tries the same times first.
-    """
+    """Carry a schedule over to the problem with one lane per unit; overlaps are left to the kernel."""
     units = deal_anyhow(problem, state.start, state.option)
     fresh = new_state(alone.arrays, seed + 1, alone.mean_wcet)
     group_of = {names[0]: group for group, names in enumerate(alone.groups)}
@@ -152,7 +149,5 @@ def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tupl
         fresh.option[job] = next((n for n in same if alone.options[n] == wanted), same[0])
     fresh.start[:] = state.start
     fresh.phase[:] = state.phase
-    first = alone.arrays.entry_job[:-1]
-    fresh.hint[:] = state.phase[first] % alone.arrays.task_period[alone.arrays.job_task[first]]
     load(alone.arrays, fresh)
     return alone, fresh
