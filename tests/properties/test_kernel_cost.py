@@ -229,12 +229,11 @@ def test_many_linked_tasks_are_built_up_anew_in_each_cycle_and_cycles_get_longer
     state.hint[:] = 7
     lengths, hinted = [], []
     for _ in range(20):
-        lengths.append(0)
-        while not lengths[-1] or state.register[CYCLE_LEFT]:
-            lengths[-1] += 1
-            anneal(problem.arrays, state, NOISE, 1)
-            if lengths[-1] == 1:
-                assert state.register[INSERTED] == 1
+        anneal(problem.arrays, state, NOISE, 1)
+        assert state.register[INSERTED] == 1
+        left = int(state.register[CYCLE_LEFT])
+        anneal(problem.arrays, state, NOISE, left)
+        lengths.append(1 + left)
         assert state.register[COST] == total_cost(problem.arrays, state)
         hinted.append(bool((state.hint == 7).all()))
         assert hinted[-1] or state.hint.max() == -1
