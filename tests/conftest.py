@@ -1,5 +1,6 @@
 """Fixtures for every test."""
 
+import gc
 import sys
 from pathlib import Path
 
@@ -16,3 +17,9 @@ def pytest_configure(config):
     """Try fewer examples where the slow tests are left out; `--hypothesis-profile` has the last word."""
     if not config.getoption("--hypothesis-profile"):
         settings.load_profile("fast" if config.getoption("markexpr") == "not slow" else "full")
+
+
+def pytest_collection_finish():
+    """Keep the tests themselves out of the garbage collector's way, which else looks through them all every time."""
+    gc.collect()
+    gc.freeze()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import HealthCheck, settings
 
-FULL, FAST = 100, 25
+FULL, FAST = 100, 15
 """Examples of the two profiles; of their ratio is what `examples` takes."""
 
 LEAST = 10

@@ -63,7 +63,7 @@ def found(files, tables, player, traffic, *, seed=1, windows=230):
 
 
 @icarus
-@pytest.mark.parametrize("traffic", sometimes_slow(TRAFFIC, 2), ids=lambda traffic: traffic.name)
+@pytest.mark.parametrize("traffic", sometimes_slow(TRAFFIC, 1), ids=lambda traffic: traffic.name)
 @pytest.mark.parametrize("seed", sometimes_slow([1, 2], 1))
 def test_no_traffic_gets_more_than_its_budget(files, tables, player, traffic, seed):
     run = plan(tables, traffic, seed, windows=230)
@@ -313,7 +313,7 @@ def test_the_tables_are_synthesized_to_block_ram():
 
 
 @icarus
-@pytest.mark.parametrize("cycles", [12_000, 800])
+@pytest.mark.parametrize("cycles", sometimes_slow([800, 12_000], 1))
 def test_tables_that_were_not_played_to_their_end_are_named(files, monkeypatch, cycles):
     monkeypatch.setitem(CYCLES, "icarus", (cycles, 100))
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus"))

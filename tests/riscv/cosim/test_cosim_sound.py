@@ -158,6 +158,7 @@ def test_more_than_a_buffer_holds_cannot_be_written(sound):
         CoSimulation(sound, plant=Flood(), cycles=1).run()
 
 
+@pytest.mark.slow  # one run and its trace are what the tests before are about
 def test_every_run_has_a_trace_of_its_own(export, tmp_path):
     """Where full does not lead back to calm, its switch to halt needs a second run."""
     target = export(change=lambda text: text.replace('<transition from="calm" to="full"/>', ""))
