@@ -419,16 +419,9 @@ class _Builder:
         for active in self.expansion.tasks:
             length = self._length(active.versions[0]) * active.versions[0].gang
             loads.append(length * active.jobs if active.task.period is not None else length)
-        first, partner = windows["partner_first"].tolist(), windows["partner"].tolist()
-        links: list[dict[int, int]] = []
-        for begin, end in itertools.pairwise(first):
-            widths: dict[int, int] = {}
-            for other, _, width, _, _ in partner[begin:end]:
-                widths[other] = min(width, widths.get(other, width))
-            links.append(widths)
         counts = [1 if active.task.period is not None else active.jobs for active in self.expansion.tasks]
         entries = list(itertools.accumulate(counts, initial=0))
-        order = construction_order(loads, links)
+        order = construction_order(loads, _links(windows))
         return _ints(entry for task in order for entry in range(entries[task], entries[task + 1]))
 
     # ---- precedence, demands, chains
@@ -512,6 +505,18 @@ class _Builder:
             "task_chain_first": task_chain_first,
             "task_chain": task_chain[:, 0].copy(),
         }
+
+
+def _links(windows: dict[str, Ints]) -> list[dict[int, int]]:
+    """Return for each task those that it has windows with, and how wide the narrowest of them is."""
+    links: list[dict[int, int]] = []
+    partner = windows["partner"].tolist()
+    for begin, end in itertools.pairwise(windows["partner_first"].tolist()):
+        widths: dict[int, int] = {}
+        for other, _, width, _, _ in partner[begin:end]:
+            widths[other] = min(width, widths.get(other, width))
+        links.append(widths)
+    return links
 
 
 def _ints(values: Iterable[int]) -> Ints:

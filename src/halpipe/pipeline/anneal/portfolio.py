@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.anneal.profile import NEVER
 from halpipe.pipeline.anneal.slices import advance
 from halpipe.pipeline.anneal.state import BEST, FROZEN, MOVES
 
@@ -88,9 +87,9 @@ def race(
         found.turn(workers, [lead])
         left = budget - lead
         others = members - 1
-        long = NEVER if len(problem.arrays.row) else LONG * tasks
+        is_linked = len(problem.arrays.row) > 0
         while left > 0 and not found.over:
-            share = others * (1 if first.bound < long else LONGER)
+            share = others * (1 if is_linked or first.bound < LONG * tasks else LONGER)
             step = min(TURN * tasks, left // (share + others))
             moves = share * step if step else left  # the rest, which is too little for all of them
             while len(found.all) < members:
