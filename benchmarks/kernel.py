@@ -12,11 +12,11 @@ from fractions import Fraction
 
 from halpipe.durations import milliseconds
 from halpipe.models import Access, Anchor, Mode, Precedence, Resource, Run, Task, TaskModel, Unit, Version
-from halpipe.pipeline.anneal.kernel import anneal
-from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import BEST, MOVES, new_state
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import build_problem
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel.kernel import anneal
+from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
+from halpipe.pipeline.solve.problem import build_problem
 
 HYPERPERIOD = 1200
 

@@ -22,8 +22,8 @@ from halpipe.deploy.riscv.check import Outcome, judge, tolerance_of
 from halpipe.deploy.riscv.sequence import played_tables
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
 from halpipe.diagnostics import HalpipeError, render_text
+from halpipe.flow.stages import open_target
 from halpipe.importers.native import read_model, read_schedule
-from halpipe.pipeline.stages import open_target
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

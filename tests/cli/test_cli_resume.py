@@ -11,11 +11,11 @@ import pytest
 
 from halpipe.cli.searching import workers_of
 from halpipe.exporters.native import format_model
+from halpipe.flow.stages import schedule_model
 from halpipe.importers.native import parse_model
-from halpipe.pipeline.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
-from halpipe.pipeline.schedule import SWITCHES, Quality, SearchOptions
-from halpipe.pipeline.stages import schedule_model
-from halpipe.pipeline.workers import Workers
+from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
+from halpipe.pipeline.solve.schedule import SWITCHES, Quality, SearchOptions
+from halpipe.pipeline.solve.workers import Workers
 from support import access, after, chain, mode, model, task, version
 
 UNITS = "u1 u2 u3"
@@ -48,8 +48,8 @@ class Stop:
 @pytest.mark.parametrize("slices", [1, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 5, 9))])  # 1 stops most
 @pytest.mark.parametrize("work", [pytest.param(100, marks=pytest.mark.slow), 1000])  # some hundred stops, or some ten
 def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slices, workers, work):
-    from halpipe.pipeline.anneal import portfolio
-    from halpipe.pipeline.anneal import slices as kernel_slices
+    from halpipe.pipeline.solve.kernel import portfolio
+    from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", work)
     monkeypatch.setattr(portfolio, "LEAD", 2)
@@ -65,8 +65,8 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
 @pytest.mark.parametrize("quality", [Quality.COST, Quality.MARGIN])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, quality):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
-    from halpipe.pipeline import schedule
-    from halpipe.pipeline.anneal import slices as kernel_slices
+    from halpipe.pipeline.solve import schedule
+    from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
     monkeypatch.setattr(schedule, "POLISH_BUDGET", 30)

@@ -10,8 +10,8 @@ from hypothesis import assume
 
 from halpipe.durations import Duration, milliseconds
 from halpipe.models import Precedence, Resource, Task, TaskModel, Unit
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import build_problem
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.problem import build_problem
 from support import access, after, chain, mode, task, version
 
 UNITS = ("a", "b", "c")

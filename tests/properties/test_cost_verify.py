@@ -10,8 +10,8 @@ import verify_systems as systems
 
 from halpipe.diagnostics import render_text
 from halpipe.models import Status
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.metrics import mode_report
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.verify import codes, verify
 
 NOT_COVERED = {"periodic", "deadline"}

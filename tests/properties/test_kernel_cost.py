@@ -9,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scheduler_systems import random_problem
 
-from halpipe.pipeline.anneal.dealing import deal_anyhow
-from halpipe.pipeline.anneal.kernel import anneal, load, luby, move, next_temperature, restart, total_cost
-from halpipe.pipeline.anneal.naming import named_jobs
-from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
-from halpipe.pipeline.cost import cost_terms
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.placement import Placement
-from halpipe.pipeline.problem import build_problem
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.cost import cost_terms
+from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.solve.kernel.assign_units import deal_anyhow
+from halpipe.pipeline.solve.kernel.kernel import anneal, load, luby, move, next_temperature, restart, total_cost
+from halpipe.pipeline.solve.kernel.naming import named_jobs
+from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
+from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples
 from support import after, chain, model, task, version
 

@@ -10,10 +10,10 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, grid_of
 from halpipe.exporters.regulator.rounding import promises, totals, whole
-from halpipe.pipeline.codes import GRID_BREAKS
-from halpipe.pipeline.quantise import BurstGrid
-from halpipe.pipeline.schedule import SearchOptions
-from halpipe.pipeline.stages import schedule_model, validate_model
+from halpipe.flow.stages import schedule_model, validate_model
+from halpipe.pipeline.solve.codes import GRID_BREAKS
+from halpipe.pipeline.solve.quantise import BurstGrid
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from profiles import examples
 

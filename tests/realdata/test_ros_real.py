@@ -146,7 +146,7 @@ def test_the_examples_of_autoware_system_design():
 
 @pytest.mark.slow
 def test_autoware_can_be_scheduled_once_wcets_and_units_are_given(autoware):
-    from halpipe.pipeline.schedule import SearchOptions, schedule_model
+    from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
     from halpipe.pipeline.verify import verify
 
     units = tuple(Unit(name=f"core{number}") for number in range(4))

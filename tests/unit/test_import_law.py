@@ -15,7 +15,7 @@ import halpipe
 
 SOURCE = Path(halpipe.__file__).parent
 
-FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "fields", "bundles", "extent", "caches"}
+FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "settings", "bundles", "extent", "caches"}
 
 # Part of the package -> the parts it may import besides itself. The longest matching name rules.
 MAY_IMPORT = {
@@ -24,7 +24,7 @@ MAY_IMPORT = {
     "suggest": set(),
     "diagnostics": set(),
     "files": {"diagnostics"},
-    "fields": {"diagnostics", "files", "suggest"},
+    "settings": {"diagnostics", "files", "suggest"},
     "extent": set(),
     "caches": set(),
     "bundles": {"diagnostics", "files"},
@@ -37,31 +37,35 @@ MAY_IMPORT = {
     "pipeline": FOUNDATION | {"models"},
     # The checker shares nothing with the solver or the exporters, so that a fault of theirs cannot hide in it.
     "pipeline.verify": {"models", "durations", "quantities", "diagnostics"},
-    # Pipeline files, the table of stages and the runner wire the three groups together, and nothing else does.
-    "pipeline.plan": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
-    "pipeline.stages": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
-    "pipeline.run": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
+    # The flow wires the three groups together, and nothing else does.
+    "flow": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
     # A benchmark is the whole chain from file to file, with a watch in its hand.
-    "pipeline.bench": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
-    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline"},
+    "bench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow"},
+    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench"},
 }
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"cli", "pipeline.run", "pipeline.bench", "deploy"},
-    "datetime": {"cli", "pipeline.run"},
+    "time": {"cli", "pipeline.solve.run", "bench", "deploy"},
+    "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
     "random": {"pipeline.generate"},
-    "signal": {"cli", "pipeline.run"},
+    "signal": {"cli", "pipeline.solve.run"},
     # Graphviz is a program; the one function that starts it is called from the command line only.
-    "subprocess": {"cli", "pipeline.run", "exporters.graph", "exporters.riscv", "deploy"},
-    "multiprocessing": {"cli", "pipeline.run"},
-    "concurrent": {"cli", "pipeline.run", "pipeline.workers", "exporters.riscv"},
-    "threading": {"cli", "pipeline.run", "pipeline.workers", "pipeline.checkpoint", "pipeline.anneal"},
+    "subprocess": {"cli", "pipeline.solve.run", "exporters.graph", "exporters.riscv", "deploy"},
+    "multiprocessing": {"cli", "pipeline.solve.run"},
+    "concurrent": {"cli", "pipeline.solve.run", "pipeline.solve.workers", "exporters.riscv"},
+    "threading": {
+        "cli",
+        "pipeline.solve.run",
+        "pipeline.solve.workers",
+        "pipeline.solve.checkpoint",
+        "pipeline.solve.kernel",
+    },
     "socket": set(),
     "urllib": set(),
-    "tempfile": {"cli", "pipeline.run", "pipeline.bench", "exporters.riscv", "deploy", "caches"},
-    "os": {"cli", "pipeline.run", "files", "exporters.riscv", "deploy", "caches"},
+    "tempfile": {"cli", "pipeline.solve.run", "bench", "exporters.riscv", "deploy", "caches"},
+    "os": {"cli", "pipeline.solve.run", "files", "exporters.riscv", "deploy", "caches"},
     "platform": {"cli"},
     "shutil": {"cli", "files", "exporters.riscv", "deploy"},
 }
@@ -154,14 +158,14 @@ def test_every_part_of_the_package_has_a_rule():
         ("importers.ros", "def f():\n    import halpipe.exporters.graph", False),
         ("importers.ros", "from halpipe.importers.base import Imported", True),
         ("exporters.graph", "from halpipe import pipeline", False),
-        ("pipeline.anneal.kernel", "from halpipe.importers.base import Imported", False),
-        ("pipeline.stages", "from halpipe.importers.base import Imported", True),
-        ("pipeline.verify.rules", "from halpipe.pipeline.expand import expand", False),
+        ("pipeline.solve.kernel.kernel", "from halpipe.importers.base import Imported", False),
+        ("flow.stages", "from halpipe.importers.base import Imported", True),
+        ("pipeline.verify.rules", "from halpipe.pipeline.jobs import expand", False),
         ("pipeline.verify.rules", "from halpipe.pipeline.verify import codes", True),
         ("pipeline.verify.rules", "from halpipe.suggest import nearest", False),
-        ("pipeline.stages", "from halpipe.cli import main", False),
-        ("cli.show", "from halpipe.pipeline.stages import schedule_model", True),
-        ("pipeline.expand", "import time", False),
+        ("flow.stages", "from halpipe.cli import main", False),
+        ("cli.show", "from halpipe.flow.stages import schedule_model", True),
+        ("pipeline.jobs", "import time", False),
         ("importers.ros", "from os import environ", False),
         ("importers.ros", "import os\nos.environ['HOME']", False),
         ("importers.ros", "import os\nos.path.exists('x')", False),
@@ -191,7 +195,7 @@ def _breaches_of_text(path, part, text, folder):
         "import halpipe.models, halpipe.durations, halpipe.files",
         "import halpipe.pipeline.validate",
         "import halpipe.pipeline.verify",
-        "import halpipe.pipeline.stages",
+        "import halpipe.flow.stages",
         "from halpipe.cli import invoke; invoke(['--help'])",
     ],
 )

@@ -20,8 +20,8 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.pipeline.bench import Report, Row
-    from halpipe.pipeline.bench.instance import Instance
+    from halpipe.bench import Report, Row
+    from halpipe.bench.instance import Instance
 
 JOURNAL = "journal.jsonl"
 
@@ -52,9 +52,9 @@ def bench(
 
     Every finished set is kept in a journal, so that a killed run goes on with --resume.
     """
+    from halpipe.bench.render import outputs
+    from halpipe.bench.results import instances
     from halpipe.files import write_outputs
-    from halpipe.pipeline.bench.render import outputs
-    from halpipe.pipeline.bench.results import instances
 
     output.choose(format, quiet=quiet, verbose=verbose)
     rows = _rows(suite, row or [])
@@ -78,7 +78,7 @@ def bench(
 
 
 def _rows(suite: str, wanted: Sequence[str]) -> list[Row]:
-    from halpipe.pipeline.bench import SUITES
+    from halpipe.bench import SUITES
 
     if suite not in SUITES:
         hint = did_you_mean(suite, sorted(SUITES), "there are: " + ", ".join(sorted(SUITES)))
@@ -121,8 +121,8 @@ def _measure(
     resume: bool,
 ) -> Report:
     """Measure what the journal does not hold yet, and sum up."""
-    from halpipe.pipeline.bench import measure, report
-    from halpipe.pipeline.run import Journal, map_tasks
+    from halpipe.bench import measure, report
+    from halpipe.pipeline.solve.run import Journal, map_tasks
 
     options = {name: about[name] for name in ("version", "seeds", "budget", "limit", "exact")}
     header = {"suite": suite, "rows": [row.name for row in rows], **options}
@@ -149,7 +149,7 @@ def _show(record: dict[str, Any], count: int, total: int, seconds: float) -> Non
 
 
 def _summarise(report: Report, folder: str) -> int:
-    from halpipe.pipeline.bench.render import duration_text
+    from halpipe.bench.render import duration_text
 
     for row in report.rows:
         median = "no times" if row.kernel_ns is None else f"kernel {duration_text(row.kernel_ns.median)}"

@@ -27,9 +27,9 @@ def run(
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.exporters.native import format_model
     from halpipe.files import write_output
+    from halpipe.flow import stages
+    from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline import stages
-    from halpipe.pipeline.plan import read_plan
 
     output.choose(format, quiet=quiet, verbose=verbose)
     plan = read_plan(pipeline)

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from halpipe.models import TaskModel
-    from halpipe.pipeline.checkpoint import Checkpoint
-    from halpipe.pipeline.schedule import Scheduled, SearchOptions
-    from halpipe.pipeline.workers import Workers
+    from halpipe.pipeline.solve.checkpoint import Checkpoint
+    from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
+    from halpipe.pipeline.solve.workers import Workers
 
 SLOW_START = 1.5
 """Seconds without a sign of the kernel after which its compilation is announced."""
@@ -76,7 +76,7 @@ class Watch:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from halpipe.pipeline.schedule import CONSTRUCTING, SWITCHES
+        from halpipe.pipeline.solve.schedule import CONSTRUCTING, SWITCHES
 
         if self._progress is None:
             columns = (
@@ -112,7 +112,7 @@ def find_schedule(
 ) -> int:
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
-    from halpipe.pipeline.stages import schedule_model
+    from halpipe.flow.stages import schedule_model
 
     began = time.monotonic()
     checkpoint = _checkpoint(model, options, target)
@@ -143,7 +143,7 @@ def find_schedule(
 
 def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkpoint | None:
     """Return where the search is kept on its way: beside its target, as NAME.resume."""
-    from halpipe.pipeline.checkpoint import Checkpoint, fingerprint
+    from halpipe.pipeline.solve.checkpoint import Checkpoint, fingerprint
 
     if target == STDIO or (os.path.exists(target) and not os.path.isfile(target)):
         return None
@@ -166,8 +166,8 @@ def workers_of(count: int | None, engine: str) -> Workers:
 
     The exact engine gets one: with several, what it finds would depend on the machine.
     """
-    from halpipe.pipeline.schedule import EXACT
-    from halpipe.pipeline.workers import Workers
+    from halpipe.pipeline.solve.schedule import EXACT
+    from halpipe.pipeline.solve.workers import Workers
 
     if count is not None:
         return Workers(count)
@@ -193,8 +193,8 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
 def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupted: bool) -> int:
     """Save the best placement beside the target, which stays as it was, and say what is still wrong with it."""
     from halpipe.exporters.native import format_schedule
+    from halpipe.flow.stages import explain_failure
     from halpipe.models import Status
-    from halpipe.pipeline.stages import explain_failure
 
     output.report(explain_failure(model, scheduled, interrupted=interrupted))
     if target != STDIO:

@@ -86,7 +86,7 @@ def _question(system: TaskModel, units: str, bandwidth: str, mode: str, step: Fr
 
 def _options(seed: int, budget: int, tick: str) -> Any:
     from halpipe.cli.schedule import parse_tick
-    from halpipe.pipeline.schedule import SearchOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
     return SearchOptions(seed=seed, budget=budget, tick=parse_tick(tick))
 

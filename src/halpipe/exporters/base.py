@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from halpipe.extent import Extent
-    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+    from halpipe.settings import Fields
 
 O = TypeVar("O", bound="ExportOptions")  # noqa: E741
 

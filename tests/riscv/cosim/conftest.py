@@ -50,8 +50,8 @@ def export(tmp_path_factory):
     from halpipe.exporters.native import paired
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.files import write_directory
+    from halpipe.flow import stages
     from halpipe.importers.native import parse_schedule
-    from halpipe.pipeline import stages
 
     def make(sources=None, profile="vcu118", change=lambda text: text):
         folder = tmp_path_factory.mktemp("bundle")

@@ -7,9 +7,9 @@ from halpipe.deploy.base import Checked, CheckOptions
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import paired
 from halpipe.files import write_directory
+from halpipe.flow import stages
+from halpipe.flow.stages import UNKNOWN_FORMAT, check_bundle
 from halpipe.importers.native import parse_model, parse_schedule
-from halpipe.pipeline import stages
-from halpipe.pipeline.stages import UNKNOWN_FORMAT, check_bundle
 from support import model, task, version
 
 
@@ -39,7 +39,7 @@ def bundle(tmp_path, system):
 
 
 def stages_options():
-    from halpipe.pipeline.schedule import SearchOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
     return SearchOptions(seed=1)
 

@@ -12,9 +12,9 @@ from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, UNKNOWN_MODE
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml
 from halpipe.models import ModeSchedule, Status
+from halpipe.settings import Fields
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 XSI = "{http://www.w3.org/2001/XMLSchema-instance}type"

@@ -14,9 +14,9 @@ from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PAR
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNKNOWN_MODE
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml
 from halpipe.models import ChainLatency, ModeSchedule, Status
+from halpipe.settings import Fields
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 PUMP = task("/pump", "10ms", version("fast", "2ms", "u1 u2"), version("slow", "1/3ms", "u2"))

@@ -13,11 +13,11 @@ from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.btf import FORMAT, BtfOptions
 from halpipe.exporters.btf.events import tour
 from halpipe.exporters.trace import FORMAT as TRACE
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.compare import CompareOptions, compare
+from halpipe.settings import Fields
 from support import ms
 
 ROUNDING = ms("1ns")

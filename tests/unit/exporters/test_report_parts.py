@@ -18,12 +18,12 @@ from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.account import build_account
 from halpipe.exporters.report.chains import worst_age, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml
 from halpipe.importers.account import format_account
 from halpipe.importers.base import Coverage, Imported
 from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
-from halpipe.pipeline import latency
+from halpipe.pipeline.measure import latency
+from halpipe.settings import Fields
 from support import model, ms, task, version
 
 # ------------------------------------------------------------------------------------------------ modes

@@ -11,10 +11,10 @@ from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
-from halpipe.exporters.ros.settings import cpu_number, cpus_of, priority
+from halpipe.exporters.ros.options import cpu_number, cpus_of, priority
 from halpipe.exporters.ros.unrealised import unrealised
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml
+from halpipe.settings import Fields
 from support import access, job, model, schedule, task, version
 
 

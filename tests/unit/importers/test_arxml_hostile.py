@@ -7,7 +7,7 @@ from lxml import etree
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.arxml.tree import NS
+from halpipe.importers.arxml.files.tree import NS
 from halpipe.importers.base import ImportOptions
 from profiles import examples
 

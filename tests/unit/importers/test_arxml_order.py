@@ -36,8 +36,8 @@ from hypothesis import strategies as st
 from halpipe.diagnostics import Findings, Location
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.precedence import Edge, without_cycles
-from halpipe.importers.arxml.system import Place
+from halpipe.importers.arxml.system.values import Place
+from halpipe.importers.arxml.tasks.precedence import Edge, without_cycles
 from halpipe.models import Anchor
 
 

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 from halpipe.diagnostics import Findings
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.reading import read_tree
+from halpipe.importers.arxml.system.reading import read_tree
 from halpipe.importers.native import parse_model
 
 PUMP = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")

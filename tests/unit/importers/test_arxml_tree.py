@@ -19,8 +19,8 @@ from arxml_case import (
 from halpipe.diagnostics import Exit, Findings
 from halpipe.files import BROKEN_XML, CANNOT_READ
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.reading import read_tree
-from halpipe.importers.arxml.sniff import load
+from halpipe.importers.arxml.files.sniff import load
+from halpipe.importers.arxml.system.reading import read_tree
 
 PUMP = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
 TEXT = document(package("T", PUMP))

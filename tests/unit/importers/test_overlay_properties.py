@@ -9,8 +9,8 @@ from overlay_case import apply, overlay, refusal
 
 from growth import growth
 from halpipe.diagnostics import Location
-from halpipe.fields import Stated
 from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry, merge
+from halpipe.settings import Stated
 from profiles import examples
 from support import after, model, ms, task, version
 

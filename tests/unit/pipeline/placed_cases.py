@@ -1,7 +1,7 @@
 """What the tests of latencies, loads and costs share: placements of hand-made schedules, and the paper's stack."""
 
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.placement import Placement
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.placement import Placement
 from support import access, after, chain, job, model, task, version
 
 CORES = "core1 core2 core3 core4"

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from halpipe.bench import SUITES, Instance, Row, measure, report
+from halpipe.bench.render import duration_text, outputs
+from halpipe.bench.results import Ratio, Spread, instances
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
-from halpipe.pipeline import exact
-from halpipe.pipeline.bench import SUITES, Instance, Row, measure, report
-from halpipe.pipeline.bench.render import duration_text, outputs
-from halpipe.pipeline.bench.results import Ratio, Spread, instances
-from halpipe.pipeline.codes import NOT_FOUND
 from halpipe.pipeline.generate import TABLE_III, SetParameters
+from halpipe.pipeline.solve import exact
+from halpipe.pipeline.solve.codes import NOT_FOUND
 
 SMALL = Instance(
     key="r / 1 / 5",
@@ -43,12 +43,12 @@ def test_a_solved_set_is_measured_the_same_way_twice():
 
 def test_the_kernel_is_left_as_it_was():
     def entries():
-        modules = [module for name, module in sys.modules.items() if name.startswith("halpipe.pipeline.anneal.")]
+        modules = [module for name, module in sys.modules.items() if name.startswith("halpipe.pipeline.solve.kernel.")]
         return [vars(module)["anneal"] for module in modules if "anneal" in vars(module)]
 
     measure(SMALL)
     assert len(entries()) > 1
-    assert set(entries()) == {import_module("halpipe.pipeline.anneal.kernel").anneal}
+    assert set(entries()) == {import_module("halpipe.pipeline.solve.kernel.kernel").anneal}
 
 
 def test_a_search_out_of_moves_is_not_found():
@@ -69,7 +69,7 @@ def test_a_fault_is_recorded_and_does_not_stop_the_others(monkeypatch):
         raise HalpipeError(NOT_FOUND("wrong", path="here"))
 
     measure(SMALL)  # so that warming up is done
-    monkeypatch.setattr("halpipe.pipeline.bench.instance.schedule_model", fail)
+    monkeypatch.setattr("halpipe.bench.instance.schedule_model", fail)
     result = measure(SMALL)["result"]
     assert result["outcome"] == "fault"
     assert result["fault"] == "HAL0401 here: wrong"

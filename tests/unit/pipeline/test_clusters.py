@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.pipeline.anneal.clusters import gather_cluster, move_cluster
-from halpipe.pipeline.anneal.kernel import anneal, total_cost
-from halpipe.pipeline.anneal.noise import gumbel_table
-from halpipe.pipeline.anneal.state import CLUSTER, COST, FROZEN_HINT, INSERTED, new_state
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import build_problem
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel.clusters import gather_cluster, move_cluster
+from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
+from halpipe.pipeline.solve.kernel.noise import gumbel_table
+from halpipe.pipeline.solve.kernel.state import CLUSTER, COST, FROZEN_HINT, INSERTED, new_state
+from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples
 from support import access, after, chain, model, task, version
 

@@ -7,10 +7,10 @@ import pytest
 from numba import types
 from numba.core.errors import TypingError
 
-from halpipe.pipeline.anneal.compiler import Table, View, kind_of
-from halpipe.pipeline.anneal.jit import _layout, addresses, entry_point
-from halpipe.pipeline.anneal.profile import move_within
-from halpipe.pipeline.anneal.registry import as_table, compiled
+from halpipe.pipeline.solve.kernel.compiler import Table, View, kind_of
+from halpipe.pipeline.solve.kernel.jit import _layout, addresses, entry_point
+from halpipe.pipeline.solve.kernel.profile import move_within
+from halpipe.pipeline.solve.kernel.registry import as_table, compiled
 
 
 @as_table

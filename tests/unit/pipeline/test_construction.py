@@ -5,9 +5,9 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.pipeline.construction import construction_order
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import build_problem
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.construction import construction_order
+from halpipe.pipeline.solve.problem import build_problem
 from support import access, after, model, task, version
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 from placed_cases import place, roborace, roborace_jobs
 
-from halpipe.pipeline.cost import WEIGHT_OCCUPANCY, WEIGHT_TIMELINESS, cost_terms
+from halpipe.pipeline.measure.cost import WEIGHT_OCCUPANCY, WEIGHT_TIMELINESS, cost_terms
 from support import access, after, chain, job, model, task, version
 
 

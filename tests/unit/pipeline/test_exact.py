@@ -5,10 +5,10 @@ from fractions import Fraction
 import pytest
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline import codes, exact
-from halpipe.pipeline.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve import codes, exact
+from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
 
 pytest.importorskip("ortools")
@@ -215,7 +215,7 @@ def test_large_modes_are_refused(monkeypatch):
 
 
 def test_a_schedule_that_verify_refuses_does_not_get_out(monkeypatch):
-    from halpipe.pipeline.exactmodel import Program
+    from halpipe.pipeline.solve.exactmodel import Program
 
     monkeypatch.setattr(Program, "state_units", lambda self, units: None)
     with pytest.raises(HalpipeError) as failure:

@@ -7,12 +7,12 @@ import pytest
 
 from halpipe.durations import Duration, milliseconds
 from halpipe.models import Chain, Mode, Unit
-from halpipe.pipeline import codes as search_codes
-from halpipe.pipeline.exact import Answer
 from halpipe.pipeline.explain import Verdict, changes, codes, conflict, explain
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve import codes as search_codes
+from halpipe.pipeline.solve.exact import Answer
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
 
 CORES = "c1 c2"
@@ -230,7 +230,7 @@ def test_several_kinds_of_units_together():
 
 def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):
     pytest.importorskip("ortools")
-    from halpipe.pipeline import exact
+    from halpipe.pipeline.solve import exact
 
     monkeypatch.setattr(exact, "MAX_PARTS", 3)
     assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.pipeline.exact import Answer, solve_exact
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.crowd import meet_in_groups
-from halpipe.pipeline.explain.meeting import Budget, Part, find_meeting
+from halpipe.pipeline.explain.groups_meet import meet_in_groups
+from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.solve.exact import Answer, solve_exact
 from profiles import examples
 from support import model, task, version
 

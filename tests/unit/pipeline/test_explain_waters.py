@@ -5,10 +5,10 @@ import math
 import pytest
 
 from halpipe.models import Status
-from halpipe.pipeline.expand import expand
 from halpipe.pipeline.explain import Verdict, codes, explain
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 from waters2019 import OFFLOADING, PLAIN, waters2019

@@ -11,9 +11,9 @@ from halpipe.files import write_output
 from halpipe.importers.native import read_model
 from halpipe.models import Status
 from halpipe.pipeline.explain import Verdict, codes, explain
-from halpipe.pipeline.explain.meeting import Budget, Part, find_meeting, meet
+from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
 from support import after, model, task, version

@@ -2,7 +2,7 @@
 
 from placed_cases import place, roborace, roborace_jobs
 
-from halpipe.pipeline.latency import chain_latencies
+from halpipe.pipeline.measure.latency import chain_latencies
 from support import chain, job, model, ms, task, version
 
 

@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from halpipe.exporters.native import format_model
-from halpipe.pipeline.anneal import machine_code
-from halpipe.pipeline.anneal.machine_code import VERSIONS, kept_or_made
+from halpipe.pipeline.solve.kernel import machine_code
+from halpipe.pipeline.solve.kernel.machine_code import VERSIONS, kept_or_made
 from support import model, task, version
 
 MADE = ("a_symbol", b"\x7fELF\n\x00 code")

@@ -4,7 +4,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 
-from halpipe.pipeline.anneal.noise import SIZE, gumbel_table
+from halpipe.pipeline.solve.kernel.noise import SIZE, gumbel_table
 
 
 def test_the_table_is_that_of_decimal_arithmetic():

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline.plan import NOT_A_PIPELINE, read_plan
-from halpipe.pipeline.schedule import DEFAULT_BUDGET, SearchOptions
+from halpipe.flow.plan import NOT_A_PIPELINE, read_plan
+from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
 from support import ms
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "pipeline").glob("*.yaml"))

@@ -4,14 +4,14 @@ import operator
 
 import pytest
 
-from halpipe.pipeline.anneal import portfolio
-from halpipe.pipeline.anneal import slices as kernel_slices
-from halpipe.pipeline.anneal.portfolio import race
-from halpipe.pipeline.anneal.state import BEST, MOVES, new_state
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import build_problem
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
-from halpipe.pipeline.workers import Workers
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel import portfolio
+from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
+from halpipe.pipeline.solve.kernel.portfolio import race
+from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
+from halpipe.pipeline.solve.problem import build_problem
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.workers import Workers
 from support import access, mode, model, task, version
 
 UNITS = "u1 u2 u3"
@@ -123,8 +123,8 @@ def test_modes_are_searched_at_the_same_time_with_the_same_result(workers):
 
 def test_a_mode_starts_as_if_all_before_it_had_been_searched_in_order():
     """The order in which modes may be searched leaves nothing out that a mode would start from."""
-    from halpipe.pipeline.anneal.warmstart import Earlier
-    from halpipe.pipeline.schedule import _Modes
+    from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.schedule import _Modes
 
     short, long = task("a", 10, version("v", 2, "u1 u2")), task("b", 20, version("v", 3, "u1 u2"))
     other = task("c", 40, version("v", 4, "u1 u2"))

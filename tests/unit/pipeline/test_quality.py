@@ -4,8 +4,8 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.pipeline.schedule import Quality, SearchOptions
-from halpipe.pipeline.stages import schedule_model, verify_schedule
+from halpipe.flow.stages import schedule_model, verify_schedule
+from halpipe.pipeline.solve.schedule import Quality, SearchOptions
 from support import access, after, chain, model, task, version
 
 UNITS = "u1 u2 u3"

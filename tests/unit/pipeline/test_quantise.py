@@ -12,12 +12,12 @@ from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.rounding import WHOLE
 from halpipe.exporters.regulator.tables import TableBuilder
+from halpipe.flow.plan import read_plan
+from halpipe.flow.stages import burst_grid, schedule_model, verify_schedule
 from halpipe.models import Anchor, Job
-from halpipe.pipeline import codes
-from halpipe.pipeline.plan import read_plan
-from halpipe.pipeline.quantise import BurstGrid, describe, quantise, restore
-from halpipe.pipeline.schedule import SearchOptions
-from halpipe.pipeline.stages import burst_grid, schedule_model, verify_schedule
+from halpipe.pipeline.solve import codes
+from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore
+from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, chain, mode, model, ms, schedule, task, version
 
 GRID = BurstGrid(
@@ -300,7 +300,7 @@ def test_what_breaks_off_the_grid_is_no_schedule(tmp_path, monkeypatch):
         )
         return replace(found, modes=(replace(first, jobs=moved), *found.modes[1:]))
 
-    monkeypatch.setattr("halpipe.pipeline.quantise.restore", late)
+    monkeypatch.setattr("halpipe.pipeline.solve.quantise.restore", late)
     with pytest.raises(HalpipeError) as refused:
         schedule_model(system, SearchOptions(grid=burst_grid(platform(tmp_path))), lambda *_: True)
     assert (refused.value.diagnostics[0].code, refused.value.exit) == (codes.GRID_BREAKS.id, Exit.NOT_FOUND)

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline import run
-from halpipe.pipeline.run import Journal, map_tasks
+from halpipe.pipeline.solve import run
+from halpipe.pipeline.solve.run import Journal, map_tasks
 
 HEADER = {"suite": "s", "seeds": "1..3"}
 

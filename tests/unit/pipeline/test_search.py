@@ -3,12 +3,12 @@
 import pytest
 from placed_cases import roborace
 
+from halpipe.flow.stages import explain_failure
 from halpipe.models import Status
-from halpipe.pipeline import problem
-from halpipe.pipeline.anneal import dealing
-from halpipe.pipeline.codes import NOT_FOUND
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
-from halpipe.pipeline.stages import explain_failure
+from halpipe.pipeline.solve import problem
+from halpipe.pipeline.solve.codes import NOT_FOUND
+from halpipe.pipeline.solve.kernel import assign_units as dealing
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, mode, model, ms, task, version
 

@@ -9,10 +9,10 @@ from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import NEEDS_SCHEDULE
 from halpipe.exporters.native import format_model
+from halpipe.flow import stages
 from halpipe.importers.base import Coverage, Imported, ImportOptions
 from halpipe.models import Status
-from halpipe.pipeline import stages
-from halpipe.pipeline.schedule import Scheduled, SearchOptions
+from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 from halpipe.pipeline.verify.codes import OVERLAP
 from support import access, model, schedule, task, version
 from support import job as job_of
@@ -117,7 +117,7 @@ def solver(monkeypatch):
 
     def answer_with(tables):
         answer = Scheduled(schedule=tables, diagnostics=(), moves=1, stopped=False)
-        monkeypatch.setattr("halpipe.pipeline.schedule.schedule_model", lambda *_: answer)
+        monkeypatch.setattr("halpipe.pipeline.solve.schedule.schedule_model", lambda *_: answer)
 
     return answer_with
 

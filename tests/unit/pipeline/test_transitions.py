@@ -6,15 +6,15 @@ from fractions import Fraction
 import pytest
 
 from halpipe.durations import Duration, milliseconds
+from halpipe.flow.stages import _is_sound_switch, schedule_model, verify_schedule
 from halpipe.models import Transition
-from halpipe.pipeline.schedule import SearchOptions
-from halpipe.pipeline.stages import _is_sound_switch, schedule_model, verify_schedule
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions import tables as tables_module
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.line import Layer, Line, LineJob, Phase, Shape
 from halpipe.pipeline.transitions.search import Blocked, Table
 from halpipe.pipeline.transitions.tables import NO_IMPLIED_TABLE, NO_TABLE, on_common_grid, switch_tables
-from halpipe.pipeline.workers import Workers
 from support import access, after, chain, job, mode, model, schedule, task, version
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from validate_cases import found, the
 
 from halpipe.durations import Duration, least_common_multiple, milliseconds, seconds
-from halpipe.pipeline.expand import expand
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.hyperperiod import MAX_JOBS, MAX_TICKS, nearest_harmonic, nearest_on_grid
 from support import access, after, model, ms, task, version

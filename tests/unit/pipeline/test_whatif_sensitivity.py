@@ -3,7 +3,7 @@
 from fractions import Fraction
 
 from halpipe.durations import Duration
-from halpipe.pipeline.schedule import SearchOptions
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search
 from support import after, chain, job, model, ms, schedule, task, version

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from halpipe.pipeline import workers as module
-from halpipe.pipeline.workers import Workers, watched
+from halpipe.pipeline.solve import workers as module
+from halpipe.pipeline.solve.workers import Workers, watched
 
 
 def square(number):

@@ -43,9 +43,9 @@ def regulator(
 ) -> int:
     """Write the budgets of memory-bandwidth regulators, window by window, for every mode and transition."""
     from halpipe.exporters.regulator import RegulatorOptions
-    from halpipe.exporters.regulator.settings import RULES
+    from halpipe.exporters.regulator.options import RULES
+    from halpipe.flow.stages import export
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.stages import export
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if rounding not in RULES:

@@ -27,11 +27,11 @@ def ros(
 ) -> int:
     """Write executors, callback groups and timers (YAML) that realise a schedule with ROS 2 on Linux."""
     from halpipe.exporters.ros import RosOptions
-    from halpipe.exporters.ros.settings import cpus_of
+    from halpipe.exporters.ros.options import cpus_of
     from halpipe.exporters.ros.unrealised import unrealised
     from halpipe.exporters.selection import select
+    from halpipe.flow.stages import export
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.stages import export
 
     output.choose(format, quiet=quiet, verbose=verbose)
     try:

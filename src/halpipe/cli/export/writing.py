@@ -21,8 +21,8 @@ Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="F
 
 def export_files(format: str, model: str, schedule: str, target: str, options: ExportOptions) -> int:
     """Export the schedule file of a model file to `target`; return the exit code."""
+    from halpipe.flow.stages import export
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.stages import export
 
     system = read_model(model)
     tables = read_schedule(schedule) if schedule else None

@@ -9,8 +9,8 @@ from halpipe.exporters.base import ExportOptions, specific
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
-    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+    from halpipe.settings import Fields
 
 RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
 

@@ -9,8 +9,8 @@ from halpipe.exporters.base import ExportOptions, specific
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
-    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+    from halpipe.settings import Fields
 
 KIND = "regulator"
 
@@ -53,7 +53,7 @@ class RegulatorExporter:
 
     def options(self, common: ExportOptions, fields: Fields, base: str) -> RegulatorOptions:
         """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.regulator.settings import backend_name, platform_path, rounding_rule
+        from halpipe.exporters.regulator.options import backend_name, platform_path, rounding_rule
 
         fields.require("platform")
         return RegulatorOptions(

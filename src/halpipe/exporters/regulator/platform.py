@@ -16,9 +16,9 @@ from halpipe.exporters.regulator.codes import (
     NUMBERS_CONTRADICT,
     SHARED_MANAGER,
 )
-from halpipe.fields import Fields
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted
+from halpipe.settings import Fields
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from halpipe.exporters.base import ExportOptions, specific
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
-    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+    from halpipe.settings import Fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import Duration, seconds
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
-from halpipe.fields import Fields
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import parse_bandwidth, parse_size
+from halpipe.settings import Fields
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from halpipe.extent import Extent
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.fields import Fields
     from halpipe.models import Schedule, TaskModel
+    from halpipe.settings import Fields
 
 PRIORITY = 80
 
@@ -58,7 +58,7 @@ class RosExporter:
 
     def options(self, common: ExportOptions, fields: Fields, base: str) -> RosOptions:
         """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.ros.settings import cpu_number, priority
+        from halpipe.exporters.ros.options import cpu_number, priority
 
         cpus = None
         if (section := fields.section("cpus", (), f"{fields.path} cpus")) is not None:

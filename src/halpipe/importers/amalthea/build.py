@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
-from halpipe.importers.amalthea import carried, codes
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.account import account
 from halpipe.importers.amalthea.graph import Evaluator
 from halpipe.importers.amalthea.hardware import read_hardware

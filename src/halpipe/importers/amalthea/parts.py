@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.carried import activation_of, is_carried
 from halpipe.importers.amalthea.graph import CALLS, GROUPS, everything, steps
 from halpipe.importers.amalthea.names import Names, few
+from halpipe.importers.amalthea.own_export import activation_of, is_carried
 from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
 
 if TYPE_CHECKING:

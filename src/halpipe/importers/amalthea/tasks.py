@@ -7,7 +7,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
-from halpipe.importers.amalthea import carried, codes
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.properties import text_of
 from halpipe.importers.amalthea.timing import Window

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes, reports
-from halpipe.importers.arxml.activation import find_activations
-from halpipe.importers.arxml.arrivals import slack_of
-from halpipe.importers.arxml.carried import find_carried, read_carried
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_structure, note_timing
-from halpipe.importers.arxml.dataflow import find_dataflow
-from halpipe.importers.arxml.ecuc import container_kinds
-from halpipe.importers.arxml.execution_modes import make_modes
-from halpipe.importers.arxml.grouping import GRANULARITIES, group
 from halpipe.importers.arxml.names import legal_name
-from halpipe.importers.arxml.periods import decide_periods
-from halpipe.importers.arxml.platform import Platform
-from halpipe.importers.arxml.precedence import find_edges
-from halpipe.importers.arxml.reading import read_system, read_tree
-from halpipe.importers.arxml.requirements import find_requirements
-from halpipe.importers.arxml.versions import make_variants, report_kinds, used_times
+from halpipe.importers.arxml.own.models import find_carried, read_carried
+from halpipe.importers.arxml.system.ecuc import container_kinds
+from halpipe.importers.arxml.system.reading import read_system, read_tree
+from halpipe.importers.arxml.tasks.activation import find_activations
+from halpipe.importers.arxml.tasks.arrivals import slack_of
+from halpipe.importers.arxml.tasks.dataflow import find_dataflow
+from halpipe.importers.arxml.tasks.execution_modes import make_modes
+from halpipe.importers.arxml.tasks.grouping import GRANULARITIES, group
+from halpipe.importers.arxml.tasks.periods import decide_periods
+from halpipe.importers.arxml.tasks.platform import Platform
+from halpipe.importers.arxml.tasks.precedence import find_edges
+from halpipe.importers.arxml.tasks.requirements import find_requirements
+from halpipe.importers.arxml.tasks.versions import make_variants, report_kinds, used_times
 from halpipe.importers.base import Imported
 from halpipe.models import Precedence, Task, TaskModel, Version
 from halpipe.suggest import did_you_mean
@@ -30,10 +30,10 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.importers.arxml.grouping import Draft
-    from halpipe.importers.arxml.precedence import Edge
-    from halpipe.importers.arxml.requirements import Requirements
-    from halpipe.importers.arxml.versions import Variant
+    from halpipe.importers.arxml.tasks.grouping import Draft
+    from halpipe.importers.arxml.tasks.precedence import Edge
+    from halpipe.importers.arxml.tasks.requirements import Requirements
+    from halpipe.importers.arxml.tasks.versions import Variant
     from halpipe.importers.base import Coverage, ImportOptions
 
 

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.importers.arxml.compositions import COMPOSITION
-from halpipe.importers.arxml.constraints import is_guarantee
-from halpipe.importers.arxml.execution_times import KINDS
-from halpipe.importers.arxml.swc import place_of
-from halpipe.importers.arxml.timing import CONSTRAINTS, NOT_READ
-from halpipe.importers.arxml.tree import place
+from halpipe.importers.arxml.files.tree import place
+from halpipe.importers.arxml.system.compositions import COMPOSITION
+from halpipe.importers.arxml.system.constraints import is_guarantee
+from halpipe.importers.arxml.system.execution_times import KINDS
+from halpipe.importers.arxml.system.swc import place_of
+from halpipe.importers.arxml.system.timing import CONSTRAINTS, NOT_READ
 from halpipe.importers.base import Coverage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.importers.arxml.activation import Activation
-    from halpipe.importers.arxml.dataflow import DataFlow
-    from halpipe.importers.arxml.grouping import Draft
-    from halpipe.importers.arxml.system import Place, System
-    from halpipe.importers.arxml.tree import Node, Tree
+    from halpipe.importers.arxml.files.tree import Node, Tree
+    from halpipe.importers.arxml.system.values import Place, System
+    from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.importers.arxml.tasks.dataflow import DataFlow
+    from halpipe.importers.arxml.tasks.grouping import Draft
 
 _NO_INFLUENCE = "no influence on timing"
 _UNUSED = {

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.arxml.periods import NOT_SCHEDULED
+from halpipe.importers.arxml.tasks.periods import NOT_SCHEDULED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.diagnostics import Findings
-    from halpipe.importers.arxml.activation import Activation
-    from halpipe.importers.arxml.dataflow import Actor, DataFlow
-    from halpipe.importers.arxml.grouping import Draft
-    from halpipe.importers.arxml.platform import Platform
-    from halpipe.importers.arxml.system import System
+    from halpipe.importers.arxml.system.values import System
+    from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
+    from halpipe.importers.arxml.tasks.grouping import Draft
+    from halpipe.importers.arxml.tasks.platform import Platform
     from halpipe.importers.base import Coverage
     from halpipe.models import TaskModel
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
     from halpipe.diagnostics import Code
-    from halpipe.fields import Stated
     from halpipe.importers.base import Coverage
+    from halpipe.settings import Stated
 
 T = TypeVar("T")
 E = TypeVar("E")

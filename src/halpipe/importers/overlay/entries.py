@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
-    from halpipe.fields import Stated
     from halpipe.importers.overlay.use import OverlayUse
     from halpipe.models import Access, Chain, Precedence, Resource, Source, Transition, Unit
+    from halpipe.settings import Stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import ZERO, Duration
-from halpipe.fields import BAD_VALUE, Fields, Stated
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
@@ -26,6 +25,7 @@ from halpipe.models import (
     Unit,
 )
 from halpipe.quantities import parse_bandwidth, parse_size
+from halpipe.settings import BAD_VALUE, Fields, Stated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

@@ -13,10 +13,10 @@ from halpipe.models import Mode, Origin, Run
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from halpipe.fields import Stated
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import ModeEntry, Overlay
     from halpipe.models import Chain, Resource, Task, TaskModel, Transition, Unit, Version
+    from halpipe.settings import Stated
 
 E = TypeVar("E", bound="Unit | Resource")
 

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.diagnostics import Location
-    from halpipe.fields import Stated
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry
     from halpipe.models import Access, Precedence, Task
+    from halpipe.settings import Stated
 
 E = TypeVar("E")
 Ranked = list[tuple[str, "TaskEntry"]]

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.diagnostics import Location
 from halpipe.durations import ZERO, Duration
-from halpipe.fields import Fields
 from halpipe.importers.ros import codes
 from halpipe.models import Anchor, Chain, Mode, Origin, Precedence, Run, Task, TaskModel, Transition, Unit, Version
 from halpipe.quantities import parse_rational, quoted
+from halpipe.settings import Fields
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit
 from halpipe.models import Schedule, Status
-from halpipe.pipeline.codes import NOT_FOUND, STILL_BROKEN
-from halpipe.pipeline.exact import Answer
-from halpipe.pipeline.expand import expand
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import describe, find_conflict
 from halpipe.pipeline.explain.invalid import names_in, proves_infeasible
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
+from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
 
@@ -149,7 +149,7 @@ class _Question:
 
     def _best(self) -> Schedule:
         """Return the placement to explain: the mode's of the schedule given, or that of a search."""
-        from halpipe.pipeline.schedule import SearchOptions, schedule_model
+        from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 
         tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
         if self.schedule is not None and tables:

@@ -11,9 +11,9 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline.exact import Answer, Effort, is_installed, is_small, solve_expansion
-from halpipe.pipeline.expand import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.explain import codes
+from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
+from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
 
 if TYPE_CHECKING:

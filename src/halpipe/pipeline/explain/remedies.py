@@ -15,7 +15,7 @@ from halpipe.durations import ZERO
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
 from halpipe.pipeline.verify import verify

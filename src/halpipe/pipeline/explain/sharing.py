@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.meeting import Budget, Part, find_meeting
+from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
 from halpipe.pipeline.validate.context import place, quoted
 from halpipe.quantities import format_rational
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts, Usable
-    from halpipe.pipeline.explain.meeting import Step
+    from halpipe.pipeline.explain.pairs_meet import Step
 
 MAX_CLASSES = 40
 """Unit sets of a mode that are looked at, the smallest first."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.explain.crowd import crowds
 from halpipe.pipeline.explain.facts import mode_facts
+from halpipe.pipeline.explain.groups_meet import crowds
 from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, units_met
 from halpipe.pipeline.explain.windows import contradictions
 from halpipe.pipeline.validate.context import Context

@@ -25,11 +25,11 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.pipeline.expand import expand
 from halpipe.pipeline.generate.parameters import TICK, SetParameters
 from halpipe.pipeline.generate.tiling import fill_units, unit_types
 from halpipe.pipeline.generate.windows import CAPACITY, Window, WindowPlacer
-from halpipe.pipeline.metrics import mode_report
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.metrics import mode_report
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.models import Anchor
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.problem import natural_tick
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.problem import natural_tick
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
 
 if TYPE_CHECKING:
     from halpipe.models import ModeSchedule, TaskModel, Version
-    from halpipe.pipeline.expand import ActiveTask, Expansion
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, error, warning
 from halpipe.models import Job, Status, TransitionTable
+from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.modes import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
-from halpipe.pipeline.workers import Workers
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.models import Anchor
-from halpipe.pipeline.expand import expand
-from halpipe.pipeline.latency import worst_age, worst_reaction
-from halpipe.pipeline.placement import PlacedJob, Placement
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.latency import worst_age, worst_reaction
+from halpipe.pipeline.measure.placement import PlacedJob, Placement
 from halpipe.pipeline.whatif.changed import time_limit
 
 if TYPE_CHECKING:

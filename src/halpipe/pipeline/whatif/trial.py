@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.flow.stages import schedule_model
 from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.stages import schedule_model
 from halpipe.pipeline.validate import codes as validate_codes
 from halpipe.pipeline.validate import validate
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import TaskModel
-    from halpipe.pipeline.schedule import OnProgress, SearchOptions
+    from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
     from halpipe.pipeline.whatif.changed import Changed
 
 LOADS = frozenset(

@@ -10,10 +10,10 @@ from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.regulator import FORMAT, RegulatorOptions, codes
 from halpipe.exporters.regulator.platform import BACKENDS
-from halpipe.fields import Fields
 from halpipe.files import parse_yaml, sha256, write_directory
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.verify import verify
+from halpipe.settings import Fields
 
 SHARED = {
     "manifest.json", "model.xml", "schedule.xml", "platform.yaml", "tables.json", "report.json", "report.txt",

@@ -1,0 +1,11 @@
+"""Benchmarks: the paper's Table III and harder sets, from generated set to a table and a plot.
+
+What is computed (success, moves, the bytes of the schedule) depends on the suite, the seeds and the budget alone; what
+is measured (seconds) stands apart from it everywhere, so that two runs can be compared byte by byte.
+"""
+
+from halpipe.bench.instance import Instance, measure
+from halpipe.bench.results import Report, report
+from halpipe.bench.suites import SUITES, Row
+
+__all__ = ["SUITES", "Instance", "Report", "Row", "measure", "report"]

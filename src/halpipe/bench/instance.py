@@ -1,0 +1,145 @@
+"""Measure one instance: generate a set, then take it from file to verified file with a watch in hand."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter_ns
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.native import format_model, format_schedule
+from halpipe.files import sha256, write_output
+from halpipe.flow.stages import schedule_model
+from halpipe.importers.native import read_model
+from halpipe.pipeline.generate import SetParameters, achieved, generate
+from halpipe.pipeline.solve.schedule import SearchOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.models import TaskModel
+
+_SECOND = 10**9
+_KERNEL = "halpipe.pipeline.solve.kernel.kernel"
+
+VALID, NOT_FOUND, STOPPED, FAULT = "valid", "not-found", "stopped", "fault"
+"""Outcomes. Only `STOPPED`, by the time limit, depends on the machine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instance:
+    """One set to measure: `budget` counts moves per task, `limit` and `exact_seconds` seconds (0: none, no CP-SAT)."""
+
+    key: str
+    parameters: SetParameters
+    seed: int
+    budget: int
+    limit: int
+    exact_seconds: int
+    exact_workers: int
+
+
+def measure(instance: Instance) -> dict[str, Any]:
+    """Return the record of one instance: its key, the ``result``, which is reproducible, and the ``timing``."""
+    _warm_up()
+    model = generate(instance.parameters, instance.seed)
+    document = format_model(model)
+    made = achieved(model)
+    result: dict[str, Any] = {
+        "model_sha256": sha256(document),
+        "jobs": made.jobs,
+        "utilisation": str(made.utilisation),
+        "resource_fill": str(made.resource_fill),
+        "windows": made.windows,
+    }
+    timing: dict[str, Any] = {}
+    with TemporaryDirectory(prefix="halpipe-bench-") as folder:
+        source = str(Path(folder, "model.xml"))
+        write_output(source, document)
+        _schedule(instance, source, str(Path(folder, "schedule.xml")), result, timing)
+    if instance.exact_seconds:
+        timing["exact"] = _exact(model, instance)
+    return {"key": instance.key, "seed": instance.seed, "result": result, "timing": timing}
+
+
+def _schedule(instance: Instance, source: str, target: str, result: dict[str, Any], timing: dict[str, Any]) -> None:
+    """Do what ``halpipe schedule`` does, and note what came of it."""
+    begin = perf_counter_ns()
+    deadline = begin + instance.limit * _SECOND
+    options = SearchOptions(seed=instance.seed, budget=instance.budget)
+    with _kernel_watch() as kernel:
+        try:
+            model = read_model(source)
+            found = schedule_model(model, options, lambda *_: not instance.limit or perf_counter_ns() < deadline)
+        except HalpipeError as failure:
+            result["outcome"] = FAULT
+            result["fault"] = "; ".join(f"{d.code} {d.path}: {d.message}" for d in failure.diagnostics if d.is_error)
+            return
+    if found.is_complete:
+        text = format_schedule(found.schedule)
+        write_output(target, text)
+        result["schedule_sha256"] = sha256(text)
+    timing["whole_ns"] = perf_counter_ns() - begin
+    timing["kernel_ns"] = kernel[0]
+    result["outcome"] = VALID if found.is_complete else STOPPED if found.stopped else NOT_FOUND
+    if found.stopped:
+        timing["moves"] = found.moves  # how far it came within the limit is the machine's
+    else:
+        result["moves"] = found.moves
+
+
+@contextmanager
+def _kernel_watch() -> Iterator[list[int]]:
+    """Add up the nanoseconds spent in the compiled kernel.
+
+    The search itself must not look at a clock, so the watch is put around the kernel's entry from outside, in every
+    module that has it.
+    """
+    source: Any = import_module(_KERNEL)
+    kernel, spent = source.anneal, [0]
+    users = [
+        module
+        for name, module in sorted(sys.modules.items())
+        if name.startswith("halpipe.") and name != _KERNEL and vars(module).get("anneal") is kernel
+    ]
+
+    def watched(*arguments: Any) -> Any:
+        begin = perf_counter_ns()
+        try:
+            return kernel(*arguments)
+        finally:
+            spent[0] += perf_counter_ns() - begin
+
+    try:
+        for module in users:
+            vars(module)["anneal"] = watched
+        yield spent
+    finally:
+        for module in users:
+            vars(module)["anneal"] = kernel
+
+
+@cache
+def _warm_up() -> None:
+    """Compile the kernel, or load it, once in each process: that is not what is measured."""
+    model = generate(SetParameters(tasks=4, units=2), 1)
+    schedule_model(model, SearchOptions(budget=10), lambda *_: True)
+
+
+def _exact(model: TaskModel, instance: Instance) -> dict[str, Any]:
+    """Give the same set to CP-SAT; return its answer and time, which depend on the machine, or why there is none."""
+    from halpipe.pipeline.solve.exact import Effort, solve_exact
+
+    effort = Effort(work=None, clock=instance.exact_seconds, workers=instance.exact_workers, seed=instance.seed)
+    begin = perf_counter_ns()
+    try:
+        answer = solve_exact(model, model.modes[0], effort)
+    except HalpipeError as failure:
+        return {"answer": "none", "reason": "; ".join(d.message for d in failure.diagnostics)}
+    return {"answer": str(answer.status), "ns": perf_counter_ns() - begin}

@@ -1,0 +1,178 @@
+"""The pipeline file of ``halpipe run``: sources, overlay, stages and exports of one system, in YAML.
+
+Paths in it are relative to the file itself, so that a pipeline means the same from wherever it is run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
+from halpipe.durations import Duration
+from halpipe.exporters.base import ExportOptions
+from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.flow.stages import UNKNOWN_FORMAT, burst_grid, exporter
+from halpipe.importers.base import IGNORED, ImportOptions, group_rule, quantile_of
+from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
+from halpipe.quantities import parse_rational
+from halpipe.settings import Fields
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.pipeline.solve.quantise import BurstGrid
+
+NOT_A_PIPELINE = error(
+    "HAL0906",
+    "File is no pipeline",
+    'A pipeline is a YAML mapping with the key "halpipe-pipeline: 1", the version of the format.',
+)
+
+VERSION = "1"
+_TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
+_IMPORT = (
+    *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping"),
+    *("calibrate", "quantile", "margin", "groups", "strict"),
+)
+_SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
+_EXPORT = ("format", "output", "mode", "title")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportStep:
+    """What to read; see `halpipe.flow.stages.import_model`."""
+
+    format: str
+    inputs: tuple[str, ...]
+    overlays: tuple[str, ...]
+    options: ImportOptions
+
+
+@dataclass(frozen=True, slots=True)
+class ExportStep:
+    """What to write from the verified schedule."""
+
+    format: str
+    output: str
+    options: ExportOptions
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A pipeline file: without `imports`, the model file is the source."""
+
+    imports: ImportStep | None
+    model: str
+    search: SearchOptions
+    schedule: str
+    exports: tuple[ExportStep, ...]
+
+
+def read_plan(path: str) -> Plan:
+    """Read a pipeline file; raise `HalpipeError` with everything wrong in it."""
+    document = parse_yaml(read_bytes(path), path)
+    if not isinstance(document, YamlMap) or document.get("halpipe-pipeline") != VERSION:
+        help = 'begin it with "halpipe-pipeline: 1"'
+        raise HalpipeError(NOT_A_PIPELINE("is no pipeline of version 1", at=Location(path, 1), help=help))
+    findings = Findings()
+    plan = _Reader(Path(path).parent, findings).plan(Fields(path, findings, document, "pipeline", _TOP))
+    if findings.has_errors:
+        raise HalpipeError(*sort_diagnostics(findings.items))
+    return plan
+
+
+class _Reader:
+    """Reads the sections; `base` is the folder that paths are relative to."""
+
+    def __init__(self, base: Path, findings: Findings) -> None:
+        self._base = base
+        self._findings = findings
+
+    def plan(self, top: Fields) -> Plan:
+        top.require("model", "schedule")
+        imports = top.section("import", _IMPORT, "import")
+        schedule = top.section("schedule", _SCHEDULE, "schedule")
+        if schedule is not None:
+            schedule.require("output")
+        return Plan(
+            imports=None if imports is None else self._import(imports),
+            model=top.value("model", self._path, ""),
+            search=SearchOptions() if schedule is None else self._search(schedule),
+            schedule="" if schedule is None else schedule.value("output", self._path, ""),
+            exports=tuple(self._export(f) for f in top.items("exports", (), "export")),
+        )
+
+    def _path(self, text: str) -> str:
+        if not text:
+            raise ValueError("the file name is empty; name a file")
+        return str(self._base / text)
+
+    def _import(self, f: Fields) -> ImportStep:
+        f.require("format", "inputs")
+        strict = f.flag("strict")
+        options = ImportOptions(
+            name=f.value("name", str, ""),
+            granularity=f.value("granularity", str, "runnable"),
+            wcet=f.value("wcet", str, "upper"),
+            memory=f.value("memory", str, "within"),
+            mapping=f.value("mapping", str, "stated"),
+            calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
+            quantile=f.value("quantile", quantile_of, Fraction(1)),
+            margin=f.value("margin", parse_rational, Fraction(0)),
+            groups=f.value("groups", group_rule, IGNORED),
+            strict=strict is not None and strict.value,
+        )
+        inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
+        overlays = tuple(stated.value for stated in f.texts("overlay", self._path))
+        return ImportStep(f.value("format", str, ""), inputs, overlays, options)
+
+    def _search(self, f: Fields) -> SearchOptions:
+        return SearchOptions(
+            seed=f.value("seed", _whole(0), 1),
+            budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
+            tick=f.value("tick", _grid, None),
+            grid=self._grid(f.value("quantise", self._path, "")),
+        )
+
+    def _grid(self, platform: str) -> BurstGrid | None:
+        try:
+            return burst_grid(platform) if platform else None
+        except HalpipeError as failure:
+            self._findings.extend(failure.diagnostics)
+            return None
+
+    def _export(self, f: Fields) -> ExportStep:
+        f.require("format", "output")
+        name = f.value("format", str, "")
+        options = ExportOptions(mode=f.value("mode", str, ""), title=f.value("title", str, ""))
+        if name:
+            try:
+                writer = exporter(name)
+            except HalpipeError as unknown:
+                f.complain(UNKNOWN_FORMAT, unknown.diagnostics[0].message, "format", help=unknown.diagnostics[0].help)
+            else:
+                f.allow((*_EXPORT, *writer.keys))
+                options = writer.options(options, f, str(self._base))
+        return ExportStep(name, f.value("output", self._path, ""), options)
+
+
+def _grid(text: str) -> Duration:
+    """Read a duration above zero."""
+    tick = Duration.parse(text)
+    if not tick:
+        raise ValueError(f"{text} is no grid; write a duration above zero, or leave it out")
+    return tick
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    """Return a reader of whole numbers from `least` on."""
+
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and len(text) <= 18 and int(text) >= least):
+            raise ValueError(f"{text[:40]!r} is not a whole number from {least} on; correct it")
+        return int(text)
+
+    return read

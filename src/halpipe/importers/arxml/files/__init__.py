@@ -1,0 +1,1 @@
+"""Files to one tree of elements, whatever release, spelling or tool they come from."""

@@ -1,0 +1,140 @@
+"""Tells files apart by content: AUTOSAR R4, older releases, vendor formats, other XML, broken files.
+
+The schema that a file names is not looked at for that, since tools write names that do not exist.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import TYPE_CHECKING, cast
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files import parse_xml
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.dialect import modernise
+from halpipe.importers.arxml.files.spelling import report_misspelt
+from halpipe.importers.inputs import read_inputs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, KeysView, Sequence
+
+    from lxml import etree
+
+    from halpipe.diagnostics import Findings
+
+NAMESPACE = "http://autosar.org/schema/r4.0"
+_OLD = re.compile(r"http://(?:www\.)?autosar\.org/(?:schema/)?r?(?P<release>[23](?:\.[0-9A-Za-z]+)*)/?")
+_SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
+_KNOWN_SCHEMA = re.compile(
+    r"AUTOSAR_(?:000[4-9]\d|4-0-[123]|4-1-[123]|4-2-[12]|4-3-0)(?:_STRICT(?:_COMPACT)?|_COMPACT)?\.xsd"
+)
+_BARE = re.compile(r"(?:http://(?:www\.)?autosar\.org/?)?")
+
+
+@dataclass(frozen=True, slots=True)
+class Document:
+    """A parsed AUTOSAR file in the words of release 4, and the name that the user gave it.
+
+    `release` is what an older file says of itself, empty for release 4; `tags` are all tags in it, with their
+    namespaces, in order of first appearance.
+    """
+
+    name: str
+    root: etree._Element
+    release: str = ""
+    tags: KeysView[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        tags = cast("Iterable[str]", map(attrgetter("tag"), self.root.iter("{*}*")))
+        object.__setattr__(self, "tags", dict.fromkeys(tags).keys())
+
+
+def load(paths: Sequence[str], findings: Findings) -> list[Document]:
+    """Parse every file of `paths`; what a directory holds besides is skipped, what was named directly is an error.
+
+    Raise `HalpipeError` if any file named directly cannot be used, or if none is left.
+    """
+    suffixes = (".arxml", ".xdm")
+    documents = read_inputs(paths, suffixes, recognise, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
+    findings.stop_on_errors()
+    _report_releases(documents, findings)
+    for document in documents:
+        report_misspelt(document, NAMESPACE, findings)
+    return documents
+
+
+def recognise(data: bytes, name: str) -> Document:
+    """Parse `data` as AUTOSAR of any release; raise `HalpipeError` that says what it is if it is something else."""
+    root = parse_xml(data, name)
+    namespace, tag = _split(root.tag)
+    at = Location(name, root.sourceline or 1)
+    if tag == "AUTOSAR" and namespace == NAMESPACE:
+        return Document(name, root)
+    if tag == "datamodel":
+        raise HalpipeError(
+            codes.EB_XDM("is EB tresos project data (root element datamodel)", at=at, help="export it as ARXML")
+        )
+    if tag != "AUTOSAR":
+        raise HalpipeError(
+            codes.NOT_ARXML(f'has the root element "{tag}", not AUTOSAR', at=at, help="name ARXML files only")
+        )
+    release = _release(root, namespace)
+    if release:
+        return Document(name, modernise(root, NAMESPACE), release)
+    what = f'is in the namespace "{namespace}"' if namespace else "has no namespace"
+    raise HalpipeError(codes.NOT_ARXML(f"{what}, not {NAMESPACE}", at=at, help="export it as AUTOSAR release 4.x"))
+
+
+def _report_releases(documents: Sequence[Document], findings: Findings) -> None:
+    """Note files of older releases, and warn of several releases in one import."""
+    old = [document for document in documents if document.release]
+    for document in old:
+        findings.add(
+            codes.OLD_RELEASE(
+                f"is AUTOSAR {document.release}; its elements are read as those of release 4 that replaced them",
+                at=Location(document.name, document.root.sourceline or 1),
+            )
+        )
+    releases = dict.fromkeys(document.release or "4" for document in documents)
+    if len(releases) > 1:
+        findings.add(
+            codes.MIXED_RELEASES(
+                f"files of the releases {', '.join(releases)} are imported together",
+                at=Location(old[0].name, old[0].root.sourceline or 1),
+                help="export all parts of the system as one release, if references between them are missing",
+            )
+        )
+    _report_schemas(documents, findings)
+
+
+def _report_schemas(documents: Sequence[Document], findings: Findings) -> None:
+    """Note names of schemas that AUTOSAR never published, once for each name."""
+    seen: set[str] = set()
+    for document in documents:
+        schema = (document.root.get(_SCHEMA) or "").split()[-1:]
+        name = schema[0].replace("\\", "/").rpartition("/")[2] if schema else ""
+        if name and name not in seen and not document.release and not _KNOWN_SCHEMA.fullmatch(name):
+            seen.add(name)
+            findings.add(
+                codes.SCHEMA_NAME(
+                    f'names the schema "{name}", which AUTOSAR did not publish',
+                    at=Location(document.name, document.root.sourceline or 1),
+                )
+            )
+
+
+def _release(root: etree._Element, namespace: str) -> str:
+    """Return "3.2.3" or such for an old namespace, and for no release in it when old elements follow."""
+    match = _OLD.fullmatch(namespace)
+    if match:
+        return match["release"]
+    if _BARE.fullmatch(namespace) and any(_split(child.tag)[1] == "TOP-LEVEL-PACKAGES" for child in root.iter("{*}*")):
+        return "2.x or 3.x"
+    return ""
+
+
+def _split(tag: str) -> tuple[str, str]:
+    namespace, _, local = tag.rpartition("}")
+    return namespace.lstrip("{"), local

@@ -1,0 +1,368 @@
+"""All files as one tree of elements by AUTOSAR path: split elements merged, references resolved, every line kept.
+
+An element with a SHORT-NAME is a `Node`; its path is the chain of short names from the root. Elements of the same
+path and tag in several places are one node with several parts (AUTOSAR: splitable elements).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from lxml import etree
+
+from halpipe.diagnostics import Location
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.numbers import parse_double
+from halpipe.importers.arxml.files.sniff import NAMESPACE
+from halpipe.importers.arxml.files.spelling import NAMED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.arxml.files.sniff import Document
+
+NS = f"{{{NAMESPACE}}}"
+
+# A reference may name any class that its target is derived from instead of the target's own.
+_BASE_CLASSES = frozenset(
+    {
+        "ABSTRACT-EVENT",
+        "ABSTRACT-PROVIDED-PORT-PROTOTYPE",
+        "ABSTRACT-REQUIRED-PORT-PROTOTYPE",
+        "AR-ELEMENT",
+        "ATOMIC-SW-COMPONENT-TYPE",
+        "ATP-FEATURE",
+        "ATP-PROTOTYPE",
+        "ATP-TYPE",
+        "BSW-EVENT",
+        "BSW-MODULE-ENTITY",
+        "EXECUTABLE-ENTITY",
+        "IDENTIFIABLE",
+        "INTERNAL-BEHAVIOR",
+        "PACKAGEABLE-ELEMENT",
+        "PORT-PROTOTYPE",
+        "REFERRABLE",
+        "RTE-EVENT",
+        "SW-COMPONENT-TYPE",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """The text of a child element and where it stands."""
+
+    value: str
+    at: Location
+
+
+@dataclass(frozen=True, slots=True)
+class Ref:
+    """A reference: absolute target path, the stated kind of target, and the element that it is, with its file."""
+
+    path: str
+    dest: str
+    element: etree._Element
+    file: str
+
+    @property
+    def at(self) -> Location:
+        """Where it stands."""
+        return place(self.element, self.file)
+
+    @property
+    def name(self) -> str:
+        """The short name of the target."""
+        return self.path.rpartition("/")[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One place where a node is written down."""
+
+    element: etree._Element
+    file: str
+
+    def find(self, path: str) -> etree._Element | None:
+        """Return the first element at a relative path."""
+        return self.element.find(qualified(path))
+
+
+class Node:
+    """An element with a short name: its path, its tag, where its parts are written, and the nodes inside it."""
+
+    __slots__ = ("children", "name", "parent", "parts", "path", "tag")
+
+    def __init__(self, path: str, tag: str, name: str, parent: Node | None) -> None:
+        self.path = path
+        self.tag = tag
+        self.name = name
+        self.parent = parent
+        self.parts: list[Part] = []
+        self.children: dict[tuple[str, str], Node] = {}
+
+    @property
+    def at(self) -> Location:
+        """Where the first part stands."""
+        return place(self.parts[0].element, self.parts[0].file) if self.parts else Location()
+
+    def inside(self, *tags: str) -> Iterator[Node]:
+        """Yield the direct children, of the given tags if any are given, in document order."""
+        for child in self.children.values():
+            if not tags or child.tag in tags:
+                yield child
+
+    def elements(self, path: str) -> list[tuple[etree._Element, str]]:
+        """Return the elements at a relative path such as ``A/B`` in every part, with their file."""
+        find = _finder(path)
+        return [(element, part.file) for part in self.parts for element in find(part.element)]
+
+
+def place(element: etree._Element, file: str) -> Location:
+    """Return where an element stands."""
+    return Location(file, element.sourceline or 0)
+
+
+def local(element: etree._Element) -> str:
+    """Return the tag of an AUTOSAR element without its namespace."""
+    tag: str = element.tag
+    return tag.removeprefix(NS)
+
+
+@lru_cache(maxsize=256)
+def qualified(path: str) -> str:
+    """Return a relative path with the namespace at every step, as lxml wants it."""
+    return "/".join(step if step in ("*", ".") else NS + step for step in path.split("/"))
+
+
+@lru_cache(maxsize=256)
+def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
+    """Return a relative path as a compiled query, which is twice as fast as the search of ElementTree."""
+    steps = (step if step in ("*", ".") else f"ar:{step}" for step in path.split("/"))
+    # lxml types the result of a query as anything that XPath can return.
+    finder: Any = etree.XPath("/".join(steps), namespaces={"ar": NAMESPACE})
+    finds_elements: Callable[[etree._Element], list[etree._Element]] = finder
+    return finds_elements
+
+
+class Tree:
+    """The merged elements of all documents; `findings` collects what is wrong with them as it is noticed."""
+
+    def __init__(self, documents: Iterable[Document], findings: Findings) -> None:
+        self.findings = findings
+        self.root = Node("", "", "", None)
+        self._by_path: dict[str, tuple[Node, ...]] = {}
+        self._by_name: dict[str, list[str]] | None = None
+        self._tags: set[str] = set()
+        self._occurs: dict[str, bool] = {}
+        self._folded: dict[str, str] | None = None
+        self.nameless: list[tuple[str, Location]] = []
+        self._by_tag: dict[str, list[Node]] = {}
+        self._bases: dict[str, dict[str, str]] = {}
+        for document in documents:
+            self._tags |= document.tags
+            self._add(document)
+
+    # ------------------------------------------------------------------------------------------- building
+
+    def _add(self, document: Document) -> None:
+        owners: dict[etree._Element, Node] = {document.root: self.root}
+        for short_name in document.root.iter(NS + "SHORT-NAME"):
+            element = short_name.getparent()
+            if element is None or element in owners:
+                continue
+            name = "".join((short_name.text or "").split())
+            if not name:
+                self._report_nameless(element, "has an empty SHORT-NAME", place(short_name, document.name))
+                continue
+            ancestor = element.getparent()
+            while ancestor is not None and ancestor not in owners:
+                ancestor = ancestor.getparent()
+            owner = owners[ancestor] if ancestor is not None else self.root
+            owners[element] = self._enter(owner, local(element), name, Part(element, document.name))
+        for element in document.root.iter(*(NS + tag for tag in NAMED)):
+            if element not in owners and element.find(NS + "SHORT-NAME") is None:
+                self._report_nameless(element, "has no SHORT-NAME", place(element, document.name))
+        self._add_bases(document, owners)
+        self._report_variants(document)
+
+    def _report_nameless(self, element: etree._Element, message: str, at: Location) -> None:
+        self.nameless.append((local(element), at))
+        self.findings.add(codes.MALFORMED(message, at=at, path=local(element), help="give it a name"))
+
+    def _enter(self, owner: Node, tag: str, name: str, part: Part) -> Node:
+        node = owner.children.get((tag, name))
+        if node is None:
+            node = Node(f"{owner.path}/{name}", tag, name, owner)
+            owner.children[tag, name] = node
+            self._by_path[node.path] = (*self._by_path.get(node.path, ()), node)
+            self._by_tag.setdefault(tag, []).append(node)
+        node.parts.append(part)
+        return node
+
+    def _add_bases(self, document: Document, owners: dict[etree._Element, Node]) -> None:
+        for base in document.root.iter(NS + "REFERENCE-BASE"):
+            holder = base.getparent()
+            package = holder.getparent() if holder is not None else None
+            target = "".join((base.findtext(NS + "PACKAGE-REF") or "").split())
+            if package is None or package not in owners or not target:
+                continue
+            labels = self._bases.setdefault(owners[package].path, {})
+            labels[(base.findtext(NS + "SHORT-LABEL") or "").strip()] = target
+            if (base.findtext(NS + "IS-DEFAULT") or "").strip() in ("true", "1"):
+                labels[""] = target
+
+    def _report_variants(self, document: Document) -> None:
+        found = [element.sourceline for element in document.root.iter(NS + "VARIATION-POINT")]
+        if found:
+            self.findings.add(
+                codes.VARIANT(
+                    f"has {len(found)} VARIATION-POINT elements; conditions are not evaluated",
+                    at=Location(document.name, found[0]),
+                    help="import the files of one variant only, if that matters",
+                )
+            )
+
+    # -------------------------------------------------------------------------------------------- reading
+
+    def nodes(self) -> Iterator[Node]:
+        """Yield every node, in order of first appearance of its path."""
+        for nodes in self._by_path.values():
+            yield from nodes
+
+    def tagged(self, *tags: str) -> list[Node]:
+        """Return every node of the given tags, tag by tag, in order of first appearance."""
+        return [node for tag in tags for node in self._by_tag.get(tag, [])]
+
+    @staticmethod
+    def at(element: etree._Element, file: str) -> Location:
+        """Return where an element of a node stands."""
+        return place(element, file)
+
+    def elements(self, node: Node, path: str) -> Sequence[tuple[etree._Element, str]]:
+        """Return the elements of a node at a path; nothing is looked for that occurs in no document."""
+        occurs = self._occurs.get(path)
+        if occurs is None:
+            steps = (step for step in path.split("/") if step not in ("*", "."))
+            occurs = self._occurs[path] = all(NS + step in self._tags for step in steps)
+        return node.elements(path) if occurs else ()
+
+    def text(self, node: Node, path: str) -> Text | None:
+        """Return the text at a relative path; report a conflict if two parts of the node state it differently."""
+        first: Text | None = None
+        for element, file in self.elements(node, path):
+            found = Text((element.text or "").strip(), place(element, file))
+            if first is None:
+                first = found
+            elif not _same_value(first.value, found.value):
+                self._report_conflict(node, path, first, found)
+        return first
+
+    def ref(self, node: Node, path: str) -> Ref | None:
+        """Return the only reference at a relative path; report a conflict if two parts state it differently."""
+        found = self.refs(node, path)
+        for other in found[1:]:
+            self._report_conflict(node, path, Text(found[0].path, found[0].at), Text(other.path, other.at))
+        return found[0] if found else None
+
+    def refs(self, node: Node, path: str) -> list[Ref]:
+        """Return the references at a relative path in document order, each target once."""
+        unique: dict[str, Ref] = {}
+        for element, file in self.elements(node, path):
+            found = self.reference(node, element, file)
+            if found is not None:
+                unique.setdefault(found.path, found)
+        return list(unique.values())
+
+    def reference(self, node: Node, element: etree._Element, file: str) -> Ref | None:
+        """Read a reference element, completing a relative path by its reference base; None if it is empty."""
+        path = "".join((element.text or "").split())
+        if not path:
+            return None
+        if not path.startswith("/"):
+            base = self._base(node, (element.get("BASE") or "").strip())
+            path = f"{base}/{path}"
+        return Ref(path, element.get("DEST") or "", element, file)
+
+    def _base(self, node: Node | None, label: str) -> str:
+        while node is not None:
+            labels = self._bases.get(node.path, {})
+            if label in labels:
+                target = labels[label]
+                return target if target.startswith("/") else f"{self._base(node.parent, '')}/{target}"
+            node = node.parent
+        return ""
+
+    def find(self, ref: Ref, what: str, tags: Container[str] | None = None) -> Node | None:
+        """Return the node that `ref` names, of one of `tags`; report a missing target or a wrong DEST.
+
+        `what` names the referring element in messages.
+        """
+        candidates = self._by_path.get(ref.path) or self._in_other_case(ref, what)
+        fitting = [node for node in candidates if tags is None or node.tag in tags]
+        if not fitting:
+            self._report_dangling(ref, what, candidates)
+            return None
+        node = next((node for node in fitting if node.tag == ref.dest), fitting[0])
+        if ref.dest and ref.dest != node.tag and ref.dest not in _BASE_CLASSES:
+            self.findings.add(
+                codes.WRONG_DEST(
+                    f'{ref.path} is a {node.tag}, but DEST says "{ref.dest}"',
+                    at=ref.at,
+                    path=what,
+                    help=f'write DEST="{node.tag}"',
+                )
+            )
+        return node
+
+    def _in_other_case(self, ref: Ref, what: str) -> tuple[Node, ...]:
+        """Return the nodes of a path that differs in case only, which AUTOSAR forbids to be another element's."""
+        if self._folded is None:
+            self._folded = {path.casefold(): path for path in self._by_path}
+        path = self._folded.get(ref.path.casefold())
+        if path is None:
+            return ()
+        self.findings.add(
+            codes.WRONG_CASE(f"refers to {ref.path}, taken for {path}", at=ref.at, path=what, help=f"write {path}")
+        )
+        return self._by_path[path]
+
+    # ------------------------------------------------------------------------------------------ reporting
+
+    def _report_dangling(self, ref: Ref, what: str, candidates: Sequence[Node]) -> None:
+        if candidates:
+            message = f"refers to {ref.path}, which is a {candidates[0].tag}"
+            help = "refer to the right kind of element"
+        else:
+            elsewhere = self._paths_of(ref.name)
+            message = f"refers to {ref.path}, which no file defines"
+            help = f"did you mean {elsewhere[0]}?" if elsewhere else "add the file that defines it to the import"
+        self.findings.add(codes.DANGLING(message, at=ref.at, path=what, help=help))
+
+    def _paths_of(self, name: str) -> list[str]:
+        """Return the paths of all nodes of a name, in order of first appearance."""
+        if self._by_name is None:
+            self._by_name = {}
+            for path in self._by_path:
+                self._by_name.setdefault(path.rpartition("/")[2], []).append(path)
+        return self._by_name.get(name, [])
+
+    def _report_conflict(self, node: Node, path: str, first: Text, second: Text) -> None:
+        self.findings.add(
+            codes.CONFLICT(
+                f'{path} is "{second.value}" here, but "{first.value}" at {first.at}',
+                at=second.at,
+                path=node.path,
+                help="import one of the two, or make them agree",
+            )
+        )
+
+
+def _same_value(first: str, second: str) -> bool:
+    if first == second:
+        return True
+    number = parse_double(first)
+    return number is not None and number == parse_double(second)

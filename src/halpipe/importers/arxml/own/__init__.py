@@ -1,0 +1,1 @@
+"""Models that halpipe itself wrote as ARXML, read back exactly."""

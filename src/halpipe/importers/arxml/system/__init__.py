@@ -1,0 +1,1 @@
+"""What the elements say about timing, as frozen values."""

@@ -1,0 +1,368 @@
+"""The ECU configuration of Os, Rte and EcuC: cores, OS tasks and what triggers them, events mapped to OS tasks.
+
+Containers and parameters are known by the path of their definition. Vendors put their own names before the module
+name in it (/MICROSAR/Os, /AUTOSAR/EcucDefs/Os, ...), so only what follows the module name counts.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.durations import Duration, seconds
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.numbers import parse_number
+from halpipe.importers.arxml.files.tree import NS, place
+from halpipe.importers.arxml.system.values import (
+    Configuration,
+    Core,
+    Mapping,
+    OsApplication,
+    OsTask,
+    Place,
+    Stated,
+    Trigger,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from fractions import Fraction
+
+    from halpipe.importers.arxml.files.tree import Node, Ref, Tree
+
+_MODULES = ("Os", "Rte", "EcuC")
+_CONTAINER = "ECUC-CONTAINER-VALUE"
+_VALUE_PATHS = ("VALUE-REF", "VALUE-IREF/TARGET-REF")
+
+
+class Container:
+    """An ECU configuration container: the short name of its definition, its parameters and references by theirs."""
+
+    def __init__(self, tree: Tree, node: Node, kind: str) -> None:
+        self.node = node
+        self.kind = kind
+        self._tree = tree
+
+    @property
+    def place(self) -> Place:
+        """Where the container is, with the name of its definition as its kind."""
+        return Place(self.node.path, self.kind, self.node.at)
+
+    def value(self, name: str) -> Stated | None:
+        """Return the parameter `name`; report a conflict if two parts of the container state it differently."""
+        first: Stated | None = None
+        for element, file in self.node.elements("PARAMETER-VALUES/*"):
+            if _last(element.findtext(NS + "DEFINITION-REF")) != name:
+                continue
+            text = (element.findtext(NS + "VALUE") or "").strip()
+            found = Stated(text, place(element, file))
+            if first is None:
+                first = found
+            elif first.text != found.text:
+                self._tree.findings.add(
+                    codes.CONFLICT(
+                        f'{name} is "{found.text}" here, but "{first.text}" at {first.at}',
+                        at=found.at,
+                        path=self.node.path,
+                        help="import one of the two, or make them agree",
+                    )
+                )
+        return first if first is not None and first.text else None
+
+    def number(self, name: str) -> Fraction | None:
+        """Return the parameter `name` as an exact number; report it if it is none."""
+        stated = self.value(name)
+        if stated is None:
+            return None
+        number = parse_number(stated.text)
+        if number is None or number < 0:
+            self._tree.findings.add(
+                codes.BAD_NUMBER(
+                    f'{name} "{stated.text}" is no non-negative number',
+                    at=stated.at,
+                    path=f'{self.kind} "{self.node.path}"',
+                    help="write a number such as 20, 0x14 or 2.5E-8",
+                )
+            )
+            return None
+        return number
+
+    def refs(self, *names: str) -> list[Ref]:
+        """Return the targets of the references called one of `names`."""
+        found = []
+        for element, file in self.node.elements("REFERENCE-VALUES/*"):
+            if _last(element.findtext(NS + "DEFINITION-REF")) not in names:
+                continue
+            for path in _VALUE_PATHS:
+                value = element.find("/".join(NS + step for step in path.split("/")))
+                ref = self._tree.reference(self.node, value, file) if value is not None else None
+                if ref is not None:
+                    found.append(ref)
+        return list({ref.path: ref for ref in found}.values())
+
+    def targets(self, *names: str) -> list[str]:
+        """Return the paths of the existing targets of references; report those that dangle."""
+        what = f'{self.kind} "{self.node.path}"'
+        found = (self._tree.find(ref, what) for ref in self.refs(*names))
+        return [node.path for node in found if node is not None]
+
+    def target(self, *names: str) -> str | None:
+        """Return the path of the first existing target of a reference."""
+        return next(iter(self.targets(*names)), None)
+
+
+def _last(definition: str | None) -> str:
+    return "".join((definition or "").split()).rpartition("/")[2]
+
+
+class Containers:
+    """Every container of the modules Os, Rte and EcuC, by path."""
+
+    def __init__(self, tree: Tree) -> None:
+        self.tree = tree
+        self.by_path: dict[str, Container] = {}
+        for node in tree.tagged(_CONTAINER):
+            definition = tree.text(node, "DEFINITION-REF")
+            steps = "".join(definition.value.split()).split("/") if definition else []
+            if any(module in steps for module in _MODULES):
+                self.by_path[node.path] = Container(tree, node, steps[-1])
+
+    def of(self, *kinds: str) -> list[Container]:
+        """Return the containers of the given definitions, in document order."""
+        return [container for container in self.by_path.values() if container.kind in kinds]
+
+    def below(self, container: Container) -> Iterator[Container]:
+        """Yield the container and everything inside it."""
+        yield container
+        for node in container.node.inside(_CONTAINER):
+            if node.path in self.by_path:
+                yield from self.below(self.by_path[node.path])
+
+
+def read_configuration(tree: Tree) -> Configuration:
+    """Read cores, applications, OS tasks, what triggers them, and the mapping of events to them."""
+    containers = Containers(tree)
+    cores = _cores(containers)
+    applications, numbered = _applications(containers, cores)
+    core_of = {task: application.core for application in applications for task in application.tasks}
+    tasks = [
+        OsTask(container.place, core_of.get(container.node.path), _task_period(container))
+        for container in containers.of("OsTask")
+    ]
+    return Configuration(
+        cores=(*cores.values(), *numbered),
+        applications=tuple(applications),
+        tasks=tuple(tasks),
+        triggers=tuple(_triggers(containers)),
+        mappings=tuple(_mappings(containers)),
+        instances=tuple(
+            ref.path
+            for container in containers.of("RteSwComponentInstance")
+            for ref in container.refs("RteSoftwareComponentInstanceRef")
+        ),
+    )
+
+
+# ------------------------------------------------------------------------------------------ cores and OS tasks
+
+
+def _cores(containers: Containers) -> dict[str, Core]:
+    """Return the configured cores by path, in order of their ids."""
+    found = containers.of("EcucCoreDefinition")
+    names = [container.node.name for container in found]
+    cores = []
+    for container in found:
+        number = container.number("EcucCoreId")
+        name = container.node.name if names.count(container.node.name) == 1 else container.node.path.lstrip("/")
+        hardware = container.target("EcucCoreHwRef")
+        cores.append(Core(name, int(number) if number is not None else None, container.place, hardware))
+    cores.sort(key=lambda core: (core.id is None, core.id or 0))
+    return {core.place.path: core for core in cores if core.place}
+
+
+def _applications(containers: Containers, cores: dict[str, Core]) -> tuple[list[OsApplication], list[Core]]:
+    """Return the OsApplications, and the cores that they number without any container that defines them."""
+    by_id = {core.id: core for core in cores.values() if core.id is not None}
+    numbered: dict[int, Core] = {}
+    applications = []
+    for container in containers.of("OsApplication"):
+        core = _bound_core(containers, container, cores)
+        number = container.number("OsApplicationCoreAssignment")
+        if core is None and number is not None:
+            core = by_id.get(int(number)) or numbered.setdefault(int(number), Core(f"core{number}", int(number), None))
+        tasks = tuple(container.targets("OsAppTaskRef"))
+        applications.append(OsApplication(container.place, tasks, core.name if core else None))
+    return applications, [numbered[number] for number in sorted(numbered)]
+
+
+def _bound_core(containers: Containers, application: Container, cores: dict[str, Core]) -> Core | None:
+    """Follow the references from an OsApplication to a core, directly, by an OsCore or by its partition."""
+    seen: set[str] = set()
+    todo = [application]
+    while todo:
+        container = todo.pop(0)
+        for path in container.targets(
+            "OsApplicationCoreRef", "OsCoreEcucCoreRef", "OsAppEcucPartitionRef", "EcucPartitionCoreRef"
+        ):
+            if path in cores:
+                return cores[path]
+            if path in containers.by_path and path not in seen:
+                seen.add(path)
+                todo.append(containers.by_path[path])
+    return None
+
+
+def _task_period(container: Container) -> Duration | None:
+    number = container.number("OsTaskPeriod")
+    return seconds(number) if number else None
+
+
+# ------------------------------------------------------------------------------------------------- triggers
+
+
+def _triggers(containers: Containers) -> Iterator[Trigger]:
+    ticks = Ticks(containers)
+    for alarm in containers.of("OsAlarm"):
+        yield from _alarm(containers, alarm, ticks)
+    for table in containers.of("OsScheduleTable"):
+        yield from _expiry_points(containers, table, ticks)
+
+
+class Ticks:
+    """Converts the ticks of counters into time; a counter without a tick duration is reported once."""
+
+    def __init__(self, containers: Containers) -> None:
+        self._containers = containers
+        self._known: dict[str, Duration | None] = {}
+
+    def counter(self, container: Container, name: str) -> tuple[Duration | None, tuple[Place, ...]]:
+        """Return the tick of the counter that `container` refers to by `name`, and the counter's place."""
+        path = container.target(name)
+        counter = self._containers.by_path.get(path or "")
+        if counter is None:
+            return None, ()
+        if counter.node.path not in self._known:
+            self._known[counter.node.path] = self._tick(counter)
+        return self._known[counter.node.path], (counter.place,)
+
+    def _tick(self, counter: Container) -> Duration | None:
+        number = counter.number("OsSecondsPerTick")
+        if number:
+            return seconds(number)
+        for system in self._containers.of("OsOS"):
+            frequency = system.number("ArcOsTickFrequency")
+            if frequency:
+                return seconds(1 / frequency)
+        self._containers.tree.findings.add(
+            codes.NO_TICK(
+                "has no OsSecondsPerTick",
+                at=counter.node.at,
+                path=f'OsCounter "{counter.node.path}"',
+                help="state the duration of a tick, or give periods in the overlay (sources)",
+            )
+        )
+        return None
+
+
+def _alarm(containers: Containers, alarm: Container, ticks: Ticks) -> Iterator[Trigger]:
+    inside = list(containers.below(alarm))
+    cycle = next((n for n in (c.number("OsAlarmCycleTime") for c in inside) if n), None)
+    if not cycle:
+        return
+    tick, through = ticks.counter(alarm, "OsAlarmCounterRef")
+    if tick is None:
+        return
+    start = next((n for n in (c.number("OsAlarmAlarmTime") for c in inside) if n), None)
+    yield Trigger(
+        place=alarm.place,
+        period=tick * cycle,
+        offset=tick * (start or 0),
+        tasks=tuple(path for c in inside for path in c.targets("OsAlarmActivateTaskRef")),
+        events=tuple(path for c in inside for path in c.targets("OsAlarmSetEventRef")),
+        through=through,
+    )
+
+
+def _expiry_points(containers: Containers, table: Container, ticks: Ticks) -> Iterator[Trigger]:
+    repeating = table.value("OsScheduleTableRepeating")
+    duration = table.number("OsScheduleTableDuration")
+    if not duration:
+        return
+    if repeating is None or repeating.text.lower() not in ("true", "1"):
+        containers.tree.findings.add(
+            codes.SINGLE_SHOT(
+                "is not repeating, so that it gives no task a period",
+                at=repeating.at if repeating else table.node.at,
+                path=f'OsScheduleTable "{table.node.path}"',
+            )
+        )
+        return
+    tick, through = ticks.counter(table, "OsScheduleTableCounterRef")
+    if tick is None:
+        return
+    for point in containers.below(table):
+        if point.kind != "OsScheduleTableExpiryPoint":
+            continue
+        inside = list(containers.below(point))
+        yield Trigger(
+            place=point.place,
+            period=tick * duration,
+            offset=tick * (point.number("OsScheduleTblExpPointOffset") or 0),
+            tasks=tuple(path for c in inside for path in c.targets("OsScheduleTableActivateTaskRef")),
+            events=tuple(path for c in inside for path in c.targets("OsScheduleTableSetEventRef")),
+            through=(*through, table.place),
+        )
+
+
+# ------------------------------------------------------------------------------------------------- mappings
+
+
+def _mappings(containers: Containers) -> Iterator[Mapping]:
+    for container in containers.of("RteEventToTaskMapping", "RteBswEventToTaskMapping"):
+        position = container.number("RtePositionInTask") if "Bsw" not in container.kind else None
+        if position is None:
+            position = container.number("RteBswPositionInTask")
+        yield Mapping(
+            place=container.place,
+            prototype=_instance(containers, container),
+            event=container.target("RteEventRef", "RteBswEventRef"),
+            task=container.target("RteMappedToTaskRef", "RteBswMappedToTaskRef"),
+            position=int(position) if position is not None else None,
+            offset=container.value("RteActivationOffset") or container.value("RteBswActivationOffset"),
+            triggers=tuple(
+                container.targets(
+                    "RteUsedOsSchTblExpiryPointRef",
+                    "RteBswUsedOsSchTblExpiryPointRef",
+                    "RteUsedOsAlarmRef",
+                    "RteBswUsedOsAlarmRef",
+                    "RteUsedOsEventRef",
+                    "RteBswUsedOsEventRef",
+                )
+            ),
+        )
+
+
+def _instance(containers: Containers, mapping: Container) -> str | None:
+    parent = mapping.node.parent
+    owner = containers.by_path.get(parent.path) if parent is not None else None
+    refs = owner.refs("RteSoftwareComponentInstanceRef") if owner is not None else []
+    return refs[0].path if refs else None
+
+
+def container_kinds(tree: Tree) -> dict[str, str]:
+    """Return the short name of the definition of every container of Os, Rte and EcuC, by the container's path."""
+    return {path: container.kind for path, container in Containers(tree).by_path.items()}
+
+
+def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
+    """Return the values of every numerical ECU configuration parameter by the short name of its definition.
+
+    Some BSW module descriptions state a period as the name of the parameter that holds it.
+    """
+    found: dict[str, list[Stated]] = {}
+    for node in tree.tagged(_CONTAINER):
+        for element, file in node.elements("PARAMETER-VALUES/*"):
+            name = _last(element.findtext(NS + "DEFINITION-REF"))
+            text = (element.findtext(NS + "VALUE") or "").strip()
+            if name and text:
+                found.setdefault(name, []).append(Stated(text, place(element, file)))
+    return found

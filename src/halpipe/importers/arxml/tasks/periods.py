@@ -1,0 +1,384 @@
+"""Periods and offsets of activations, in the order of authority of their sources.
+
+A timing event has the period of its component prototype's override, or its own; where that is unusable, the one of
+the schedule table or alarm that triggers it, then of whatever activates its OsTask, then the OsTaskPeriod, then of an
+event triggering of the timing extension. Other events have none of their own: the overlay may give one, or an event
+triggering, and data-received events inherit that of their senders. A process has the cycle of its deterministic client.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, Location
+from halpipe.durations import ZERO, Duration, seconds
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
+from halpipe.importers.arxml.system.ecuc import symbolic_values
+from halpipe.importers.arxml.tasks.arrivals import compare, report_sporadic
+from halpipe.importers.arxml.tasks.dataflow import item_at
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.system.values import Event, Place, Stated, System, Trigger
+    from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
+    from halpipe.importers.base import Supplement
+
+NOT_SCHEDULED = {
+    "OPERATION-INVOKED-EVENT": "server call: runs within its client",
+    "BSW-OPERATION-INVOKED-EVENT": "server call: runs within its client",
+    "INIT-EVENT": "initialisation: runs before the schedule begins",
+    "OsTask": "OS task without mapped events, alarm, schedule table or period",
+}
+_NO_SENDER = "no periodic runnable is known to send its data"
+_NO_PERIOD = {
+    "BACKGROUND-EVENT": "background work has no period",
+    "BSW-BACKGROUND-EVENT": "background work has no period",
+    "DATA-RECEIVED-EVENT": _NO_SENDER,
+    "SWC-MODE-SWITCH-EVENT": "mode switches have no period",
+    "BSW-MODE-SWITCH-EVENT": "mode switches have no period",
+    "TIMING-EVENT": "no usable period, and no OS trigger with one",
+    "BSW-TIMING-EVENT": "no usable period, and no OS trigger with one",
+    "PROCESS": "its manifest states no period",
+}
+_DATA_RECEIVED = "DATA-RECEIVED-EVENT"
+
+
+@dataclass(frozen=True, slots=True)
+class Recurrence:
+    """A period with the offset of its first occurrence, and the elements that it comes from."""
+
+    period: Duration
+    offset: Duration
+    used: tuple[Place, ...]
+
+
+def decide_periods(
+    system: System,
+    activations: Sequence[Activation],
+    dataflow: DataFlow,
+    tree: Tree,
+    overlay: Supplement | None,
+) -> list[Activation]:
+    """Return the activations with their periods, or with the reason why they have none."""
+    periods = Periods(system, tree)
+    decided = [found for activation in activations for found in periods.of(activation)]
+    if overlay is not None:
+        decided = _from_overlay(decided, overlay)
+    decided = _from_arrivals(decided)
+    for activation in decided:
+        compare(activation, tree.findings)
+    report_sporadic(decided, tree.findings)
+    decided = _inherited(decided, dataflow, tree.findings)
+    return [a if a.period is not None else replace(a, reason=a.reason or _reason(a.kind)) for a in decided]
+
+
+def _reason(kind: str) -> str:
+    return NOT_SCHEDULED.get(kind) or _NO_PERIOD.get(kind) or "events of this kind have no period"
+
+
+class Periods:
+    """Finds the periods that the files state; every unusable value is reported once."""
+
+    def __init__(self, system: System, tree: Tree) -> None:
+        self._findings = tree.findings
+        self._tree = tree
+        self._symbols: dict[str, list[Stated]] | None = None
+        self._overrides = {
+            (override.event, override.prototype): override.period
+            for composition in system.compositions
+            for override in composition.overrides
+        }
+        self._triggers = system.configuration.triggers
+        self._seen: set[Diagnostic] = set()
+
+    def of(self, activation: Activation) -> list[Activation]:
+        """Return the activation once for every way it recurs; unchanged if it does not."""
+        event = activation.event
+        if activation.process is not None:
+            found = self._of_process(activation)
+        elif event is None:
+            found = self._of_os_task(activation)
+        elif event.is_timing:
+            found = self._of_timing_event(activation, event)
+        else:
+            found = []
+        return [
+            replace(activation, period=r.period, offset=self._offset(activation, r), used=r.used) for r in found
+        ] or [activation]
+
+    # -------------------------------------------------------------------------------------- timing events
+
+    def _of_timing_event(self, activation: Activation, event: Event) -> list[Recurrence]:
+        stated = event.period
+        for prototype in reversed(activation.context):
+            stated = self._overrides.get((event.place.path, prototype), stated)
+        period = self._evaluate(event, stated)
+        if isinstance(period, Duration):
+            return [Recurrence(period, ZERO, ())]
+        found = self._of_mapping(activation) or self._of_os_task(activation) or of_arrival(activation)
+        if not found:
+            self._report(period)
+        for recurrence in found:
+            source = recurrence.used[0]
+            self._report(
+                codes.OS_PERIOD(
+                    f'gets its period {recurrence.period} from {source.kind} "{source.path}"',
+                    at=event.place.at,
+                    path=_what(event),
+                )
+            )
+        return found
+
+    def _of_process(self, activation: Activation) -> list[Recurrence]:
+        cycle = activation.process.cycle if activation.process else None
+        if cycle is None:
+            return []
+        period = parse_seconds(cycle.text)
+        if not period:
+            self._report(
+                codes.BAD_PERIOD(
+                    f'CYCLE-TIME-VALUE "{cycle.text}" is not a positive number of seconds',
+                    at=cycle.at,
+                    path=f'PROCESS "{activation.place.path}"',
+                    help=_PERIOD_HELP,
+                )
+            )
+            return []
+        return [Recurrence(period, ZERO, ())]
+
+    def _evaluate(self, event: Event, stated: Stated | None) -> Duration | Diagnostic:
+        """Return a stated period, or what is wrong with it: absent, an unknown name, or no positive time."""
+        if stated is None:
+            return codes.BAD_PERIOD("states no PERIOD", at=event.place.at, path=_what(event), help=_PERIOD_HELP)
+        if is_symbolic(stated.text):
+            return self._look_up(event, stated)
+        period = parse_seconds(stated.text)
+        if not period:
+            return codes.BAD_PERIOD(
+                f'PERIOD "{stated.text}" is not a positive number of seconds',
+                at=stated.at,
+                path=_what(event),
+                help=_PERIOD_HELP,
+            )
+        if not isinstance(period.ns, int):
+            self._report(
+                codes.FINE_PERIOD(
+                    f'PERIOD "{stated.text}" is {period}, not a whole number of nanoseconds',
+                    at=stated.at,
+                    path=_what(event),
+                    help="correct it in the source if it is a rounded value",
+                )
+            )
+        return period
+
+    def _look_up(self, event: Event, stated: Stated) -> Duration | Diagnostic:
+        if self._symbols is None:
+            self._symbols = symbolic_values(self._tree)
+        values = self._symbols.get(stated.text, [])
+        numbers = {parse_number(value.text) for value in values}
+        number = next(iter(numbers)) if len(numbers) == 1 else None
+        if number is None or number <= 0:
+            texts = ", ".join(dict.fromkeys(value.text for value in values))
+            why = f"its values are {texts}" if values else "no parameter of that name is configured"
+            return codes.SYMBOLIC_UNKNOWN(
+                f'PERIOD is the name "{stated.text}", but {why}',
+                at=stated.at,
+                path=_what(event),
+                help="add the ECU configuration of its module, or give a period in the overlay (sources)",
+            )
+        period = seconds(number)
+        message = f'PERIOD "{stated.text}" is {period}, stated at {values[0].at}'
+        self._report(codes.SYMBOLIC(message, at=stated.at, path=_what(event)))
+        return period
+
+    # ------------------------------------------------------------------------------------ the OS as a source
+
+    def _of_mapping(self, activation: Activation) -> list[Recurrence]:
+        """Find what triggers an event by its mapping: an expiry point, an alarm, or an OS event that one sets."""
+        names = activation.mapping.triggers if activation.mapping else ()
+        used = [t for t in self._triggers if t.place.path in names or any(event in names for event in t.events)]
+        return self._recurrences(used)
+
+    def _of_os_task(self, activation: Activation) -> list[Recurrence]:
+        """Find what activates an OsTask, or take the period that it states itself."""
+        task = activation.os_task
+        if task is None:
+            return []
+        found = self._recurrences([t for t in self._triggers if task.place.path in t.tasks])
+        if not found and task.period:
+            found = [Recurrence(task.period, ZERO, (task.place,))]
+        return found
+
+    def _recurrences(self, triggers: list[Trigger]) -> list[Recurrence]:
+        """Join expiry points at equal distances into one recurrence of that distance (schedule tables come first)."""
+        found = []
+        for table in dict.fromkeys(trigger.table for trigger in triggers if trigger.table):
+            points = sorted((t for t in triggers if t.table == table), key=lambda t: t.offset)
+            found += self._of_table(points)
+        alarms = [trigger for trigger in triggers if not trigger.table]
+        return found or [Recurrence(t.period, t.offset, (t.place, *t.through)) for t in alarms]
+
+    def _of_table(self, points: list[Trigger]) -> list[Recurrence]:
+        first = points[0]
+        distance = first.period / len(points)
+        if all(point.offset == first.offset + distance * index for index, point in enumerate(points)):
+            used = tuple(point.place for point in points)
+            return [Recurrence(distance, first.offset, (*used, *first.through))]
+        self._report(
+            codes.UNEVEN_TABLE(
+                f"triggers the same task {len(points)} times in {first.period}, at unequal distances",
+                at=first.through[-1].at,
+                path=f'OsScheduleTable "{first.table}"',
+            )
+        )
+        return [Recurrence(point.period, point.offset, (point.place, *point.through)) for point in points]
+
+    # ---------------------------------------------------------------------------------------------- offsets
+
+    def _offset(self, activation: Activation, recurrence: Recurrence) -> Duration | None:
+        """Return the first stated offset other than zero, within the period.
+
+        Tools write 0 where nobody chose an offset, so that zero leaves the phase to the scheduler.
+        """
+        event, mapping = activation.event, activation.mapping
+        for stated in (mapping.offset if mapping else None, event.offset if event else None):
+            offset = self._stated_offset(stated, activation) if stated else None
+            if offset:
+                return offset % recurrence.period or None
+        return recurrence.offset % recurrence.period or None
+
+    def _stated_offset(self, stated: Stated, activation: Activation) -> Duration | None:
+        offset = parse_seconds(stated.text)
+        if offset is None:
+            self._report(
+                codes.BAD_OFFSET(
+                    f'offset "{stated.text}" is not a non-negative number of seconds',
+                    at=stated.at,
+                    path=f'task "{activation.name}"',
+                    help="write it in seconds, such as 0.0025",
+                )
+            )
+        return offset
+
+    def _report(self, diagnostic: Diagnostic) -> None:
+        if diagnostic not in self._seen:
+            self._seen.add(diagnostic)
+            self._findings.add(diagnostic)
+
+
+def _what(event: Event) -> str:
+    return f'{event.place.kind} "{event.place.path}"'
+
+
+_PERIOD_HELP = "write it in seconds, such as 0.01, or give a period in the overlay (sources)"
+
+
+# ---------------------------------------------------------------------------- periods from outside the event
+
+
+def _from_overlay(activations: list[Activation], overlay: Supplement) -> list[Activation]:
+    """Give runnables that no event starts periodically the period that the overlay states for them.
+
+    Of several events that start one, it goes to the arrival of data, else to one that an OsTask runs.
+    """
+    periodic = {a.actor for a in activations if a.period is not None}
+    idle: dict[Actor, list[int]] = {}
+    for index, activation in enumerate(activations):
+        if activation.actor not in periodic:
+            idle.setdefault(activation.actor, []).append(index)
+    result = list(activations)
+    for indices in idle.values():
+        name = result[indices[0]].name
+        period = overlay.task_period(name) or overlay.source_period(name)
+        if period is None:
+            continue
+        chosen = min(indices, key=lambda i: (result[i].kind != _DATA_RECEIVED, result[i].os_task is None))
+        for index in indices:
+            result[index] = replace(result[index], reason="the overlay states when its runnable starts")
+        result[chosen] = replace(result[chosen], period=period, reason="")
+    return result
+
+
+def of_arrival(activation: Activation) -> list[Recurrence]:
+    """Return how an activation recurs by the timing extension, once for every offset of a concrete pattern."""
+    arrival = activation.arrival
+    if arrival is None:
+        return []
+    return [Recurrence(arrival.period, offset, (arrival.place,)) for offset in arrival.offsets or (ZERO,)]
+
+
+def _from_arrivals(activations: list[Activation]) -> list[Activation]:
+    """Give runnables that nothing starts periodically the period of their event triggering."""
+    periodic = {a.actor for a in activations if a.period is not None}
+    result = []
+    for activation in activations:
+        found = of_arrival(activation) if activation.actor not in periodic and not activation.reason else []
+        if not found:
+            result.append(activation)
+            continue
+        periodic.add(activation.actor)
+        result += [replace(activation, period=r.period, offset=r.offset % r.period or None, used=r.used) for r in found]
+    return result
+
+
+def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Findings) -> list[Activation]:
+    """Give data-received events the period that all periodic senders of their data share.
+
+    Works forward from periodic senders until nothing changes, so that chains of data-received events inherit too.
+    """
+    result = list(activations)
+    pending = [index for index, a in enumerate(result) if _is_pending(a)]
+    while True:
+        waiting = {result[index].actor for index in pending}
+        ready = [i for i in pending if not any(sender in waiting for sender in senders_of(result[i], dataflow))]
+        if not ready:
+            return result
+        periods = _periods_by_actor(result)
+        for index in ready:
+            result[index] = _inherit(result[index], periods, dataflow, findings)
+        pending = [index for index in pending if index not in ready]
+
+
+def _is_pending(activation: Activation) -> bool:
+    return activation.kind == _DATA_RECEIVED and activation.period is None and not activation.reason
+
+
+def senders_of(activation: Activation, dataflow: DataFlow) -> tuple[Actor, ...]:
+    """Return the runnables that send the data whose arrival starts this activation."""
+    data = activation.event.data if activation.event else None
+    return dataflow.senders.get(item_at(activation.context, data), ()) if data else ()
+
+
+def _periods_by_actor(activations: Sequence[Activation]) -> dict[Actor, list[Duration]]:
+    periods: dict[Actor, list[Duration]] = {}
+    for activation in activations:
+        if activation.period is not None:
+            periods.setdefault(activation.actor, []).append(activation.period)
+    return periods
+
+
+def _inherit(
+    activation: Activation, periods: dict[Actor, list[Duration]], dataflow: DataFlow, findings: Findings
+) -> Activation:
+    found = sorted({period for sender in senders_of(activation, dataflow) for period in periods.get(sender, ())})
+    if len(found) == 1:
+        return replace(activation, period=found[0])
+    if not found:
+        return replace(activation, reason=_NO_SENDER)
+    listed = ", ".join(str(period) for period in found)
+    event = activation.event
+    findings.add(
+        codes.SENDERS_DIFFER(
+            f"its data is sent with periods {listed}",
+            at=event.place.at if event else Location(),
+            path=f'{_DATA_RECEIVED} "{event.place.path if event else ""}"',
+            help=f'give "{activation.name}" a period in the overlay (sources)',
+        )
+    )
+    return replace(activation, reason=f"its data is sent with different periods: {listed}")

@@ -1,0 +1,237 @@
+"""What the timing extension requires, for tasks: deadlines, distances between tasks, chains with their limits.
+
+A latency from the beginning to the end of one runnable is a deadline. Any other chain is a cause-effect chain of the
+tasks that its events belong to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.names import legal_name, unique_name
+from halpipe.models import Anchor, Chain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.durations import Duration
+    from halpipe.importers.arxml.system.values import Distance, EventChain, Limit, Observable, Place, System
+    from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
+    from halpipe.importers.arxml.tasks.grouping import Draft
+
+_BEGINNINGS = ("activated", "started")
+
+
+@dataclass(frozen=True, slots=True)
+class Spacing:
+    """Some job of `first` lies `low` to `high` (None: a period) before every job of `second` (task names)."""
+
+    first: str
+    second: str
+    low: Duration | None
+    high: Duration | None
+    anchor: Anchor
+    cause: Place
+
+
+@dataclass(slots=True)
+class Requirements:
+    """What is required of tasks, by name, and the elements that it was read from."""
+
+    deadlines: dict[str, Duration] = field(default_factory=dict)
+    spacings: list[Spacing] = field(default_factory=list)
+    chains: list[Chain] = field(default_factory=list)
+    used: list[Place] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Occurrence:
+    """An observable event of one task, in one component instance."""
+
+    observable: Observable
+    task: str
+    context: tuple[str, ...]
+
+
+def find_requirements(system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> Requirements:
+    """Apply the constraints of the timing extension to tasks; report those that are about no task, or several."""
+    return _Finder(system, drafts, dataflow, findings).find()
+
+
+class _Finder:
+    def __init__(self, system: System, drafts: Sequence[Draft], dataflow: DataFlow, findings: Findings) -> None:
+        self._findings = findings
+        self._dataflow = dataflow
+        self._system = system
+        self._observables = {observable.place.path: observable for observable in system.timing.observables}
+        self._chains = {chain.place.path: chain for chain in system.timing.chains}
+        self._tasks: dict[str, list[tuple[str, tuple[str, ...]]]] = {}
+        self._by_actor: dict[Actor, list[str]] = {}
+        for draft in drafts:
+            for member in draft.members:
+                self._tasks.setdefault(member.place.path, []).append((draft.name, member.context))
+                self._by_actor.setdefault(member.actor, []).append(draft.name)
+        self._result = Requirements()
+        self._names: set[str] = set()
+
+    def find(self) -> Requirements:
+        limited: dict[str, list[Limit]] = {}
+        for limit in self._system.timing.limits:
+            if limit.scope in self._chains:
+                limited.setdefault(limit.scope, []).append(limit)
+            else:
+                self._age(limit)
+        segments = {path for chain in self._chains.values() for path in chain.segments}
+        for path, chain in self._chains.items():
+            if path in limited or path not in segments:
+                self._chain(chain, limited.get(path, []))
+        for distance in self._system.timing.distances:
+            self._distance(distance)
+        return self._result
+
+    # -------------------------------------------------------------------------------------- occurrences
+
+    def _occurrences(self, path: str | None) -> list[_Occurrence]:
+        """Return the tasks that an observable event belongs to, each once for every component instance."""
+        observable = self._observables.get(path or "")
+        if observable is None:
+            return []
+        found = self._tasks.get(observable.subject, []) if not observable.port else self._at_port(observable)
+        return [
+            _Occurrence(observable, task, context)
+            for task, context in dict.fromkeys(found)
+            if observable.prototype is None or observable.prototype in context
+        ]
+
+    def _at_port(self, observable: Observable) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Yield the tasks of the runnables that write (or read) a data element at a port of their component."""
+        for instance in self._system.instances:
+            for runnable in instance.component.runnables:
+                items = runnable.writes if observable.what == "sent" else runnable.reads
+                events = [e.data for e in instance.component.events if e.runnable == runnable.place.path and e.data]
+                accessed = [*items, *(events if observable.what == "received" else [])]
+                if any(i.port == observable.port and i.element == observable.subject for i in accessed):
+                    for task in self._by_actor.get((instance.context, runnable.place.path), ()):
+                        yield task, instance.context
+
+    # ------------------------------------------------------------------------------------------- chains
+
+    def _steps(self, chain: EventChain, way: tuple[str, ...] = ()) -> list[str | None]:
+        """Return the observable events along a chain and its segments, in order."""
+        inner: list[str | None] = []
+        for path in chain.segments:
+            if path in self._chains and path not in way:
+                inner += self._steps(self._chains[path], (*way, path))
+        return [chain.stimulus, *inner, chain.response]
+
+    def _chain(self, chain: EventChain, limits: list[Limit]) -> None:
+        steps = self._steps(chain, (chain.place.path,))
+        ways = self._ways([self._occurrences(path) for path in steps])
+        if ways is None:
+            missing = [path or "nothing" for path in steps if not self._occurrences(path)]
+            why = f"no task belongs to {missing[0]}" if missing else "its events belong to several tasks each"
+            for place in (chain.place, *(limit.place for limit in limits)):
+                self._lost(place, why)
+            return
+        for way in ways:
+            tasks = tuple(task for task, _ in groupby(occurrence.task for occurrence in way))
+            first, last = way[0].observable.what, way[-1].observable.what
+            if len(tasks) > 1 or first not in _BEGINNINGS or last != "terminated":
+                self._cause_effect(chain, limits, tasks, way[0] if len(ways) > 1 else None)
+                continue
+            for limit in limits:
+                known = self._result.deadlines.get(tasks[0])
+                self._result.deadlines[tasks[0]] = limit.maximum if known is None else min(known, limit.maximum)
+        self._result.used += [limit.place for limit in limits]
+        self._result.used += [self._observables[path].place for path in steps if path is not None]
+        self._result.used += [chain.place, *(self._chains[p].place for p in chain.segments if p in self._chains)]
+
+    def _ways(self, steps: list[list[_Occurrence]]) -> list[list[_Occurrence]] | None:
+        """Return the ways through the steps, one for every instance of the first; None where a step is ambiguous."""
+        if not all(steps):
+            return None
+        ways = []
+        for first in steps[0]:
+            way = [first]
+            for candidates in steps[1:]:
+                same = [c for c in candidates if c.context == way[-1].context] or candidates
+                alike = [c for c in same if c.task == way[-1].task] or same
+                if len({c.task for c in alike}) != 1:
+                    return None
+                way.append(alike[0])
+            ways.append(way)
+        return ways
+
+    def _cause_effect(
+        self, chain: EventChain, limits: list[Limit], tasks: tuple[str, ...], instance: _Occurrence | None
+    ) -> None:
+        label = f"@{instance.context[-1].rpartition('/')[2]}" if instance else ""
+        ages = [limit.maximum for limit in limits if limit.is_age]
+        reactions = [limit.maximum for limit in limits if not limit.is_age]
+        self._result.chains.append(
+            Chain(
+                name=unique_name(legal_name(chain.place.name + label), self._names),
+                tasks=tasks,
+                max_reaction=min(reactions, default=None),
+                max_age=min(ages, default=None),
+                origin=chain.place.origin,
+            )
+        )
+
+    def _age(self, limit: Limit) -> None:
+        """Make chains of an AGE-CONSTRAINT: from every task that sends the data to the task that reads it."""
+        found = False
+        for reader in self._occurrences(limit.scope):
+            observable = reader.observable
+            item = (reader.context, observable.port), observable.subject.rpartition("/")[2]
+            for sender in self._dataflow.senders.get(item, ()):
+                for task in self._by_actor.get(sender, ()):
+                    if task == reader.task:
+                        continue
+                    found = True
+                    self._result.chains.append(
+                        Chain(
+                            name=unique_name(legal_name(limit.place.name), self._names),
+                            tasks=(task, reader.task),
+                            max_age=limit.maximum,
+                            origin=limit.place.origin,
+                        )
+                    )
+        if found:
+            self._result.used += [limit.place, self._observables[limit.scope].place]
+        else:
+            self._lost(limit.place, "no task sends the data that it limits the age of")
+
+    # --------------------------------------------------------------------------------------- distances
+
+    def _distance(self, distance: Distance) -> None:
+        sources, targets = self._occurrences(distance.source), self._occurrences(distance.target)
+        if not sources or not targets:
+            self._lost(distance.place, "its events belong to no task")
+            return
+        if any(target.observable.what not in _BEGINNINGS for target in targets):
+            self._lost(distance.place, "it ends elsewhere than at the beginning of a runnable")
+            return
+        for target in targets:
+            for source in [s for s in sources if s.context == target.context] or sources:
+                if source.task != target.task:
+                    is_start = source.observable.what in _BEGINNINGS
+                    anchor = Anchor.START if is_start else Anchor.END
+                    self._result.spacings.append(
+                        Spacing(source.task, target.task, distance.minimum, distance.maximum, anchor, distance.place)
+                    )
+        self._result.used += [self._observables[path].place for path in (distance.source, distance.target)]
+
+    def _lost(self, place: Place, why: str) -> None:
+        self._findings.add(
+            codes.TIMING_LOST(
+                f"is not imported: {why}",
+                at=place.at,
+                path=f'{place.kind} "{place.path}"',
+                help="state it in the overlay (deadline, precedence, chains)",
+            )
+        )

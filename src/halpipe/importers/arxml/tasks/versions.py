@@ -1,0 +1,113 @@
+"""Versions of tasks: one for each execution time that differs between the units a task may run on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import Duration
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.names import legal_name, listed, unique_name
+from halpipe.importers.arxml.system.execution_times import ANALYSED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Findings, Location
+    from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
+    from halpipe.importers.arxml.tasks.grouping import Draft
+    from halpipe.importers.arxml.tasks.platform import Platform
+
+VERSION = "default"
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """A version to be: its name, its WCET (None: unknown), its units, and the execution times that it comes from."""
+
+    name: str
+    wcet: Duration | None
+    units: tuple[str, ...]
+    times: tuple[ExecutionTime, ...] = ()
+
+
+def make_variants(
+    system: System, drafts: Sequence[Draft], platform: Platform, findings: Findings
+) -> dict[str, tuple[Variant, ...]]:
+    """Return the versions of every task, by its name."""
+    times: dict[str, dict[str | None, ExecutionTime]] = {}
+    for time in system.execution_times:
+        times.setdefault(time.runnable, {})[time.hardware] = time
+    variants = {draft.name: _variants(draft, platform, times) for draft in drafts}
+    _report_units(drafts, variants, platform, findings)
+    return variants
+
+
+def used_times(variants: dict[str, tuple[Variant, ...]]) -> list[Place]:
+    """Return the execution times that versions were made of."""
+    return [time.place for found in variants.values() for variant in found for time in variant.times]
+
+
+def report_kinds(variants: dict[str, tuple[Variant, ...]], at: Location, findings: Findings) -> None:
+    """Report how many execution times are no analysed bounds."""
+    places = dict.fromkeys(place for place in used_times(variants) if place.kind != ANALYSED)
+    if places:
+        kinds = sorted({place.kind for place in places})
+        findings.add(codes.NOT_ANALYSED(f"{len(places)} execution times are of the kinds {', '.join(kinds)}", at=at))
+
+
+def _variants(
+    draft: Draft, platform: Platform, times: dict[str, dict[str | None, ExecutionTime]]
+) -> tuple[Variant, ...]:
+    units = platform.units_of(draft)
+    runnables = list({member.work: member.work[1] for member in draft.members}.values())
+    groups: dict[Duration, list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
+    for unit in units:
+        found = [_time(times.get(path, {}), platform.hardware.get(unit)) for path in runnables]
+        known = tuple(time for time in found if time is not None)
+        if len(known) == len(runnables):
+            wcet = Duration(sum(time.time.fraction for time in known))
+            groups.setdefault(wcet, []).append((unit, known))
+    if not groups:
+        return (Variant(VERSION, None, units),)
+    taken: set[str] = set()
+    return tuple(
+        Variant(
+            unique_name(_name(found[0][1]) if len(groups) > 1 else VERSION, taken),
+            wcet,
+            tuple(unit for unit, _ in found),
+            tuple(dict.fromkeys(time for _, known in found for time in known)),
+        )
+        for wcet, found in groups.items()
+    )
+
+
+def _time(times: dict[str | None, ExecutionTime], hardware: str | None) -> ExecutionTime | None:
+    """Return the execution time on a hardware element; where the unit's is not known, the longest of all."""
+    if hardware is None:
+        return max(times.values(), key=lambda time: time.time, default=None)
+    return times.get(hardware) or times.get(None)
+
+
+def _name(times: tuple[ExecutionTime, ...]) -> str:
+    hardware = next((time.hardware for time in times if time.hardware), None)
+    return legal_name(hardware.rpartition("/")[2]) if hardware else VERSION
+
+
+def _report_units(
+    drafts: Sequence[Draft],
+    variants: dict[str, tuple[Variant, ...]],
+    platform: Platform,
+    findings: Findings,
+) -> None:
+    for draft in drafts:
+        kept = {unit for variant in variants[draft.name] for unit in variant.units}
+        left = [unit for unit in platform.units_of(draft) if unit not in kept]
+        if left:
+            findings.add(
+                codes.UNIT_WITHOUT_TIME(
+                    f"does not run on {listed(left)}, for which no execution time is stated",
+                    at=draft.place.at,
+                    path=f'task "{draft.name}"',
+                )
+            )

@@ -1,0 +1,200 @@
+"""The cost function F of the paper (section III), evaluated plainly and exactly.
+
+F = w_ov p_ov + w_ac p_ac + w_pr p_pr + w_u p_u - w_oc p_oc - w_ty p_ty. Penalties are counted so that the
+smallest one that is not zero is at least 1, and the bonuses together stay below 1: F <= 0 exactly when no rule
+that the cost covers is broken. This is the reference that the kernel's incremental cost is held to.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.models import Anchor, CostTerms
+from halpipe.pipeline.jobs import demands_for
+from halpipe.pipeline.measure.circle import Instants, Interval, sweep
+from halpipe.pipeline.measure.latency import worst_age, worst_reaction
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.jobs import ActiveTask
+    from halpipe.pipeline.measure.placement import PlacedJob, Placement
+
+WEIGHT_OCCUPANCY = Fraction(2, 5)
+WEIGHT_TIMELINESS = Fraction(1, 2)
+TIMELINESS_DIGITS = 6
+
+
+def cost_terms(model: TaskModel, placement: Placement) -> CostTerms:
+    """Return every term of F; times in ticks, `access` in ticks times share of a resource."""
+    overlap = _overlap(placement)
+    access = _access_excess(placement)
+    precedence = _window_distances(placement) + _missing_demands(placement) + _chain_excess(model, placement)
+    unit = _wrong_units(placement)
+    occupancy = _empty_units(model, placement)
+    timeliness = _timeliness(placement)
+    penalty = overlap + access * _bound_quanta(placement) + precedence + unit
+    bonus = WEIGHT_OCCUPANCY * occupancy + WEIGHT_TIMELINESS * timeliness
+    return CostTerms(
+        total=penalty - bonus,
+        overlap=Fraction(overlap),
+        access=access,
+        precedence=Fraction(precedence),
+        unit=Fraction(unit),
+        occupancy=occupancy,
+        timeliness=timeliness,
+    )
+
+
+def _bound_quanta(placement: Placement) -> int:
+    """Return w_ac: the common denominator of all bounds, which makes the smallest excess count at least 1."""
+    versions = (version for active in placement.expansion.tasks for version in active.versions)
+    return math.lcm(*(access.bound.denominator for version in versions for access in version.accesses))
+
+
+def _excess(intervals: Iterable[Interval], period: int) -> Fraction:
+    """Return the integral of (sum of heights - 1)+ over the circle."""
+    steps = sweep(intervals, period)
+    return sum(((s.end - s.begin) * max(Fraction(0), Fraction(s.level) - 1) for s in steps), Fraction(0))
+
+
+def _overlap(placement: Placement) -> int:
+    """Return p_ov: on every unit, the time for which more than one job is on it, counted per job too many."""
+    by_unit: dict[str, list[Interval]] = {}
+    for job in placement.jobs:
+        for unit in dict.fromkeys(job.units):
+            by_unit.setdefault(unit, []).append(Interval(job.start, job.wcet, 1))
+    return int(sum(_excess(intervals, placement.hyperperiod) for intervals in by_unit.values()))
+
+
+def _access_excess(placement: Placement) -> Fraction:
+    """Return p_ac: the integral of (sum of bounds - 1)+ over all resources."""
+    by_resource: dict[str, list[Interval]] = {}
+    for job in placement.jobs:
+        for access in job.version.accesses:
+            begin, end = access.start // placement.tick, access.end // placement.tick
+            phase = Interval(job.start + begin, end - begin, access.bound)
+            by_resource.setdefault(access.resource, []).append(phase)
+    excesses = (_excess(intervals, placement.hyperperiod) for intervals in by_resource.values())
+    return sum(excesses, Fraction(0))
+
+
+def _window_distances(placement: Placement) -> int:
+    """Return the part of p_pr from precedence: how far the nearest predecessor job lies outside each window.
+
+    Where a predecessor on demand has no job at all, its missing demands count instead.
+    """
+    anchors: dict[tuple[str, Anchor], Instants] = {}
+    total = 0
+    for job in placement.jobs:
+        for constraint in job.version.precedences:
+            key = (constraint.task, constraint.anchor)
+            if key not in anchors:
+                anchors[key] = _anchor_instants(placement, *key)
+            before = placement.expansion.by_name.get(constraint.task)
+            if not anchors[key].times and before is not None and before.task.period is None:
+                continue
+            low, high = constraint.min // placement.tick, constraint.max // placement.tick
+            total += _distance(anchors[key], job.start, low, high, placement.hyperperiod)
+    return total
+
+
+def _anchor_instants(placement: Placement, task: str, anchor: Anchor) -> Instants:
+    jobs = placement.by_task.get(task, [])
+    instants = ((job.end if anchor is Anchor.END else job.start, n) for n, job in enumerate(jobs))
+    return Instants.of(instants, placement.hyperperiod)
+
+
+def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: int) -> int:
+    """Return how far the nearest instant lies outside [start - high, start - low], modulo the hyperperiod."""
+    if not anchors.times:
+        return hyperperiod
+    latest, earliest = start - low, start - high
+    before, _ = anchors.at_or_before(latest)
+    if before >= earliest:
+        return 0
+    after, _ = anchors.at_or_after(latest)
+    return min(earliest - before, after - latest)
+
+
+def _missing_demands(placement: Placement) -> int:
+    """Return one mean WCET for every demand without its job, and for every demand job without its demand."""
+    version_of = {(job.active.name, job.index): job.version for job in placement.jobs}
+    wrong = 0
+    for active in placement.expansion.tasks:
+        for index, demand in enumerate(active.demands):
+            demander = version_of.get((demand.task, demand.index))
+            wanted = demander is not None and demands_for(demander, active.name) > demand.slot
+            wrong += wanted != ((active.name, index) in version_of)
+    return wrong * placement.mean_wcet
+
+
+def _chain_excess(model: TaskModel, placement: Placement) -> int:
+    """Return the part of p_pr from chains: by how much their latencies pass their limits; if endless, one mean WCET."""
+    total = 0
+    for chain in model.chains:
+        if not all(name in placement.by_task for name in chain.tasks):
+            continue
+        members = [placement.by_task[name] for name in chain.tasks]
+        for limit, measure in ((chain.max_reaction, worst_reaction), (chain.max_age, worst_age)):
+            if limit is not None:
+                latency = measure(members, placement.hyperperiod)
+                over = placement.mean_wcet if latency is None else latency - limit // placement.tick
+                total += max(0, over)
+    return total
+
+
+def _wrong_units(placement: Placement) -> int:
+    """Return p_u: jobs whose unit set their version does not allow."""
+    return sum(not _allowed(job) for job in placement.jobs)
+
+
+def _allowed(job: PlacedJob) -> bool:
+    chosen = set(job.units)
+    return len(chosen) == len(job.units) == job.version.gang and chosen <= set(job.version.units)
+
+
+def _empty_units(model: TaskModel, placement: Placement) -> Fraction:
+    """Return p_oc: the share of units without any job."""
+    used = {unit for job in placement.jobs for unit in job.units}
+    return Fraction(sum(unit.name not in used for unit in model.units), max(1, len(model.units)))
+
+
+def _timeliness(placement: Placement) -> Fraction:
+    """Return p_ty: 1 for a job at its phase, 0 for one that uses all its slack, as mean over the periodic jobs.
+
+    The mean is cut to `TIMELINESS_DIGITS`, because its exact denominator grows with every period and slack.
+    """
+    scores: list[Fraction] = []
+    for active in placement.expansion.tasks:
+        if active.task.period is not None:
+            scores += _task_timeliness(active, placement)
+    if not scores:
+        return Fraction(1)
+    mean = sum(scores, Fraction(0)) / len(scores)
+    return Fraction(math.floor(mean * 10**TIMELINESS_DIGITS), 10**TIMELINESS_DIGITS)
+
+
+def _task_timeliness(active: ActiveTask, placement: Placement) -> list[Fraction]:
+    jobs = placement.by_task[active.name]
+    period = active.task.period
+    if period is None or not jobs:
+        return []
+    slack = period * active.task.slack / placement.tick
+    hyperperiod = placement.hyperperiod
+    offsets = sorted((job.start - job.index * (period // placement.tick)) % hyperperiod for job in jobs)
+    phase = offsets[0]
+    if active.task.offset is not None:
+        phase = active.task.offset % period // placement.tick
+    elif len(offsets) > 1:  # the phase is where the widest gap of the circle ends
+        gaps = [(b - a, b) for a, b in pairwise(offsets)]
+        gaps.append((offsets[0] + hyperperiod - offsets[-1], offsets[0]))
+        phase = max(gaps)[1]
+    late = (Fraction((offset - phase) % hyperperiod) for offset in offsets)
+    if not slack:
+        return [Fraction(int(delta == 0)) for delta in late]
+    return [max(Fraction(0), 1 - delta / slack) for delta in late]

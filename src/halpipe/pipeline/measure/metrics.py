@@ -1,0 +1,62 @@
+"""What a schedule report says beside the jobs: loads of units and resources, the terms of the cost function."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.models import ModeSchedule, ResourceLoad, Status, UnitLoad
+from halpipe.pipeline.measure.circle import Interval, sweep
+from halpipe.pipeline.measure.cost import cost_terms
+from halpipe.pipeline.measure.latency import chain_latencies
+from halpipe.pipeline.measure.placement import Placement
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.models import Job, TaskModel
+    from halpipe.pipeline.jobs import Expansion
+
+
+def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], status: Status) -> ModeSchedule:
+    """Return the schedule of a mode with all its metrics; jobs by start, task and index."""
+    ordered = tuple(sorted(jobs, key=lambda job: (job.start, job.task, job.index)))
+    placement = Placement.of(expansion, ordered)
+    return ModeSchedule(
+        name=expansion.mode.name,
+        hyperperiod=expansion.hyperperiod,
+        status=status,
+        jobs=ordered,
+        cost=cost_terms(model, placement),
+        unit_loads=_unit_loads(model, placement),
+        resource_loads=_resource_loads(model, placement),
+        chains=chain_latencies(placement, model.chains),
+    )
+
+
+def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
+    busy = dict.fromkeys((unit.name for unit in model.units), ZERO)
+    for job in placement.jobs:
+        for unit in dict.fromkeys(job.units):
+            busy[unit] += placement.tick * job.wcet
+    total = placement.expansion.hyperperiod
+    return tuple(
+        UnitLoad(unit=name, busy=time, share=time / total if total else Fraction(0)) for name, time in busy.items()
+    )
+
+
+def _resource_loads(model: TaskModel, placement: Placement) -> tuple[ResourceLoad, ...]:
+    phases: dict[str, list[Interval]] = {resource.name: [] for resource in model.resources}
+    for job in placement.jobs:
+        for access in job.version.accesses:
+            begin, end = access.start // placement.tick, access.end // placement.tick
+            phases[access.resource].append(Interval(job.start + begin, end - begin, access.bound))
+    loads = []
+    for name, intervals in phases.items():
+        steps = sweep(intervals, placement.hyperperiod) if placement.hyperperiod else []
+        peak = max((Fraction(step.level) for step in steps), default=Fraction(0))
+        area = sum(((step.end - step.begin) * Fraction(step.level) for step in steps), Fraction(0))
+        mean = area / placement.hyperperiod if steps else Fraction(0)
+        loads.append(ResourceLoad(resource=name, peak=peak, mean=mean))
+    return tuple(loads)

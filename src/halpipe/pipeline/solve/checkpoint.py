@@ -1,0 +1,144 @@
+"""Searches that can be continued: the kernel's state in a file, so that a resumed run gives the same bytes.
+
+The file holds one state per search (attempt, mode, stage) and the fingerprint of what was asked. Modes that were
+finished are restored as finished, and so are the steps in which a valid schedule was improved. The budget is not part
+of the fingerprint: raising it is a reason to resume. Nor is the number of threads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import zipfile
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from halpipe.diagnostics import HalpipeError, Location, error
+from halpipe.files import read_bytes, remove_output, write_outputs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
+
+    from halpipe.models import TaskModel
+    from halpipe.pipeline.solve.kernel.state import State
+    from halpipe.pipeline.solve.schedule import SearchOptions
+
+NO_CHECKPOINT = error(
+    "HAL0413",
+    "Search cannot be resumed",
+    "The checkpoint is missing or damaged, or belongs to another model, seed, mode selection or version of halpipe. "
+    "Search again without --resume.",
+)
+
+SAVED = (
+    "start", "option", "phase", "edge", "level", "edges", "guide", "owner", "owners", "owner_at", "hot", "hot_at",
+    "hint", "best_start", "best_option", "register", "random",
+)  # fmt: skip
+"""The arrays of a state; the others are scratch."""
+
+NOTED = "outcome"
+"""Marks what is saved of a stage that is over; no array of a state is called so."""
+
+SECONDS = 5
+"""A search that runs on is saved this often."""
+
+
+def fingerprint(model: TaskModel, options: SearchOptions, version: str) -> str:
+    """Return what a checkpoint belongs to: everything that decides the outcome, but for the budget."""
+    shipped = options.shipped.model_sha256 if options.shipped is not None else ""
+    parts = (
+        version, model.digest, options.seed, options.tick, options.modes, options.quality, options.target, shipped,
+        options.portfolio, options.grid,
+    )  # fmt: skip
+    return hashlib.sha256(repr([str(part) for part in parts]).encode()).hexdigest()
+
+
+class Checkpoint:
+    """Keeps the states of one run in `path`, for any number of threads; `now` is a clock in seconds."""
+
+    def __init__(self, path: str, identity: str, now: Callable[[], float]) -> None:
+        self._path = path
+        self._identity = identity
+        self._now = now
+        self._began = self._last = now()
+        self._kept_at: dict[str, float] = {}
+        self._written = False
+        self._arrays: dict[str, NDArray[Any]] = {}
+        self._lock = Lock()
+
+    def load(self) -> None:
+        """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
+        try:
+            with np.load(io.BytesIO(read_bytes(self._path)), allow_pickle=False) as stored:
+                found = {name: stored[name] for name in stored.files}
+        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile):
+            raise self._refusal("is damaged") from None
+        if str(found.pop("identity", "")) != self._identity:
+            raise self._refusal("belongs to another model or other options")
+        self._arrays, self._written = found, True
+
+    def restore(self, key: str, state: State) -> None:
+        """Fill a fresh state with what was saved for it, if anything was."""
+        for name in SAVED:
+            array = getattr(state, name)
+            saved = self._arrays.get(f"{key}/{name}")
+            if saved is None:
+                return
+            if saved.shape != array.shape or saved.dtype != array.dtype:
+                raise self._refusal("does not fit the model")
+            array[...] = saved
+
+    def keep(self, key: str, state: State, *, now: bool) -> None:
+        """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
+        with self._lock:
+            moment = self._now()
+            is_due = moment - self._kept_at.get(key, self._began) >= SECONDS
+            if not is_due and not (now and self._written):
+                return
+            for name in SAVED:
+                self._arrays[f"{key}/{name}"] = getattr(state, name).copy()
+            self._kept_at[key] = moment
+            self._write_if_due(moment)
+
+    def note(self, key: str, facts: Mapping[str, NDArray[np.int64]]) -> None:
+        """Save the outcome of what was kept under `key`, in place of its state."""
+        with self._lock:
+            for name in SAVED:
+                self._arrays.pop(f"{key}/{name}", None)
+            for name, array in facts.items():
+                self._arrays[f"{key}/{NOTED}/{name}"] = array.copy()
+            self._write_if_due(self._now())
+
+    def noted(self, key: str) -> dict[str, NDArray[np.int64]] | None:
+        """Return such an outcome; None where there is none."""
+        prefix = f"{key}/{NOTED}/"
+        with self._lock:
+            found = {name: array for name, array in self._arrays.items() if name.startswith(prefix)}
+        return {name.removeprefix(prefix): array for name, array in found.items()} or None
+
+    def write(self) -> None:
+        """Write all that is known."""
+        with self._lock:
+            self._write()
+
+    def _write_if_due(self, moment: float) -> None:
+        if moment - self._last >= SECONDS:
+            self._write()
+
+    def _write(self) -> None:
+        stream = io.BytesIO()
+        named: dict[str, Any] = {**self._arrays, "identity": np.array(self._identity)}
+        np.savez(stream, **named)
+        write_outputs({self._path: stream.getvalue()})
+        self._last, self._written = self._now(), True
+
+    def remove(self) -> None:
+        """Remove the file: the search is over."""
+        remove_output(self._path)
+
+    def _refusal(self, what: str) -> HalpipeError:
+        return HalpipeError(NO_CHECKPOINT(what, at=Location(self._path), help="search again without --resume"))

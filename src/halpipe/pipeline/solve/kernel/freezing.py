@@ -1,0 +1,70 @@
+"""Jobs that stay where an earlier schedule put them, because that schedule has shipped."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from halpipe.pipeline.solve.kernel.kernel import total_cost
+from halpipe.pipeline.solve.kernel.placement import put
+from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, State
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.models import Job
+    from halpipe.pipeline.solve.problem import Option, Problem
+
+
+def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job]) -> tuple[Problem, tuple[str, ...]]:
+    """Place the tasks of `shipped` (jobs by task and index) for good; return the problem that
+    constructs the rest, and the tasks that cannot stay.
+
+    The problem has one lane per unit. A task stays only if all its jobs are shipped with a version and units that
+    it still has. An empty `state` is given and filled.
+    """
+    arrays = problem.arrays
+    kept, changed = [], []
+    for number, active in enumerate(problem.expansion.tasks):
+        jobs = [shipped[active.name, index] for index in range(active.jobs) if (active.name, index) in shipped]
+        options = [option for job in jobs if (option := _option(problem, number, job)) is not None]
+        if not jobs:
+            continue
+        if len(options) < active.jobs:
+            changed.append(active.name)
+            continue
+        first = int(arrays.task_job[number])
+        cycle = int(arrays.task_period[number]) if arrays.task_cyclic[number] else 0
+        base = jobs[0].start // problem.tick
+        half = int(arrays.hyperperiod) // 2
+        for place, (job, option) in enumerate(zip(jobs, options, strict=True)):
+            start = job.start // problem.tick
+            drift = (start - place * cycle - base + half) % int(arrays.hyperperiod) - half
+            state.start[first + place], state.option[first + place] = start, option
+            state.phase[first + place] = base + drift
+            put(arrays, state, first + place)
+        kept += sorted({int(arrays.job_entry[first + place]) for place in range(active.jobs)})
+    state.hint[kept] = FROZEN_HINT
+    others = arrays.construction[~np.isin(arrays.construction, kept)]
+    problem = problem.with_construction(np.concatenate([np.array(kept, np.int64), others]))
+    state.register[INSERTED] = state.register[FROZEN] = len(kept)
+    state.register[COST] = total_cost(problem.arrays, state)
+    if len(kept) == len(arrays.entry_offset):
+        state.register[BEST] = state.register[COST]
+        state.best_start[:], state.best_option[:] = state.start, state.option
+    return problem, tuple(changed)
+
+
+def _option(problem: Problem, task: int, job: Job) -> int | None:
+    """Return the option that puts a job's version on its units; None if the task no longer has it."""
+    group_of = {names[0]: group for group, names in enumerate(problem.groups)}
+    if not all(name in group_of for name in job.units):
+        return None
+    groups = tuple(sorted((group_of[name], 1) for name in job.units))
+    arrays = problem.arrays
+    for number in range(int(arrays.task_option[task]), int(arrays.task_option[task + 1])):
+        option: Option = problem.options[number]
+        if option.version is not None and option.version.name == job.version and option.groups == groups:
+            return number
+    return None

@@ -1,0 +1,60 @@
+"""The answer with its names: from job numbers, ticks and options back to tasks, times, versions and units."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.models import Job
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from halpipe.durations import Duration
+    from halpipe.pipeline.solve.kernel.assign_units import Units
+    from halpipe.pipeline.solve.problem import Problem
+
+    Ints = NDArray[np.int64]
+
+
+def named_jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Iterator[Job]:
+    """Yield the present jobs with names and exact times."""
+    arrays = problem.arrays
+    for number, active in enumerate(problem.expansion.tasks):
+        first, last = int(arrays.task_job[number]), int(arrays.task_job[number + 1])
+        shift = _rotation(problem, number, start[first:last].tolist())
+        for job in range(first, last):
+            version = problem.options[int(option[job])].version
+            if version is None or version.wcet is None:
+                continue
+            begin: Duration = problem.tick * int(start[job])
+            yield Job(
+                task=active.name,
+                index=(job - first + shift) % (last - first),
+                start=begin,
+                end=begin + version.wcet,
+                version=version.name,
+                units=units[job],
+            )
+
+
+def _rotation(problem: Problem, task: int, start: list[int]) -> int:
+    """Return by how much job numbers must turn for the phase s of a periodic task to lie in [0, D) (MODEL 3).
+
+    The kernel's moves may carry the phase past the period's edges, which only renames the jobs. The jobs of a task
+    that demands others keep their numbers, by which its demands are known.
+    """
+    arrays = problem.arrays
+    first, last = int(arrays.task_job[task]), int(arrays.task_job[task + 1])
+    demanding = arrays.dependent_first[last] > arrays.dependent_first[first]
+    if not arrays.task_cyclic[task] or demanding or arrays.entry_offset[arrays.job_entry[first]] >= 0:
+        return 0
+    period, hyperperiod = int(arrays.task_period[task]), int(arrays.hyperperiod)
+    offsets = [(time - number * period) % hyperperiod for number, time in enumerate(start)]
+    ordered = sorted(set(offsets))
+    gaps = [(b - a, b) for a, b in pairwise(ordered)]
+    gaps.append((ordered[0] + hyperperiod - ordered[-1], ordered[0]))
+    return max(gaps)[1] // period

@@ -1,0 +1,155 @@
+"""Several searches of one problem that take turns: the time of a single one has a heavy tail.
+
+The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
+first as many as all others together, and later more than they: the hardest problems want one long search, unless they
+have windows, where a search that goes on for long is worth no more than a new one. The first to succeed, by turn and
+number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
+the time is that of the quickest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.solve.kernel.run_in_slices import advance
+from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice
+    from halpipe.pipeline.solve.kernel.state import State
+    from halpipe.pipeline.solve.problem import Problem
+    from halpipe.pipeline.solve.workers import Workers
+
+LEAD = 256
+"""Moves per task that the first search makes before the others begin."""
+
+TURN = 64
+"""Moves per task in one turn of all searches but the first, which makes as many as they do together."""
+
+LONG, LONGER = 2048, 4
+"""Without windows: after so many moves per task, the first makes four times as many as the others together."""
+
+
+@dataclass(frozen=True, slots=True)
+class Race:
+    """What became of the searches: the state of the best one, the moves of all, and whether they were told to stop."""
+
+    state: State
+    moves: int
+    stopped: bool
+
+
+@dataclass(slots=True)
+class _Member:
+    """One search; `passed` and `bound` are its moves before and after the turn at hand."""
+
+    number: int
+    state: State
+    kept: Kept | None
+    passed: int = 0
+    bound: int = 0
+    stopped: bool = False
+
+    @property
+    def has_won(self) -> bool:
+        """Whether it has succeeded, in this turn or before; a state kept from a later turn does not count yet."""
+        return int(self.state.register[BEST]) == 0 and self.moves <= self.bound
+
+    @property
+    def moves(self) -> int:
+        return int(self.state.register[MOVES])
+
+    @property
+    def is_over(self) -> bool:
+        return self.has_won or self.stopped
+
+
+def race(
+    problem: Problem,
+    begin: Callable[[int], State],
+    budget: int,
+    members: int,
+    workers: Workers,
+    on_slice: OnSlice,
+    kept: Kept | None,
+) -> Race:
+    """Search in at most `budget` moves of all searches together; `begin` returns the fresh state of one of them."""
+    tasks = max(1, len(problem.expansion.tasks))
+    found = _Searches(problem, begin, on_slice, kept)
+    first = found.add()
+    if members == 1 or first.state.register[FROZEN] == len(problem.arrays.entry_offset):
+        found.turn(workers, [budget])
+    else:
+        lead = min(budget, LEAD * tasks)
+        found.turn(workers, [lead])
+        left = budget - lead
+        others = members - 1
+        is_linked = len(problem.arrays.row) > 0
+        while left > 0 and not found.over:
+            share = others * (1 if is_linked or first.bound < LONG * tasks else LONGER)
+            step = min(TURN * tasks, left // (share + others))
+            moves = share * step if step else left  # the rest, which is too little for all of them
+            while len(found.all) < members:
+                found.add()
+            found.turn(workers, [first.bound + moves, *(member.bound + step for member in found.all[1:])])
+            left -= moves + others * step
+    return found.outcome()
+
+
+class _Searches:
+    """The searches of a race, and how far they are."""
+
+    def __init__(self, problem: Problem, begin: Callable[[int], State], on_slice: OnSlice, kept: Kept | None) -> None:
+        self._problem = problem
+        self._begin = begin
+        self._on_slice = on_slice
+        self._kept = kept
+        self._shown: dict[int, tuple[int, int]] = {}
+        self.all: list[_Member] = []
+        self.over: _Member | None = None
+
+    def add(self) -> _Member:
+        """Begin, or go on with, one more search."""
+        number = len(self.all)
+        kept = self._kept and self._kept.stage(f"groups{number or ''}")
+        member = _Member(number, self._begin(number), kept)
+        if kept is not None:
+            kept.restore(member.state)
+        self.all.append(member)
+        return member
+
+    def turn(self, workers: Workers, bounds: list[int]) -> None:
+        """Let every search run until it has made as many moves as its bound says."""
+        for member, bound in zip(self.all, bounds, strict=True):
+            member.passed, member.bound = member.bound, bound
+        taken = workers.each(self._advance, self.all, lambda member: member.is_over)
+        if taken[-1].is_over:
+            self.over = taken[-1]
+
+    def _advance(self, member: _Member) -> _Member:
+        def on_slice(moves: int, best: int) -> bool:
+            self._shown[member.number] = moves, best
+            shown = list(self._shown.values())
+            constructed = [found for _, found in shown if found >= 0]
+            return self._on_slice(sum(made for made, _ in shown), min(constructed, default=-1))
+
+        member.stopped = advance(self._problem, member.state, member.bound, on_slice, member.kept)
+        return member
+
+    def outcome(self) -> Race:
+        """Return the winner or the best, and the moves that the searches had made one after the other by then."""
+        for member in self.all:
+            if member.kept is not None:
+                member.kept.keep(member.state, now=True)
+        won = self.over is not None and self.over.has_won
+        best = self.over if self.over and won else min(self.all, key=lambda m: (int(m.state.register[BEST]), m.number))
+        moves = sum(self._counted(member) for member in self.all)
+        return Race(best.state, moves, self.over is not None and not won)
+
+    def _counted(self, member: _Member) -> int:
+        if self.over is None or member.number == self.over.number:
+            return member.moves
+        return min(member.moves, member.bound if member.number < self.over.number else member.passed)

@@ -1,0 +1,130 @@
+"""The state of a search: all in arrays, so that it can stop and go on with the same outcome."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from halpipe.pipeline.solve.kernel.profile import NEVER
+from halpipe.pipeline.solve.kernel.registry import as_table, compiled
+from halpipe.pipeline.solve.problem import Arrays
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Ints = NDArray[np.int64]
+
+# Registers of the search (State.register).
+COST = 0
+BEST = 1
+INSERTED = 2
+MOVES = 3
+CYCLE = 4
+CYCLE_LENGTH = 5
+CYCLE_LEFT = 6
+HEAT = 7
+TEMPERATURE = 8
+HOT = 9
+FROZEN = 10
+REGISTERS = 11
+
+START_HEAT, START_HEAT_WITH_WINDOWS = 24, 40
+"""T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
+
+NOISE_SHIFT = 20
+"""Fraction bits of a temperature times an entry of the table of noise: 10 each."""
+
+CLUSTER = 8
+"""Tasks that may move together."""
+
+FROZEN_HINT = -2
+"""Mark of an entry that never moves."""
+
+
+class State(NamedTuple):
+    """Everything that changes: the placement, the profiles, the conflict list, the generator."""
+
+    start: Ints  # per job, -1 before its insertion
+    option: Ints
+    phase: Ints  # start less number times period, not wrapped
+    edge: Ints
+    level: Ints
+    edges: Ints  # breakpoints in use on each lane
+    guide: Ints  # per stretch of a lane: the breakpoint, of those of the lane, at its begin or the last before it
+    owner: Ints  # rectangles on each lane: begin, length, and job * max_rects + rectangle
+    owners: Ints
+    owner_at: Ints  # per job and rectangle: its place in `owner`
+    hot: Ints  # entries that may be in conflict
+    hot_at: Ints  # per entry: its place in `hot`, or -1
+    hint: Ints  # per entry: phase to try first at construction, -1 for none, or FROZEN_HINT
+    best_start: Ints
+    best_option: Ints
+    old: Ints  # per job: start, option, phase before the move
+    kept: Ints  # per job: start, option, phase of the candidate to keep
+    cluster: Ints  # tasks of the move at hand, if it moves several
+    register: Ints
+    random: NDArray[np.uint64]
+    max_rects: int
+    heat: int  # T at the start of a full cycle, 10 fraction bits
+
+
+def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
+    """Return the empty schedule, ready to construct."""
+    jobs, entries = len(arrays.job_task), len(arrays.entry_offset)
+    lanes = len(arrays.lane_capacity)
+    rects = np.diff(arrays.rect_first)
+    max_rects = max(1, int(rects.max(initial=0)))
+    edge = np.zeros(max(1, int(arrays.lane_first[-1])), np.int64)
+    edge[arrays.lane_first[:-1] + 1] = arrays.hyperperiod
+    register = np.zeros(REGISTERS, np.int64)
+    register[BEST] = NEVER
+    share = START_HEAT_WITH_WINDOWS if len(arrays.row) else START_HEAT
+    heat = max(1, share * 1024 * mean_wcet * arrays.unit_weight // 1000)
+    return State(
+        start=np.full(jobs, -1, np.int64),
+        option=np.zeros(jobs, np.int64),
+        phase=np.zeros(jobs, np.int64),
+        edge=edge,
+        level=np.zeros_like(edge),
+        edges=np.ones(lanes, np.int64),
+        guide=np.zeros(int(arrays.guide_first[-1]), np.int64),
+        owner=np.zeros((max(1, int(arrays.owner_first[-1])), 3), np.int64),
+        owners=np.zeros(lanes, np.int64),
+        owner_at=np.zeros((jobs, max_rects), np.int64),
+        hot=np.zeros(entries, np.int64),
+        hot_at=np.full(entries, -1, np.int64),
+        hint=np.full(entries, -1, np.int64),
+        best_start=np.full(jobs, -1, np.int64),
+        best_option=np.zeros(jobs, np.int64),
+        old=np.zeros((jobs, 3), np.int64),
+        kept=np.zeros((jobs, 3), np.int64),
+        cluster=np.zeros(CLUSTER, np.int64),
+        register=register,
+        random=seeded(seed),
+        max_rects=max_rects,
+        heat=heat,
+    )
+
+
+def seeded(seed: int) -> NDArray[np.uint64]:
+    """Return a xorshift64 state for a seed, never zero."""
+    mixed = (seed + 1) * 0x9E3779B97F4A7C15 & (2**64 - 1)
+    return np.array([mixed or 1], np.uint64)
+
+
+@compiled
+def draw(random, below):
+    """Return a pseudo-random integer in [0, below) from xorshift64."""
+    x = random[0]
+    x ^= x << np.uint64(13)
+    x ^= x >> np.uint64(7)
+    x ^= x << np.uint64(17)
+    random[0] = x
+    if below < 4294967296:
+        return np.int64(((x >> np.uint64(32)) * np.uint64(below)) >> np.uint64(32))
+    return np.int64(x % np.uint64(below))
+
+
+as_table(State)
+as_table(Arrays, fixed=True)

@@ -1,0 +1,530 @@
+"""From an expanded mode to the integer arrays the solvers work on. Names end here and indices begin.
+
+Units, gangs, resources and fractional bounds become one thing: a *lane* is a capacity over the hyperperiod (one
+per group of interchangeable units, with the group's size as capacity, and one per resource), and a job under
+an *option* (a version with a choice of groups) is a set of rectangles on lanes. All times are ticks, all heights
+are multiples of the lane's quantum.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.models import Anchor
+from halpipe.pipeline.jobs import Expansion, demands_for
+from halpipe.pipeline.solve.construction import construction_order
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from halpipe.models import Chain, Precedence, Task, Unit, Version
+    from halpipe.pipeline.jobs import ActiveTask
+
+    Ints = NDArray[np.int64]
+
+MAX_OPTIONS_PER_VERSION = 4096
+"""Ways to split one gang over groups of units that are tried; only gangs over many unlike units have more."""
+
+MAX_QUANTA = 10**6
+"""Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
+
+NO_TICK = -1
+
+RESOURCE_WEIGHT, WINDOW_WEIGHT = 4, 12
+"""What a tick of overload of a resource, and of distance from a window, weighs against a tick of overlap on a unit.
+
+Access phases are short against jobs, and resources tell their users apart where units of a group do not. With equal
+weights the search, at one temperature for all, settles the units first and then finds no room on the resources.
+"""
+
+
+class Arrays(NamedTuple):
+    """A mode in integers. ``x_first`` arrays are offsets: row i owns ``x[x_first[i]:x_first[i + 1]]``."""
+
+    hyperperiod: int
+    lane_capacity: Ints  # quanta
+    lane_weight: Ints  # cost of one tick times one quantum of excess
+    lane_first: Ints  # room for the breakpoints of each lane's profile
+    guide_first: Ints  # stretches into which each lane is cut to find breakpoints
+    guide_shift: Ints  # of 2**shift ticks each
+    owner_first: Ints  # room for the rectangles on each lane
+    task_job: Ints  # first job of every task
+    task_period: Ints  # D, or the hyperperiod for tasks on demand
+    task_cyclic: Ints  # 1: periodic, 0: on demand
+    task_reach: Ints  # latest end of a job after its release: bounds a search by job index
+    task_option: Ints  # first option of every task
+    task_coupled: Ints  # 1: has windows, demands or limited chains in common with others
+    job_task: Ints
+    job_entry: Ints
+    entry_job: Ints  # first job of every entry; an entry is what moves as one: a periodic task or one demand job
+    entry_offset: Ints  # fixed phase, or NO_TICK
+    option_wcet: Ints
+    option_late: Ints  # largest delta that slack and deadline allow
+    option_present: Ints  # 0 for the option of a demand job not to run
+    option_recency: Ints  # of jobs that end on the same tick, the one with more ended last, or started later
+    rect_first: Ints  # per option
+    rect: Ints  # lane, offset, length, height
+    row_first: Ints  # per option
+    row: Ints  # predecessor task, min, max - min, 1 if from the predecessor's end
+    consumer_first: Ints  # per task: tasks whose options have rows that name it
+    consumer: Ints
+    partner_first: Ints  # per task: windows to aim at
+    partner: Ints  # other task, lag, width, sign (+1 this task after the other), 1 if from the end of the earlier
+    demand_job: Ints  # per job: the job that demands it, or -1
+    demand_slot: Ints
+    dependent_first: Ints  # per job: the jobs it may demand
+    dependent: Ints
+    chain_first: Ints  # limited chains only
+    chain_task: Ints
+    chain_limit: Ints  # reaction, age; NO_TICK where unlimited
+    task_chain_first: Ints
+    task_chain: Ints
+    construction: Ints  # entries, in the order in which they are placed first
+    unit_weight: int  # cost of one tick of distance from a window or beyond a limit
+    missing_cost: int  # cost of a demand not met, or of a chain that never gets through
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What an option index means: a version and how many units of each group it takes (empty: not to run)."""
+
+    version: Version | None
+    groups: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A mode ready to solve, with what is needed to give the answer its names back."""
+
+    expansion: Expansion
+    tick: Duration
+    groups: tuple[tuple[str, ...], ...]
+    options: tuple[Option, ...]
+    arrays: Arrays
+    mean_wcet: int
+
+    def with_construction(self, order: Ints) -> Problem:
+        """Return the problem with its entries constructed in another order."""
+        return replace(self, arrays=self.arrays._replace(construction=order))
+
+
+def natural_tick(expansion: Expansion) -> Duration:
+    """Return the largest duration that divides every duration of the mode (MODEL 1)."""
+    return greatest_common_divisor(_durations(expansion))
+
+
+def _durations(expansion: Expansion) -> Iterator[Duration]:
+    for active in expansion.tasks:
+        task = active.task
+        yield from (d for d in (task.period, task.offset) if d)
+        for version in active.versions:
+            if version.wcet:
+                yield version.wcet
+            for access in version.accesses:
+                yield from (access.start, access.end)
+            for row in version.precedences:
+                yield from (row.min, row.max)
+
+
+def build_problem(
+    expansion: Expansion,
+    units: Sequence[Unit],
+    resources: Sequence[str],
+    chains: Iterable[Chain] = (),
+    *,
+    tick: Duration | None = None,
+    grouped: bool = True,
+    every_chain: bool = False,
+) -> Problem:
+    """Turn an expanded mode of a validated model into arrays.
+
+    `tick` replaces the natural one; then WCETs and access phases are rounded outward and windows inward, so
+    that what is valid on the grid is valid exactly. `grouped` puts interchangeable units on one lane; without
+    it every unit has its own. Of `chains` those count that have a limit (with `every_chain`: all) and only
+    active tasks.
+    """
+    counted = [c for c in chains if every_chain or c.max_reaction is not None or c.max_age is not None]
+    return _Builder(expansion, units, resources, counted, tick, grouped).build()
+
+
+def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
+    """Group the units that every version of the mode treats alike; without `grouped`, each stands alone."""
+    member_of: dict[str, list[int]] = {unit.name: [] for unit in units}
+    versions = [version for active in expansion.tasks for version in active.versions]
+    for index, version in enumerate(versions):
+        for name in version.units:
+            member_of[name].append(index)
+    groups: dict[object, list[str]] = {}
+    for name, members in member_of.items():
+        if members:
+            groups.setdefault(tuple(members) if grouped else name, []).append(name)
+    return tuple(tuple(names) for names in groups.values())
+
+
+class _Builder:
+    """Fills the arrays, one method per family of columns."""
+
+    def __init__(
+        self,
+        expansion: Expansion,
+        units: Sequence[Unit],
+        resources: Sequence[str],
+        chains: Iterable[Chain],
+        tick: Duration | None,
+        grouped: bool,
+    ) -> None:
+        self.expansion = expansion
+        self.tick = tick or natural_tick(expansion)
+        self.hyperperiod = self.ticks(expansion.hyperperiod)
+        self.groups = interchangeable_units(expansion, units, grouped)
+        self.group_of = {name: index for index, names in enumerate(self.groups) for name in names}
+        self.lane_of_resource = {name: len(self.groups) + index for index, name in enumerate(resources)}
+        self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
+        self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
+        self.options: list[Option] = []
+
+    def ticks(self, duration: Duration) -> int:
+        """Return whole ticks, rounded down; exact for every duration that the tick divides."""
+        return duration // self.tick
+
+    def ticks_up(self, duration: Duration) -> int:
+        """Return whole ticks, rounded up."""
+        return -(-duration // self.tick)
+
+    def build(self) -> Problem:
+        quanta = self._resource_quanta()
+        weight = max(quanta, default=1)
+        capacity = [len(names) for names in self.groups] + quanta
+        lane_weight = [weight] * len(self.groups) + [RESOURCE_WEIGHT * weight // q for q in quanta]
+        option = self._options(quanta)
+        jobs = self._jobs()
+        windows = self._windows()
+        chains = self._chains()
+        mean = max(1, self.ticks(self.expansion.mean_wcet))
+        arrays = Arrays(
+            hyperperiod=self.hyperperiod,
+            lane_capacity=_ints(capacity),
+            lane_weight=_ints(lane_weight),
+            **self._lane_room(len(capacity), option),
+            **jobs,
+            **option,
+            **windows,
+            **self._demands(),
+            **chains,
+            task_coupled=self._coupled(windows, chains),
+            construction=self._construction(windows),
+            unit_weight=WINDOW_WEIGHT * weight,
+            missing_cost=WINDOW_WEIGHT * weight * mean,
+        )
+        return Problem(self.expansion, self.tick, self.groups, tuple(self.options), arrays, mean)
+
+    # ---- lanes and options
+
+    def _resource_quanta(self) -> list[int]:
+        denominators: dict[str, int] = dict.fromkeys(self.lane_of_resource, 1)
+        for active in self.expansion.tasks:
+            for version in active.versions:
+                for access in version.accesses:
+                    known = denominators[access.resource]
+                    denominators[access.resource] = math.lcm(known, access.bound.denominator)
+        return [q if q <= MAX_QUANTA else MAX_QUANTA for q in denominators.values()]
+
+    def _options(self, quanta: list[int]) -> dict[str, Ints]:
+        wcet, late, present, task_option = [], [], [], [0]
+        rects: list[list[tuple[int, int, int, int]]] = []
+        rows: list[list[tuple[int, int, int, int]]] = []
+        for active in self.expansion.tasks:
+            for version in active.versions:
+                length, slip = self._length(version), self._late(active, version)
+                constraints = [self._row(row) for row in version.precedences]
+                unmeetable = any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints)
+                if slip < 0 or length > self.hyperperiod or unmeetable:
+                    continue
+                phases = self._phases(version, quanta)
+                for choice in self._choices(version):
+                    self.options.append(Option(version, choice))
+                    rects.append([(group, 0, length, count) for group, count in choice] + phases)
+                    rows.append(constraints)
+                    wcet.append(length)
+                    late.append(slip)
+                    present.append(1)
+            if self._may_be_absent(active):
+                self.options.append(Option(None, ()))
+                rects.append([])
+                rows.append([])
+                wcet.append(0)
+                late.append(0)
+                present.append(0)
+            task_option.append(len(wcet))
+        rect_first, rect = _table(rects, 4)
+        row_first, row = _table(rows, 4)
+        return {
+            "task_option": _ints(task_option),
+            "option_wcet": _ints(wcet),
+            "option_late": _ints(late),
+            "option_present": _ints(present),
+            "option_recency": self._recency(),
+            "rect_first": rect_first,
+            "rect": rect,
+            "row_first": row_first,
+            "row": row,
+        }
+
+    def _recency(self) -> Ints:
+        """Rank the options by what their ends lack of a whole tick, and by their WCETs: what lacks least ends last."""
+        wcets = [(option.version.wcet if option.version else None) or ZERO for option in self.options]
+        keys = [(self.tick * self.ticks_up(wcet) - wcet, wcet) for wcet in wcets]
+        place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
+        return _ints(place[key] for key in keys)
+
+    def _length(self, version: Version) -> int:
+        assert version.wcet is not None, "validated models state every WCET"
+        return self.ticks_up(version.wcet)
+
+    def _late(self, active: ActiveTask, version: Version) -> int:
+        """Return the largest delta in whole ticks: slack gamma * D, or what the deadline leaves (MODEL 3)."""
+        task = active.task
+        if task.period is None or version.wcet is None:
+            return 0
+        room = (task.period if task.deadline is None else task.deadline) - version.wcet
+        # No job slips a whole period: of two jobs that start together, only their names would say which is the first.
+        return min(self.ticks(task.period * task.slack), self.ticks(room), self.ticks(task.period) - 1)
+
+    def _phases(self, version: Version, quanta: list[int]) -> list[tuple[int, int, int, int]]:
+        """Return rectangles for a version's access phases; those on one lane never overlap.
+
+        The kernel looks at one rectangle at a time, so what a job claims twice at once must be one of them. On every
+        tick stands the most that the job claims at any instant of it.
+        """
+        rects = []
+        for name in dict.fromkeys(access.resource for access in version.accesses):
+            lane = self.lane_of_resource[name]
+            accesses = [access for access in version.accesses if access.resource == name]
+            edges = sorted({edge for a in accesses for edge in (self.ticks(a.start), self.ticks_up(a.end))})
+            instants = sorted({access.start for access in accesses})
+            for begin, end in itertools.pairwise(edges):
+                inside = [t for t in instants if self.tick * begin <= t < self.tick * end]
+                claims = [sum(a.bound for a in accesses if a.start <= t < a.end) for t in (self.tick * begin, *inside)]
+                height = math.ceil(max(claims) * quanta[lane - len(self.groups)])
+                if height:
+                    rects.append((lane, begin, end - begin, height))
+        return rects
+
+    def _row(self, row: Precedence) -> tuple[int, int, int, int]:
+        """Return predecessor, min, width and anchor of a window; a width below zero can never be met."""
+        predecessor = self.task_index.get(row.task, -1)
+        low, high = self.ticks_up(row.min), self.ticks(row.max)
+        if row.anchor is Anchor.END and self._rounds_up(predecessor):
+            high -= 1  # the predecessor really ends up to one tick before the end that the grid shows
+        return predecessor, low, min(high - low, self.hyperperiod - 1), int(row.anchor is Anchor.END)
+
+    def _rounds_up(self, task: int) -> bool:
+        versions = self.expansion.tasks[task].versions if task >= 0 else ()
+        return any(version.wcet is not None and version.wcet % self.tick for version in versions)
+
+    def _choices(self, version: Version) -> list[tuple[tuple[int, int], ...]]:
+        """List how many units of each group a job may take: one group, or all splits of a gang."""
+        available: dict[int, int] = {}
+        for name in dict.fromkeys(version.units):
+            group = self.group_of[name]
+            available[group] = available.get(group, 0) + 1
+        picks = itertools.combinations_with_replacement(sorted(available), version.gang)
+        counted = (tuple((g, pick.count(g)) for g in dict.fromkeys(pick)) for pick in picks)
+        fitting = (choice for choice in counted if all(count <= available[g] for g, count in choice))
+        return list(itertools.islice(fitting, MAX_OPTIONS_PER_VERSION))
+
+    def _may_be_absent(self, active: ActiveTask) -> bool:
+        """Whether some job of an on-demand task runs under some choices of its demanders only."""
+        by_name = self.expansion.by_name
+        demanders = {demand.task for demand in active.demands}
+        counts = {n: [demands_for(v, active.name) for v in by_name[n].versions] for n in demanders}
+        if any(min(count) != max(count) for count in counts.values()):
+            return True
+        return any(self._may_be_absent(by_name[n]) for n in sorted(demanders))
+
+    def _lane_room(self, lanes: int, option: dict[str, Ints]) -> dict[str, Ints]:
+        """Size every lane's profile: each rectangle that may land there adds at most three breakpoints."""
+        room = [0] * lanes
+        rect_first, rect, task_option = option["rect_first"], option["rect"], option["task_option"]
+        for index, active in enumerate(self.expansion.tasks):
+            most: dict[int, int] = {}
+            for o in range(task_option[index], task_option[index + 1]):
+                here: dict[int, int] = {}
+                for lane in rect[rect_first[o] : rect_first[o + 1], 0].tolist():
+                    here[lane] = here.get(lane, 0) + 1
+                for lane, count in here.items():
+                    most[lane] = max(most.get(lane, 0), count)
+            for lane, count in most.items():
+                room[lane] += count * active.jobs
+        # About as many stretches as breakpoints: more find them hardly quicker, and all must be kept up to date.
+        shift = [max(0, self.hyperperiod.bit_length() - r.bit_length()) for r in room]
+        stretches = [((self.hyperperiod - 1) >> s) + 1 for s in shift]
+        return {
+            "lane_first": _ints([0, *itertools.accumulate(3 * r + 4 for r in room)]),
+            "guide_first": _ints([0, *itertools.accumulate(stretches)]),
+            "guide_shift": _ints(shift),
+            "owner_first": _ints([0, *itertools.accumulate(room)]),
+        }
+
+    # ---- tasks, entries and jobs
+
+    def _jobs(self) -> dict[str, Ints]:
+        task_job, entry_job = [0], [0]
+        entry_offset: list[int] = []
+        job_task, job_entry, period, cyclic, reach = [], [], [], [], []
+        for index, active in enumerate(self.expansion.tasks):
+            task = active.task
+            job_task += [index] * active.jobs
+            if task.period is not None:
+                job_entry += [len(entry_offset)] * active.jobs
+                entry_job.append(entry_job[-1] + active.jobs)
+                entry_offset.append(NO_TICK if task.offset is None else self._phase_of(task))
+            else:
+                for _ in range(active.jobs):
+                    job_entry.append(len(entry_offset))
+                    entry_job.append(entry_job[-1] + 1)
+                    entry_offset.append(NO_TICK)
+            task_job.append(task_job[-1] + active.jobs)
+            period.append(self.hyperperiod if task.period is None else self.ticks(task.period))
+            cyclic.append(int(task.period is not None))
+            lengths = [self._length(v) for v in active.versions]
+            reach.append(max(lengths, default=0) + max((self._late(active, v) for v in active.versions), default=0))
+        return {
+            "task_job": _ints(task_job),
+            "task_period": _ints(period),
+            "task_cyclic": _ints(cyclic),
+            "task_reach": _ints(reach),
+            "job_task": _ints(job_task),
+            "job_entry": _ints(job_entry),
+            "entry_job": _ints(entry_job),
+            "entry_offset": _ints(entry_offset),
+        }
+
+    def _phase_of(self, task: Task) -> int:
+        assert task.offset is not None
+        assert task.period is not None
+        return self.ticks(task.offset % task.period)
+
+    def _construction(self, windows: dict[str, Ints]) -> Ints:
+        """Order the entries: heavy ones first, and one after the other what has windows in common."""
+        loads = []
+        for active in self.expansion.tasks:
+            length = self._length(active.versions[0]) * active.versions[0].gang
+            loads.append(length * active.jobs if active.task.period is not None else length)
+        counts = [1 if active.task.period is not None else active.jobs for active in self.expansion.tasks]
+        entries = list(itertools.accumulate(counts, initial=0))
+        order = construction_order(loads, _links(windows))
+        return _ints(entry for task in order for entry in range(entries[task], entries[task + 1]))
+
+    # ---- precedence, demands, chains
+
+    def _windows(self) -> dict[str, Ints]:
+        consumers: list[list[tuple[int]]] = [[] for _ in self.expansion.tasks]
+        partners: list[dict[tuple[int, ...], None]] = [{} for _ in self.expansion.tasks]
+        for index, active in enumerate(self.expansion.tasks):
+            for version in active.versions:
+                for constraint in version.precedences:
+                    other, low, width, from_end = self._row(constraint)
+                    if other < 0:
+                        continue
+                    if (index,) not in consumers[other]:
+                        consumers[other].append((index,))
+                    partners[index][(other, low, max(0, width), 1, from_end)] = None
+                    partners[other][(index, low, max(0, width), -1, from_end)] = None
+        near = max(1, self.hyperperiod // 64)
+        for chain in self.chains:
+            for earlier, later in itertools.pairwise(self.task_index[name] for name in chain.tasks):
+                if earlier != later:
+                    partners[later][(earlier, 0, near, 1, 1)] = None
+                    partners[earlier][(later, 0, near, -1, 1)] = None
+        consumer_first, consumer = _table(consumers, 1)
+        partner_first, partner = _table([list(p) for p in partners], 5)
+        return {
+            "consumer_first": consumer_first,
+            "consumer": consumer[:, 0].copy(),
+            "partner_first": partner_first,
+            "partner": partner,
+        }
+
+    def _coupled(self, windows: dict[str, Ints], chains: dict[str, Ints]) -> Ints:
+        """Mark the tasks that have anything to do with others; demands always come with windows."""
+        shared = np.diff(windows["partner_first"]) + np.diff(chains["task_chain_first"])
+        return (shared > 0).astype(np.int64)
+
+    def _demands(self) -> dict[str, Ints]:
+        first_job = dict(
+            zip(
+                (active.name for active in self.expansion.tasks),
+                itertools.accumulate((active.jobs for active in self.expansion.tasks), initial=0),
+                strict=False,
+            )
+        )
+        demand_job, demand_slot = [], []
+        dependents: list[list[tuple[int]]] = [[] for _ in range(self.expansion.job_count)]
+        for active in self.expansion.tasks:
+            if not active.demands:
+                demand_job += [-1] * active.jobs
+                demand_slot += [0] * active.jobs
+            for demand in active.demands:
+                demander = first_job[demand.task] + demand.index
+                dependents[demander].append((len(demand_job),))
+                demand_job.append(demander)
+                demand_slot.append(demand.slot)
+        dependent_first, dependent = _table(dependents, 1)
+        return {
+            "demand_job": _ints(demand_job),
+            "demand_slot": _ints(demand_slot),
+            "dependent_first": dependent_first,
+            "dependent": dependent[:, 0].copy(),
+        }
+
+    def _chains(self) -> dict[str, Ints]:
+        members, limits = [], []
+        touching: list[list[tuple[int]]] = [[] for _ in self.expansion.tasks]
+        for number, chain in enumerate(self.chains):
+            indices = [self.task_index[name] for name in chain.tasks]
+            members.append([(index,) for index in indices])
+            bounds = (chain.max_reaction, chain.max_age)
+            limits.append([NO_TICK if bound is None else self.ticks(bound) for bound in bounds])
+            for index in dict.fromkeys(indices):
+                touching[index].append((number,))
+        chain_first, chain_task = _table(members, 1)
+        task_chain_first, task_chain = _table(touching, 1)
+        return {
+            "chain_first": chain_first,
+            "chain_task": chain_task[:, 0].copy(),
+            "chain_limit": np.array(limits, np.int64).reshape(-1, 2),
+            "task_chain_first": task_chain_first,
+            "task_chain": task_chain[:, 0].copy(),
+        }
+
+
+def _links(windows: dict[str, Ints]) -> list[dict[int, int]]:
+    """Return for each task those that it has windows with, and how wide the narrowest of them is."""
+    links: list[dict[int, int]] = []
+    partner = windows["partner"].tolist()
+    for begin, end in itertools.pairwise(windows["partner_first"].tolist()):
+        widths: dict[int, int] = {}
+        for other, _, width, _, _ in partner[begin:end]:
+            widths[other] = min(width, widths.get(other, width))
+        links.append(widths)
+    return links
+
+
+def _ints(values: Iterable[int]) -> Ints:
+    return np.array(list(values), np.int64)
+
+
+def _table(rows: Sequence[Sequence[tuple[int, ...]]], width: int) -> tuple[Ints, Ints]:
+    """Lay lists of tuples end to end; return the offsets and one two-dimensional array."""
+    first = _ints([0, *itertools.accumulate(len(row) for row in rows)])
+    flat = np.array([item for row in rows for item in row], np.int64).reshape(-1, width)
+    return first, np.ascontiguousarray(flat)

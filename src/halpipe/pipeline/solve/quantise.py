@@ -1,0 +1,295 @@
+"""Schedules on the grid of bandwidth regulators: whole windows, whole bursts, so that their export is exact.
+
+A regulator grants whole bursts per window. `quantise` turns a model into one in which every time is a multiple of the
+window and every bound a number of bursts out of those that a window has room for, each rounded to the safe side: WCETs
+and access phases outward, precedence windows and deadlines inward, bounds up, room down by what regulators overshoot.
+A schedule of that model is one of the original, too, when WCETs are put back (`restore`), and verify decides so.
+
+Why it is safe, where it is not obvious:
+
+* A version claims of each window the highest sum of its bounds there, so that the original keeps the rule at every
+  instant; and at least what the rule *whole* of the export grants it: the bytes promised within the window, read and
+  written, rounded up to bursts. Two jobs of a unit share no window, since starts are on the grid.
+* The deadline becomes, over the versions, the smallest C' + floor(deadline - C), with C' the rounded WCET: a start on
+  the grid keeps it exactly if it keeps the original.
+* A job really ends up to a window before its rounded end, so that windows from the end of a predecessor shrink at the
+  far side by the largest such difference.
+* Starts are on the grid, so that a job starts after the real end of another exactly if it starts after the rounded one:
+  chains run through the same jobs, and their latencies only seem longer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from itertools import pairwise
+from math import ceil
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, Findings, HalpipeError
+from halpipe.durations import ZERO, Duration, divisors, greatest_common_divisor
+from halpipe.models import AccessKind, Anchor
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.solve.codes import GRID_BOUND, GRID_PERIOD, GRID_RESOURCE, GRID_ROOM, GRID_WINDOW
+from halpipe.quantities import format_rational
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, Version
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BurstGrid:
+    """The grid of a platform called `name`: a `window`, a multiple of `cycle`; sizes in bytes per window.
+
+    A bound of 1 on `resource` (empty: the only one) promises `promise`; of `capacity`, `reserve` is kept for each unit
+    and direction that may use it. Budgets are whole bursts of `burst` bytes. Accesses of no kind write if `writes`.
+    """
+
+    name: str
+    window: Duration
+    cycle: Duration
+    resource: str
+    promise: Fraction
+    capacity: int
+    burst: int
+    reserve: int
+    writes: bool = False
+
+    def up(self, duration: Duration) -> Duration:
+        """Return the next multiple of the window from `duration` on."""
+        return self.window * -(-duration // self.window)
+
+    def down(self, duration: Duration) -> Duration:
+        """Return the last multiple of the window up to `duration`."""
+        return self.window * (duration // self.window)
+
+
+def quantise(model: TaskModel, grid: BurstGrid) -> TaskModel:
+    """Return the model on the grid; raise `HalpipeError` with everything that cannot be put there, and the numbers."""
+    resource = _resource(model, grid)
+    findings = Findings()
+    findings.extend(_off_grid(model, grid))
+    room = _room(model, grid, resource)
+    if room < 1:
+        findings.add(_no_room(model, grid, resource))
+        room = 1
+    shrink = {task.name: _shrink(task, grid) for task in model.tasks}
+    tasks = tuple(_Tasks(grid, resource, room, shrink, findings).task(task) for task in model.tasks)
+    findings.stop_on_errors()
+    return replace(model, tasks=tasks)
+
+
+def restore(model: TaskModel, schedule: Schedule) -> Schedule:
+    """Return a schedule of the quantised model as one of the original: real ends, and figures of the original."""
+    wcets = {(task.name, version.name): version.wcet for task in model.tasks for version in task.versions}
+
+    def real(jobs: tuple[Job, ...]) -> tuple[Job, ...]:
+        return tuple(replace(job, end=job.start + (wcets[job.task, job.version] or ZERO)) for job in jobs)
+
+    def mode(table: ModeSchedule) -> ModeSchedule:
+        return mode_report(model, expand(model, model.mode(table.name)), real(table.jobs), table.status)
+
+    return replace(
+        schedule,
+        modes=tuple(mode(table) for table in schedule.modes),
+        transitions=tuple(replace(table, jobs=real(table.jobs)) for table in schedule.transitions),
+    )
+
+
+def describe(model: TaskModel, grid: BurstGrid) -> str:
+    """Return what the grid makes of the model, in numbers, for people whose model no longer fits."""
+    resource = _resource(model, grid)
+    room = _room(model, grid, resource)
+    rows = len(_rows(model, grid, resource))
+    full = format_rational(Fraction(int(grid.promise / grid.burst * 100), 100))
+    return (
+        f"windows of {grid.window} have room for {room} bursts of {grid.burst} bytes ({grid.capacity} bytes less "
+        f"{grid.reserve * rows} for overshoot), a bound of 1 is {full}; bounds are rounded up to whole bursts, WCETs "
+        "and access phases to whole windows"
+    )
+
+
+# ----------------------------------------------------------------------------------------------- the grid
+
+
+def _resource(model: TaskModel, grid: BurstGrid) -> str:
+    names = [resource.name for resource in model.resources]
+    if grid.resource in names:
+        return grid.resource
+    if not grid.resource and len(names) == 1:
+        return names[0]
+    help = did_you_mean(grid.resource, names, "name one in the platform, as resource: ...")
+    message = f'platform "{grid.name}" regulates "{grid.resource}"; the model has: {", ".join(names) or "no resource"}'
+    raise HalpipeError(GRID_RESOURCE(message, at=model.at, path=f'model "{model.name}"', help=help))
+
+
+def _rows(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bool]]:
+    """Return every unit with a direction (True: write) that some version may use."""
+    versions = (version for task in model.tasks for version in task.versions)
+    return {
+        (unit, grid.writes if access.kind is None else access.kind == AccessKind.WRITE)
+        for version in versions
+        for access in version.accesses
+        if access.resource == resource
+        for unit in version.units
+    }
+
+
+def _room(model: TaskModel, grid: BurstGrid, resource: str) -> int:
+    return (grid.capacity - grid.reserve * len(_rows(model, grid, resource))) // grid.burst
+
+
+def _no_room(model: TaskModel, grid: BurstGrid, resource: str) -> Diagnostic:
+    rows = len(_rows(model, grid, resource))
+    message = (
+        f"a window of {grid.window} carries {grid.capacity} bytes, of which {grid.reserve} are kept for each of {rows} "
+        f"units and directions; that leaves no burst of {grid.burst} bytes"
+    )
+    least = Fraction(grid.reserve * rows + grid.burst, grid.capacity) * (grid.window / grid.cycle)
+    help = f"use a window of at least {ceil(least)} cycles"
+    return GRID_ROOM(message, at=model.at, path=f'platform "{grid.name}"', help=help)
+
+
+def _off_grid(model: TaskModel, grid: BurstGrid) -> Iterator[Diagnostic]:
+    """Report the periods and offsets that are no multiples of the window; they cannot be rounded."""
+    active = {run.task for mode in model.modes for run in mode.runs}
+    stated = [
+        (task, what, value)
+        for task in model.tasks
+        if task.name in active
+        for what, value in (("period", task.period), ("offset", task.offset))
+        if value
+    ]
+    for task, what, value in stated:
+        if value % grid.window:
+            message = f"{what} {value} is not a multiple of the window {grid.window} of platform {grid.name}"
+            help = _near(grid, [value for _, _, value in stated])
+            yield GRID_PERIOD(message, at=task.at, path=f'task "{task.name}"', help=help)
+
+
+def _near(grid: BurstGrid, values: list[Duration]) -> str:
+    common = greatest_common_divisor(values)
+    fitting = divisors(common, grid.cycle)
+    near = [w for w in fitting if w < grid.window][-1:] + [w for w in fitting if w > grid.window][:1]
+    if not near:
+        return f"all periods and offsets are multiples of {common}, which is not whole cycles; change the clock"
+    named = " or ".join(f"{w / grid.cycle} cycles ({w})" for w in near)
+    return f"the nearest windows that divide all periods and offsets are {named}"
+
+
+def _shrink(task: Task, grid: BurstGrid) -> Duration:
+    """Return by how much a job of the task may really end before its end on the grid."""
+    return max((grid.up(v.wcet) - v.wcet for v in task.versions if v.wcet is not None), default=ZERO)
+
+
+# ----------------------------------------------------------------------------------------------- the tasks
+
+
+class _Tasks:
+    """Puts tasks onto the grid, one method for each kind of value."""
+
+    def __init__(
+        self, grid: BurstGrid, resource: str, room: int, shrink: dict[str, Duration], findings: Findings
+    ) -> None:
+        self.grid = grid
+        self.resource = resource
+        self.room = room
+        self.shrink = shrink
+        self.findings = findings
+
+    def task(self, task: Task) -> Task:
+        versions = tuple(self._version(task, version) for version in task.versions)
+        return replace(task, versions=versions, deadline=self._deadline(task))
+
+    def _deadline(self, task: Task) -> Duration | None:
+        if task.deadline is None:
+            return None
+        wcets = [version.wcet for version in task.versions if version.wcet is not None]
+        kept = [self.grid.up(wcet) + self.grid.down(task.deadline - wcet) for wcet in wcets if wcet <= task.deadline]
+        return min(kept, default=task.deadline)
+
+    def _version(self, task: Task, version: Version) -> Version:
+        path = f'task "{task.name}" version "{version.name}"'
+        return replace(
+            version,
+            wcet=None if version.wcet is None else self.grid.up(version.wcet),
+            accesses=tuple(self._accesses(version, path)),
+            precedences=tuple(self._precedence(row, path) for row in version.precedences),
+        )
+
+    def _accesses(self, version: Version, path: str) -> Iterator[Access]:
+        """Yield phases on whole windows that claim what the version needs of each resource in each window."""
+        for resource in dict.fromkeys(access.resource for access in version.accesses):
+            accesses = [access for access in version.accesses if access.resource == resource]
+            claims = {edge: self._highest(accesses, edge) for edge in self._edges(accesses)}
+            if resource == self.resource:
+                bursts = {edge: self._bursts(accesses, edge, version.gang) for edge in claims}
+                self._check_bursts(accesses, bursts, path)
+                claims = {edge: max(claims[edge], Fraction(bursts[edge], self.room)) for edge in claims}
+            for start, end in pairwise(claims):
+                if claims[start]:
+                    yield replace(
+                        accesses[0],
+                        start=start,
+                        end=end,
+                        bound=min(Fraction(1), claims[start]),
+                        kind=None,
+                        transfers=(),
+                    )
+
+    def _edges(self, accesses: list[Access]) -> list[Duration]:
+        """Return the window edges around all starts and ends, in order: from each to the next all windows are alike."""
+        instants = [instant for access in accesses for instant in (access.start, access.end)]
+        return sorted({edge for instant in instants for edge in (self.grid.down(instant), self.grid.up(instant))})
+
+    def _highest(self, accesses: list[Access], start: Duration) -> Fraction:
+        """Return the highest sum of bounds at any instant of the window at `start`."""
+        instants = [start, *(a.start for a in accesses if start < a.start < start + self.grid.window)]
+        return max(sum((a.bound for a in accesses if a.start <= t < a.end), Fraction(0)) for t in instants)
+
+    def _bursts(self, accesses: list[Access], start: Duration, gang: int) -> int:
+        """Return the bursts of the window at `start` for all units of a gang: reads and writes, each rounded up."""
+        volumes = [Fraction(0), Fraction(0)]
+        for access in accesses:
+            overlap = min(access.end, start + self.grid.window) - max(access.start, start)
+            if overlap > ZERO:
+                writes = self.grid.writes if access.kind is None else access.kind == AccessKind.WRITE
+                volumes[writes] += access.bound / gang * self.grid.promise * (overlap / self.grid.window)
+        return gang * sum(ceil(volume / self.grid.burst) for volume in volumes)
+
+    def _check_bursts(self, accesses: list[Access], bursts: dict[Duration, int], path: str) -> None:
+        """Report the first window that needs more than there is room for."""
+        most = max(bursts.values())
+        if most > self.room:
+            start = next(edge for edge in bursts if bursts[edge] == most)
+            access = next(a for a in accesses if a.end > start and a.start < start + self.grid.window)
+            self.findings.add(self._too_wide(access, most, path))
+
+    def _too_wide(self, access: Access, bursts: int, path: str) -> Diagnostic:
+        grid = self.grid
+        message = (
+            f"bound {format_rational(access.bound)} comes to {bursts} bursts of {grid.burst} bytes in a window of "
+            f"{grid.window}; there is room for {self.room} after what is kept for overshoot"
+        )
+        capacity = ceil((grid.capacity + (bursts - self.room) * grid.burst) / grid.window.in_unit("s"))
+        bound = access.bound * self.room / bursts
+        shown = Fraction(int(bound * 1000), 1000) or bound
+        help = f"bind it to at most {format_rational(shown)}, or let the platform have a capacity of {capacity}B/s"
+        return GRID_BOUND(message, at=access.at, path=path, help=help)
+
+    def _precedence(self, row: Precedence, path: str) -> Precedence:
+        shrink = self.shrink.get(row.task, ZERO) if row.anchor is Anchor.END else ZERO
+        low, high = self.grid.up(row.min), self.grid.down(row.max - shrink)
+        if low <= high:
+            return replace(row, min=low, max=high)
+        message = (
+            f'window [{row.min}, {row.max}] from the {row.anchor} of "{row.task}" has no distance that is a multiple '
+            f"of {self.grid.window}" + (f", its end being known to {shrink} only" if shrink else "")
+        )
+        help = f"widen it to [{row.min}, {low + shrink}], or use a shorter window in platform {self.grid.name}"
+        self.findings.add(GRID_WINDOW(message, at=row.at, path=path, help=help))
+        return row

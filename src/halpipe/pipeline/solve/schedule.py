@@ -1,0 +1,413 @@
+"""Schedules for every mode of a model: expand, search, measure (paper, section III)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from halpipe import __version__
+from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
+from halpipe.durations import greatest_common_divisor
+from halpipe.models import Schedule, Status
+from halpipe.pipeline.jobs import Expansion, expand
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.solve.codes import (
+    CANNOT_STAY,
+    EXACT_INFEASIBLE,
+    EXACT_TICK,
+    INTERRUPTED,
+    NO_OPTION,
+    NOT_FOUND,
+    OPTIONS_CUT,
+    TICK_DOES_NOT_DIVIDE,
+    TOO_LARGE,
+)
+from halpipe.pipeline.solve.exact import DEFAULT_WORK
+from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
+from halpipe.pipeline.solve.workers import Workers
+
+if TYPE_CHECKING:
+    from fractions import Fraction
+
+    from halpipe.durations import Duration
+    from halpipe.models import Job, ModeSchedule, TaskModel
+    from halpipe.pipeline.solve.kernel.quality import Polish
+    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
+    from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.quantise import BurstGrid
+
+DEFAULT_BUDGET = 20_000
+"""Moves per task before the search gives up."""
+
+DEFAULT_PORTFOLIO = 4
+"""Searches of a mode that take turns."""
+
+POLISH_BUDGET = 300
+"""Moves per task for one step of improving a valid schedule."""
+
+
+class Quality(StrEnum):
+    """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
+
+    FIRST = "first"
+    COST = "cost"
+    MARGIN = "margin"
+
+
+CONSTRUCTING = -1
+"""Stands for the best cost while there is no whole placement yet."""
+
+SWITCHES = "switches"
+"""Stands for the mode while tables between the modes are looked for; what is counted is mode pairs."""
+
+OnProgress = Callable[[str, int, int, int], bool]
+"""Called with mode, moves made, moves allowed and best cost so far; False stops the search.
+
+It is called from several threads.
+"""
+
+LARGEST = 2**62
+
+EXACT = "exact"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SearchOptions:
+    """What the user may choose: the outcome depends on the model and on these alone.
+
+    - `budget` counts moves per task; `tick` replaces the natural tick; `modes` are those to schedule (none: all).
+    - `attempt` gives other placements for the same seed, between which switches may exist that the first do not allow.
+    - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
+    - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
+    - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
+    - The jobs of a `shipped` schedule stay where they are.
+    - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
+    - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
+    - `keeper` saves the search on its way, or goes on with one that was saved.
+    - `workers` are the threads for modes and searches; their number changes the time alone. (That of the exact engine
+      is the exception: with several threads its answer depends on the machine.)
+    """
+
+    seed: int = 1
+    budget: int = DEFAULT_BUDGET
+    tick: Duration | None = None
+    modes: tuple[str, ...] = ()
+    attempt: int = 0
+    quality: Quality = Quality.FIRST
+    target: Fraction | None = None
+    engine: str = "anneal"
+    effort: float | None = DEFAULT_WORK
+    shipped: Schedule | None = None
+    grid: BurstGrid | None = None
+    portfolio: int = DEFAULT_PORTFOLIO
+    keeper: Keeper | None = field(default=None, compare=False)
+    workers: Workers = field(default_factory=Workers, compare=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Scheduled:
+    """The schedule and what became of the search for it."""
+
+    schedule: Schedule
+    diagnostics: tuple[Diagnostic, ...]
+    moves: int
+    stopped: bool
+    unimproved: bool = False
+    """Whether it was stopped while it improved valid schedules."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every mode asked for has a valid schedule."""
+        return not self.stopped and all(mode.status is Status.VALID for mode in self.schedule.modes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """What became of one mode."""
+
+    table: ModeSchedule
+    diagnostics: list[Diagnostic]
+    moves: int = 0
+    stopped: bool = False
+    unimproved: bool = False
+
+
+def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
+    """Search a schedule for every mode of a validated model; a mode without one has status ``not-found``."""
+    chosen = [mode for mode in model.modes if not options.modes or mode.name in options.modes]
+    expansions = [expand(model, mode) for mode in chosen]
+    by_number = _Modes(model, expansions, options, on_progress).search()
+    found = [by_number[number] for number in sorted(by_number)]
+    schedule = Schedule(
+        model=model.name,
+        model_sha256=model.digest,
+        generator=f"halpipe {__version__}",
+        solver=options.engine,
+        seed=options.seed,
+        tick=options.tick or _common_tick(expansions),
+        modes=tuple(each.table for each in found),
+    )
+    return Scheduled(
+        schedule,
+        tuple(diagnostic for each in found for diagnostic in each.diagnostics),
+        sum(each.moves for each in found),
+        stopped=any(each.stopped for each in found),
+        unimproved=any(each.unimproved for each in found),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Modes:
+    """The modes of a model, each searched as soon as the modes are finished from whose placement it starts."""
+
+    model: TaskModel
+    expansions: list[Expansion]
+    options: SearchOptions
+    on_progress: OnProgress
+
+    def search(self) -> dict[int, _Found]:
+        """Return what became of every mode, by number; of fewer if the search is stopped.
+
+        What a mode starts from is the same as if the modes were searched in order, so the result is, too.
+        """
+        found: dict[int, _Found] = {}
+        waiting = list(range(len(self.expansions)))
+        while waiting and not any(each.stopped for each in found.values()):
+            starts = {number: start for number in waiting if (start := self._start(number, found)) is not None}
+            ready = list(starts.items()) if self.options.engine != EXACT else list(starts.items())[:1]
+            results = self.options.workers.each(self._search_one, ready, lambda each: each.stopped)
+            found.update(zip(starts, results, strict=False))
+            waiting = [number for number in waiting if number not in found]
+        return found
+
+    def _search_one(self, ready: tuple[int, Earlier]) -> _Found:
+        number, earlier = ready
+        return _schedule_mode(self.model, self.expansions[number], self.options, number, self.on_progress, earlier)
+
+    def _start(self, number: int, found: dict[int, _Found]) -> Earlier | None:
+        """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
+        from halpipe.pipeline.solve.kernel.warmstart import Earlier
+
+        jobs = {active.name: active.jobs for active in self.expansions[number].tasks}
+        earlier = Earlier()
+        for before in range(number):
+            expansion = self.expansions[before]
+            shared = [active for active in expansion.tasks if active.name in jobs]
+            if not shared:
+                continue
+            if before not in found:
+                return None
+            if found[before].table.status is Status.VALID:
+                earlier = earlier.and_then(expansion, found[before].table.jobs)
+                for active in shared:  # where all its jobs have been, no later mode has a say
+                    if not active.demands and active.jobs >= jobs[active.name]:
+                        del jobs[active.name]
+        return earlier
+
+
+def _schedule_mode(
+    model: TaskModel,
+    expansion: Expansion,
+    options: SearchOptions,
+    number: int,
+    on_progress: OnProgress,
+    earlier: Earlier,
+) -> _Found:
+    if options.engine == EXACT:
+        return _solve_mode(model, expansion, options, number, on_progress)
+    from halpipe.pipeline.solve.kernel.run_in_slices import Kept
+    from halpipe.pipeline.solve.kernel.search import Effort, search
+
+    name = expansion.mode.name
+    every_chain = options.quality is Quality.COST
+    shipped = _shipped(expansion, options)
+    tick = options.tick or _grid(expansion, shipped)
+    problem = _problem(model, expansion, tick, every_chain=every_chain)
+    budget = options.budget * max(1, len(expansion.tasks))
+    outcome = search(
+        problem,
+        lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain),
+        _mode_seed(options.seed, number, options.attempt),
+        budget,
+        lambda moves, best: on_progress(name, moves, budget, best),
+        earlier,
+        _polish(model, expansion, options, number),
+        shipped,
+        None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
+        Effort(options.portfolio, options.workers),
+    )
+    on_progress(name, outcome.moves, budget, outcome.cost)
+    status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
+    table = mode_report(model, expansion, outcome.jobs, status)
+    notes = _notes(problem) + _changed(expansion, outcome.changed)
+    return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved)
+
+
+def _shipped(expansion: Expansion, options: SearchOptions) -> dict[tuple[str, int], Job]:
+    """Return the jobs of this mode that have shipped, by task and index; of tasks that still run here."""
+    modes = options.shipped.modes if options.shipped is not None else ()
+    jobs = (job for mode in modes if mode.name == expansion.mode.name for job in mode.jobs)
+    return {(job.task, job.index): job for job in jobs if job.task in expansion.by_name}
+
+
+def _grid(expansion: Expansion, shipped: dict[tuple[str, int], Job]) -> Duration | None:
+    """Return a tick on which the shipped jobs lie too; None if the natural one does."""
+    if not shipped:
+        return None
+    return greatest_common_divisor([natural_tick(expansion), *(job.start for job in shipped.values())])
+
+
+def _changed(expansion: Expansion, tasks: tuple[str, ...]) -> list[Diagnostic]:
+    path = f'mode "{expansion.mode.name}"'
+    text = "cannot stay as shipped: number of jobs, version or units have changed; it was placed anew"
+    return [CANNOT_STAY(text, at=expansion.by_name[task].task.at, path=f'{path} task "{task}"') for task in tasks]
+
+
+def _solve_mode(
+    model: TaskModel, expansion: Expansion, options: SearchOptions, number: int, on_progress: OnProgress
+) -> _Found:
+    """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
+    from halpipe.pipeline.solve.exact import Answer, Effort, solve_exact
+
+    mode = expansion.mode
+    path = f'mode "{mode.name}"'
+    if options.tick is not None:
+        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
+    seed = _mode_seed(options.seed, number, options.attempt) % 2**31
+    effort = Effort(
+        work=options.effort,
+        workers=options.workers.count,
+        seed=seed,
+        go_on=lambda: on_progress(mode.name, 0, 1, CONSTRUCTING),
+    )
+    result = solve_exact(model, mode, effort)
+    if result.status is Answer.FEASIBLE:
+        return _Found(mode_report(model, expansion, result.jobs, Status.VALID), [])
+    if result.status is Answer.INFEASIBLE:
+        text, help = "the exact engine finds that it has no schedule", "ask `halpipe explain` for the conflict"
+        raise HalpipeError(EXACT_INFEASIBLE(text, at=mode.at, path=path, help=help), exit=Exit.NOT_FOUND)
+    if result.stopped:
+        text, help = "the exact engine was stopped; it has no placement to save", "run it again, or use --engine anneal"
+        raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help=help), exit=Exit.INTERRUPTED)
+    text = "the exact engine found no schedule within its effort, and no proof that there is none"
+    raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
+
+
+def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
+    """Return what to improve once the mode is valid: nothing unless asked for."""
+    from halpipe.pipeline.solve.kernel.quality import Polish
+
+    if options.quality is Quality.FIRST:
+        return None
+
+    def is_enough(jobs: tuple[Job, ...]) -> bool:
+        report = mode_report(model, expansion, jobs, Status.VALID)
+        return options.target is not None and report.cost is not None and report.cost.total <= options.target
+
+    seed = _mode_seed(options.seed, number, options.attempt) + 1
+    return Polish(options.quality, POLISH_BUDGET, seed, is_enough)
+
+
+def _mode_seed(seed: int, number: int, attempt: int) -> int:
+    """Give every mode and attempt its own stream of pseudo-random numbers."""
+    return seed + number * 0x5DEECE66D + attempt * 0x2545F4914F
+
+
+def _problem(
+    model: TaskModel,
+    expansion: Expansion,
+    tick: Duration | None,
+    *,
+    grouped: bool = True,
+    every_chain: bool = False,
+) -> Problem:
+    """Build the arrays, refusing what does not fit them."""
+    _check_tick(expansion, tick)
+    resources = [resource.name for resource in model.resources]
+    try:
+        problem = build_problem(
+            expansion, model.units, resources, model.chains, tick=tick, grouped=grouped, every_chain=every_chain
+        )
+    except OverflowError:
+        raise HalpipeError(_too_large(expansion, tick or natural_tick(expansion))) from None
+    _check_options(problem)
+    _check_range(problem)
+    return problem
+
+
+def _check_tick(expansion: Expansion, tick: Duration | None) -> None:
+    if tick is None:
+        return
+    wrong = [
+        TICK_DOES_NOT_DIVIDE(
+            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=f'task "{task.name}"'
+        )
+        for task in (active.task for active in expansion.tasks)
+        for what, value in (("period", task.period), ("offset", task.offset))
+        if value is not None and value % tick
+    ]
+    if wrong:
+        raise HalpipeError(*wrong)
+
+
+def _check_options(problem: Problem) -> None:
+    arrays = problem.arrays
+    mode = problem.expansion.mode.name
+    stuck = [
+        NO_OPTION(
+            f'no version available in mode "{mode}" can run',
+            at=active.task.at,
+            path=f'task "{active.name}"',
+            help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
+        )
+        for number, active in enumerate(problem.expansion.tasks)
+        if active.jobs and arrays.task_option[number] == arrays.task_option[number + 1]
+    ]
+    if stuck:
+        raise HalpipeError(*stuck)
+
+
+def _check_range(problem: Problem) -> None:
+    """Refuse a mode whose cost could overflow: a bound on the cost of the worst placement, in exact integers."""
+    arrays = problem.arrays
+    hyperperiod, jobs = int(arrays.hyperperiod), len(arrays.job_task)
+    heaviest = int((arrays.rect[:, 3] * arrays.lane_weight[arrays.rect[:, 0]]).max(initial=1))
+    sides = 1 + int(arrays.row_first[-1]) + len(arrays.chain_limit)
+    worst = hyperperiod * heaviest * max(1, jobs) * max(1, int(arrays.rect_first[-1]))
+    worst += hyperperiod * int(arrays.unit_weight) * max(1, jobs) * sides
+    hottest = 512 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
+    stated = max(int(arrays.row[:, 1].max(initial=0)), int(arrays.chain_limit.max(initial=0)))
+    if max(worst, hottest, stated) >= LARGEST:
+        raise HalpipeError(_too_large(problem.expansion, problem.tick))
+
+
+def _too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
+    return TOO_LARGE(
+        f"the hyperperiod has {expansion.hyperperiod // tick} ticks of {tick} and {expansion.job_count} jobs",
+        at=expansion.mode.at,
+        path=f'mode "{expansion.mode.name}"',
+        help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
+    )
+
+
+def _notes(problem: Problem) -> list[Diagnostic]:
+    """Say which gangs have more unit sets than are tried."""
+    counts: dict[tuple[str, str], int] = {}
+    for number, active in enumerate(problem.expansion.tasks):
+        first, last = int(problem.arrays.task_option[number]), int(problem.arrays.task_option[number + 1])
+        for option in problem.options[first:last]:
+            if option.version is not None:
+                key = (active.name, option.version.name)
+                counts[key] = counts.get(key, 0) + 1
+    return [
+        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=f'task "{task}" version "{version}"')
+        for (task, version), count in counts.items()
+        if count >= MAX_OPTIONS_PER_VERSION
+    ]
+
+
+def _common_tick(expansions: list[Expansion]) -> Duration | None:
+    ticks = [natural_tick(expansion) for expansion in expansions]
+    return greatest_common_divisor(ticks) if ticks else None

@@ -1,0 +1,163 @@
+"""Threads for one command: the kernel and CP-SAT leave the interpreter alone while they run, so threads are enough.
+
+What comes out never depends on the number of threads, nor on which of them is first: results are taken in the order
+of the items. For processes and clusters see `run.py`.
+"""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+ASK_SECONDS = 0.1
+"""How often somebody is asked whether to go on."""
+
+
+class Workers:
+    """`count` threads that share work, the caller's among them.
+
+    Work may itself hand out work: it gets the threads that are idle just then, and there are never more than `count`.
+    """
+
+    def __init__(self, count: int = 1) -> None:
+        self.count = count
+        self._idle = count - 1
+        self._lock = threading.Lock()
+
+    def each(
+        self,
+        function: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        is_enough: Callable[[_Result], bool] = lambda _: False,
+    ) -> list[_Result]:
+        """Return the results in the order of the items, up to the first that is enough; later items may be left out.
+
+        Raise what the function raised, if an item before raised nothing and was not enough.
+        """
+        shared = _Shared(function, items, is_enough)
+        helpers = [threading.Thread(target=shared.work, daemon=True) for _ in range(self._take(len(items) - 1))]
+        try:
+            for helper in helpers:
+                helper.start()
+            shared.work()
+        finally:
+            shared.end()
+            for helper in helpers:
+                if helper.ident is not None:
+                    helper.join()
+            self._give(len(helpers))
+        return shared.collect()
+
+    def spread(
+        self, function: Callable[[_Item], _Result], items: Sequence[_Item], go_on: Callable[[int], bool]
+    ) -> Iterator[_Result | None]:
+        """Yield the results in the order of the items, from processes: for work that does not leave the interpreter.
+
+        `go_on` is told how many items are finished; once it says no, the next one that is not comes as None, the last.
+        """
+        from halpipe.pipeline.solve.run import map_tasks
+
+        results: dict[int, _Result] = {}
+        finished = map_tasks(function, items, jobs=min(self.count, len(items)))
+        try:
+            for place in range(len(items)):
+                while place not in results:
+                    if not go_on(len(results)):
+                        yield None
+                        return
+                    number, result = next(finished)
+                    results[number] = result
+                yield results[place]
+        finally:
+            finished.close()
+
+    def _take(self, wanted: int) -> int:
+        with self._lock:
+            taken = max(0, min(wanted, self._idle))
+            self._idle -= taken
+        return taken
+
+    def _give(self, count: int) -> None:
+        with self._lock:
+            self._idle += count
+
+
+class _Shared(Generic[_Item, _Result]):
+    """The items of one call, from which each thread takes the next."""
+
+    def __init__(
+        self,
+        function: Callable[[_Item], _Result],
+        items: Sequence[_Item],
+        is_enough: Callable[[_Result], bool],
+    ) -> None:
+        self._function = function
+        self._items = items
+        self._is_enough = is_enough
+        self._results: dict[int, _Result] = {}
+        self._failures: dict[int, BaseException] = {}
+        self._lock = threading.Lock()
+        self._next = 0
+
+    def end(self) -> None:
+        """Begin no further item."""
+        with self._lock:
+            self._next = len(self._items)
+
+    def work(self) -> None:
+        """Take items until there are no more, or one was enough or failed."""
+        while (number := self._take()) is not None:
+            try:
+                result = self._function(self._items[number])
+            except BaseException as failure:  # noqa: BLE001 - raised again by collect, in the thread that asked
+                self._failures[number] = failure
+                self.end()
+            else:
+                self._results[number] = result
+                if self._is_enough(result):
+                    self.end()
+
+    def collect(self) -> list[_Result]:
+        """Return the results as if the items had been taken one after the other."""
+        collected = []
+        for number in range(len(self._items)):
+            if number in self._failures:
+                raise self._failures[number]
+            collected.append(self._results[number])
+            if self._is_enough(collected[-1]):
+                break
+        return collected
+
+    def _take(self) -> int | None:
+        with self._lock:
+            if self._next >= len(self._items):
+                return None
+            self._next += 1
+            return self._next - 1
+
+
+def watched(work: Callable[[], _Result], go_on: Callable[[], bool], stop: Callable[[], None]) -> tuple[_Result, bool]:
+    """Do `work` on a thread, and ask `go_on` meanwhile; once it says no, call `stop`, which ends the work early.
+
+    Return what the work returned, and whether it was stopped.
+    """
+    is_stopped = False
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(work)
+        try:
+            while not wait([future], ASK_SECONDS).done:
+                is_stopped = is_stopped or not go_on()
+                if is_stopped:
+                    stop()
+        finally:
+            while not future.done():  # an exception, such as that of Ctrl-C, passes through
+                stop()
+                wait([future], ASK_SECONDS)
+    return future.result(), is_stopped
