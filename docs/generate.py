@@ -154,7 +154,7 @@ def _link(code: str) -> str:
 
 def formats_page() -> str:
     """What every format reads, writes and loses, from the extents that importers and exporters state."""
-    from halpipe.flow.stages import EXPORTERS, IMPORTERS, exporter, formats, importer
+    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
 
     readers = [importer(name) for name in formats(IMPORTERS)]
     writers = [exporter(name) for name in formats(EXPORTERS)]

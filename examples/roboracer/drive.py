@@ -22,7 +22,7 @@ from halpipe.deploy.riscv.check import Outcome, judge, tolerance_of
 from halpipe.deploy.riscv.sequence import played_tables
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
 from halpipe.diagnostics import HalpipeError, render_text
-from halpipe.flow.stages import open_target
+from halpipe.flow.formats import open_target
 from halpipe.importers.native import read_model, read_schedule
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ def load(path: str) -> TaskModel:
 
 def validate(model: TaskModel) -> list[Diagnostic]:
     """Return everything that is wrong or odd with a model; it can be scheduled if none of it is an error."""
-    from halpipe.flow.stages import validate_model
+    from halpipe.pipeline.checked import validate_model
 
     return validate_model(model)
 
@@ -40,7 +40,7 @@ def validate(model: TaskModel) -> list[Diagnostic]:
 def schedule(model: TaskModel, *, seed: int = 1, budget: int | None = None) -> Schedule:
     """Return a verified schedule of every mode; raise `HalpipeError` if none is found in `budget` moves per task."""
     from halpipe.diagnostics import Exit, HalpipeError
-    from halpipe.flow.stages import explain_failure, schedule_model
+    from halpipe.pipeline.checked import explain_failure, schedule_model
     from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
 
     options = SearchOptions(seed=seed, budget=budget or DEFAULT_BUDGET)
@@ -52,7 +52,7 @@ def schedule(model: TaskModel, *, seed: int = 1, budget: int | None = None) -> S
 
 def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
     """Return every violation that the independent check finds: none if the schedule is valid."""
-    from halpipe.flow.stages import verify_schedule
+    from halpipe.pipeline.checked import verify_schedule
 
     return [found for found in verify_schedule(model, schedule) if found.is_error]
 
@@ -67,6 +67,6 @@ def explain(model: TaskModel) -> Explanation:
 def export(format: str, model: TaskModel, schedule: Schedule | None = None) -> dict[str, bytes]:
     """Return the files of an export by relative name, the main one as ``""``; refuse a schedule that is not valid."""
     from halpipe.exporters.base import ExportOptions
-    from halpipe.flow.stages import export as export_stage
+    from halpipe.flow.formats import export as export_stage
 
     return export_stage(format, model, schedule, ExportOptions())

@@ -11,8 +11,8 @@ import pytest
 
 from halpipe.cli.searching import workers_of
 from halpipe.exporters.native import format_model
-from halpipe.flow.stages import schedule_model
 from halpipe.importers.native import parse_model
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
 from halpipe.pipeline.solve.schedule import SWITCHES, Quality, SearchOptions
 from halpipe.pipeline.solve.workers import Workers

@@ -18,9 +18,9 @@ import pytest
 import halpipe.cli
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.flow.plan import read_plan
-from halpipe.flow.stages import validate_model, verify_schedule
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.importers.overlay import read_overlays
+from halpipe.pipeline.checked import validate_model, verify_schedule
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -10,7 +10,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, grid_of
 from halpipe.exporters.regulator.rounding import promises, totals, whole
-from halpipe.flow.stages import schedule_model, validate_model
+from halpipe.pipeline.checked import schedule_model, validate_model
 from halpipe.pipeline.solve.codes import GRID_BREAKS
 from halpipe.pipeline.solve.quantise import BurstGrid
 from halpipe.pipeline.solve.schedule import SearchOptions

@@ -11,9 +11,9 @@ from scheduler_systems import random_model
 from halpipe.diagnostics import HalpipeError, render_text
 from halpipe.durations import milliseconds
 from halpipe.exporters.native import format_schedule
-from halpipe.flow.stages import validate_model
 from halpipe.importers.native import parse_schedule
 from halpipe.models import Status
+from halpipe.pipeline.checked import validate_model
 from halpipe.pipeline.solve.kernel import assign_units as dealing
 from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

@@ -10,7 +10,7 @@ from roboracer_case import EXAMPLE, by_hand
 import halpipe
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.exporters.native.schedule import format_schedule
-from halpipe.flow.stages import open_target
+from halpipe.flow.formats import open_target
 
 pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
 pytest.importorskip("unicorn", reason="pip install 'halpipe[riscv]'")

@@ -3,7 +3,7 @@
 import pytest
 
 from halpipe.extent import ASPECTS, Extent
-from halpipe.flow.stages import EXPORTERS, IMPORTERS, exporter, formats, importer
+from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
 
 FORMATS = [importer(name) for name in formats(IMPORTERS)] + [exporter(name) for name in formats(EXPORTERS)]
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.files import sha256, write_output
-from halpipe.flow.stages import schedule_model
 from halpipe.importers.native import read_model
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
 from halpipe.pipeline.solve.schedule import SearchOptions
 

@@ -35,7 +35,7 @@ def prepare(
     from halpipe.exporters.native import format_model
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.files import STDIO, write_output, write_outputs
-    from halpipe.flow.stages import prepare_model
+    from halpipe.flow.formats import prepare_model
     from halpipe.importers.native import read_model
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -76,7 +76,7 @@ def check(
     """Play a bundle and hold it against its schedule; any deviation is an error."""
     from halpipe.deploy.base import CheckOptions
     from halpipe.files import write_output
-    from halpipe.flow.stages import check_bundle
+    from halpipe.flow.formats import check_bundle
 
     output.choose(format, quiet=quiet, verbose=verbose)
     execution = "modelled" if modelled else "real"

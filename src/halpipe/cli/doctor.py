@@ -30,7 +30,7 @@ PROGRAMS = {
 
 def doctor() -> int:
     """Say what is installed, what is missing, and how to get it."""
-    from halpipe.flow.stages import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
+    from halpipe.flow.formats import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
 
     output.result(
         f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"

@@ -63,7 +63,7 @@ def import_(
     """Read AMALTHEA, AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
     from halpipe.exporters.native import format_model
     from halpipe.files import write_output
-    from halpipe.flow.stages import import_model
+    from halpipe.flow.formats import import_model
     from halpipe.importers.account import format_account
     from halpipe.importers.base import ImportOptions, group_rule, quantile_of
     from halpipe.quantities import parse_rational

@@ -27,7 +27,7 @@ def run(
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.exporters.native import format_model
     from halpipe.files import write_output
-    from halpipe.flow import stages
+    from halpipe.flow import formats
     from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
 
@@ -35,7 +35,7 @@ def run(
     plan = read_plan(pipeline)
     if plan.imports is not None:
         source = plan.imports
-        imported = stages.import_model(source.format, source.inputs, source.overlays, source.options)
+        imported = formats.import_model(source.format, source.inputs, source.overlays, source.options)
         output.report(imported.diagnostics)
         write_output(plan.model, format_model(imported.model))
         summarise(imported, plan.model, every=False)
@@ -45,5 +45,5 @@ def run(
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
-        write_export(stages.export(step.format, model, schedule, step.options), step.output)
+        write_export(formats.export(step.format, model, schedule, step.options), step.output)
     return code

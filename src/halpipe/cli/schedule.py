@@ -75,7 +75,7 @@ def schedule(
     Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
     """
     from halpipe.cli.searching import find_schedule, workers_of
-    from halpipe.flow.stages import burst_grid
+    from halpipe.flow.formats import burst_grid
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.solve.schedule import Quality, SearchOptions
 

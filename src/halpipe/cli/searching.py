@@ -112,7 +112,7 @@ def find_schedule(
 ) -> int:
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
-    from halpipe.flow.stages import schedule_model
+    from halpipe.pipeline.checked import schedule_model
 
     began = time.monotonic()
     checkpoint = _checkpoint(model, options, target)
@@ -193,8 +193,8 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
 def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupted: bool) -> int:
     """Save the best placement beside the target, which stays as it was, and say what is still wrong with it."""
     from halpipe.exporters.native import format_schedule
-    from halpipe.flow.stages import explain_failure
     from halpipe.models import Status
+    from halpipe.pipeline.checked import explain_failure
 
     output.report(explain_failure(model, scheduled, interrupted=interrupted))
     if target != STDIO:

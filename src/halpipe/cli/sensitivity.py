@@ -37,8 +37,8 @@ def sensitivity(
     All jobs keep their starts, and access phases stay where they are. With --search, also before no schedule is found
     for some mode, in steps of a share of the WCET; the switches between modes are then left aside.
     """
-    from halpipe.flow.stages import validate_model, verify_schedule
     from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline.checked import validate_model, verify_schedule
     from halpipe.pipeline.whatif.sensitivity import sensitivities
 
     answers.choose(format, quiet=quiet, verbose=verbose)

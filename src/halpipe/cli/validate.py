@@ -11,8 +11,8 @@ from halpipe.diagnostics import Exit
 
 def validate(model: ModelFile, format: DiagnosticFormat = None, quiet: Quiet = False, verbose: Verbose = False) -> int:
     """Check a task model: form, names, windows, loads, hyperperiods. Every finding is listed, with its line."""
-    from halpipe.flow.stages import validate_model
     from halpipe.importers.native import read_model
+    from halpipe.pipeline.checked import validate_model
 
     output.choose(format, quiet=quiet, verbose=verbose)
     system = read_model(model)

@@ -17,8 +17,8 @@ def verify(
     verbose: Verbose = False,
 ) -> int:
     """Check a schedule, from any tool, against its model: every violation with job, rule, amount and instant."""
-    from halpipe.flow.stages import verify_schedule
     from halpipe.importers.native import read_model, read_schedule
+    from halpipe.pipeline.checked import verify_schedule
 
     output.choose(format, quiet=quiet, verbose=verbose)
     system, tables = read_model(model), read_schedule(schedule)

@@ -14,7 +14,7 @@ from halpipe.diagnostics import Findings, HalpipeError, Location, error, sort_di
 from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.flow.stages import UNKNOWN_FORMAT, burst_grid, exporter
+from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter
 from halpipe.importers.base import IGNORED, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
 from halpipe.quantities import parse_rational
@@ -43,7 +43,7 @@ _EXPORT = ("format", "output", "mode", "title")
 
 @dataclass(frozen=True, slots=True)
 class ImportStep:
-    """What to read; see `halpipe.flow.stages.import_model`."""
+    """What to read; see `halpipe.flow.formats.import_model`."""
 
     format: str
     inputs: tuple[str, ...]

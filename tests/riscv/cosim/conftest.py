@@ -50,7 +50,7 @@ def export(tmp_path_factory):
     from halpipe.exporters.native import paired
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.files import write_directory
-    from halpipe.flow import stages
+    from halpipe.flow import formats
     from halpipe.importers.native import parse_schedule
 
     def make(sources=None, profile="vcu118", change=lambda text: text):
@@ -64,8 +64,8 @@ def export(tmp_path_factory):
         schedule = parse_schedule(pair["schedule.xml"], str(folder / "schedule.xml"))
         options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder))
         path = folder / "out"
-        write_directory(str(path), stages.export("riscv", model, schedule, options))
-        return stages.open_target(str(path))
+        write_directory(str(path), formats.export("riscv", model, schedule, options))
+        return formats.open_target(str(path))
 
     return make
 

@@ -7,7 +7,7 @@ pytest.importorskip("elftools", reason="needs pyelftools: pip install 'halpipe[r
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.flow.stages import export
+from halpipe.flow.formats import export
 from riscv_models import on_disk, single
 
 

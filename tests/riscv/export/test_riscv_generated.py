@@ -12,8 +12,9 @@ from halpipe.deploy.riscv.sequence import tours
 from halpipe.exporters.native import format_model, paired
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.files import write_directory
-from halpipe.flow.stages import export, open_target, prepare_model, schedule_model
+from halpipe.flow.formats import export, open_target, prepare_model
 from halpipe.importers.native import parse_model, parse_schedule
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate_with_witness
 from halpipe.pipeline.solve.schedule import SearchOptions
 

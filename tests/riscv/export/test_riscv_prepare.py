@@ -9,7 +9,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.riscv import RiscvOptions, codes
 from halpipe.exporters.riscv.dummy import FILE
-from halpipe.flow.stages import export, prepare_model
+from halpipe.flow.formats import export, prepare_model
 from riscv_models import PHASES, deployed, moving, on_disk, single
 from support import access, after, model, task, version
 

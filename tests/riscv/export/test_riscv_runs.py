@@ -15,7 +15,7 @@ from halpipe.deploy.riscv.cosimulation import CoSimulation
 from halpipe.deploy.riscv.recording import Flag, Kind
 from halpipe.deploy.riscv.sequence import tours
 from halpipe.files import write_directory
-from halpipe.flow.stages import open_target
+from halpipe.flow.formats import open_target
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from riscv_models import PHASES, SCALE, deployed, moving, several, single
 from support import job, ms, task

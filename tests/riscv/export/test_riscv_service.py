@@ -13,7 +13,7 @@ from halpipe.durations import Duration
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
 from halpipe.files import write_directory
-from halpipe.flow.stages import export, open_target
+from halpipe.flow.formats import export, open_target
 from halpipe.models import ModeSchedule, Schedule, Status
 from riscv_models import deployed, moving, on_disk, several
 from support import job, ms, task

@@ -7,9 +7,10 @@ from halpipe.deploy.base import Checked, CheckOptions
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import paired
 from halpipe.files import write_directory
-from halpipe.flow import stages
-from halpipe.flow.stages import UNKNOWN_FORMAT, check_bundle
+from halpipe.flow import formats
+from halpipe.flow.formats import UNKNOWN_FORMAT, check_bundle
 from halpipe.importers.native import parse_model, parse_schedule
+from halpipe.pipeline import checked
 from support import model, task, version
 
 
@@ -32,7 +33,7 @@ def system():
 
 @pytest.fixture
 def bundle(tmp_path, system):
-    tables = stages.schedule_model(system, stages_options(), lambda *_: True).schedule
+    tables = checked.schedule_model(system, stages_options(), lambda *_: True).schedule
     path = tmp_path / "bundle"
     write_directory(str(path), seal("listener", paired(system, tables), {}))
     return path
@@ -46,7 +47,7 @@ def stages_options():
 
 def test_the_kind_is_asked_with_the_model_and_schedule_of_the_bundle(bundle, monkeypatch):
     listener = Listener()
-    monkeypatch.setattr(stages, "deployment", lambda kind: {"listener": listener}[kind])
+    monkeypatch.setattr(formats, "deployment", lambda kind: {"listener": listener}[kind])
     options = CheckOptions(seed=7)
     assert check_bundle(str(bundle), options).lines == ("heard",)
     target, heard = listener.heard
@@ -56,9 +57,9 @@ def test_the_kind_is_asked_with_the_model_and_schedule_of_the_bundle(bundle, mon
 
 
 def test_a_schedule_that_does_not_verify_is_not_played(tmp_path, system, monkeypatch):
-    monkeypatch.setattr(stages, "deployment", lambda kind: Listener())
+    monkeypatch.setattr(formats, "deployment", lambda kind: Listener())
     other = model(task("a", "10ms", version("v", "2ms", "u1")))
-    tables = stages.schedule_model(system, stages_options(), lambda *_: True).schedule
+    tables = checked.schedule_model(system, stages_options(), lambda *_: True).schedule
     write_directory(str(tmp_path / "b"), seal("listener", paired(other, tables), {}))
     with pytest.raises(HalpipeError) as refused:
         check_bundle(str(tmp_path / "b"), CheckOptions())

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from fractions import Fraction
 
-from halpipe.flow.stages import schedule_model, verify_schedule
 from halpipe.models import Status
+from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.solve.codes import CANNOT_STAY
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, job, mode, model, schedule, task, version

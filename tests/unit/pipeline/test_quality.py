@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.flow.stages import schedule_model, verify_schedule
+from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.solve.schedule import Quality, SearchOptions
 from support import access, after, chain, model, task, version
 

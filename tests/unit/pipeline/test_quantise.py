@@ -12,9 +12,10 @@ from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.rounding import WHOLE
 from halpipe.exporters.regulator.tables import TableBuilder
+from halpipe.flow.formats import burst_grid
 from halpipe.flow.plan import read_plan
-from halpipe.flow.stages import burst_grid, schedule_model, verify_schedule
 from halpipe.models import Anchor, Job
+from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.quantise import BurstGrid, describe, quantise, restore
 from halpipe.pipeline.solve.schedule import SearchOptions

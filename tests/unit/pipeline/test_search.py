@@ -3,8 +3,8 @@
 import pytest
 from placed_cases import roborace
 
-from halpipe.flow.stages import explain_failure
 from halpipe.models import Status
+from halpipe.pipeline.checked import explain_failure
 from halpipe.pipeline.solve import problem
 from halpipe.pipeline.solve.codes import NOT_FOUND
 from halpipe.pipeline.solve.kernel import assign_units as dealing

@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 
 from halpipe.durations import Duration, milliseconds
-from halpipe.flow.stages import _is_sound_switch, schedule_model, verify_schedule
 from halpipe.models import Transition
+from halpipe.pipeline.checked import _is_sound_switch, schedule_model, verify_schedule
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions import tables as tables_module

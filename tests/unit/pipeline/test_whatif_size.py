@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.flow.stages import schedule_model
 from halpipe.models import Unit
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.changed import with_bandwidth, with_factor, with_units

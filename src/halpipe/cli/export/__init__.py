@@ -33,7 +33,7 @@ class ExportGroup(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of all formats."""
-        from halpipe.flow.stages import EXPORTERS, formats
+        from halpipe.flow.formats import EXPORTERS, formats
 
         return sorted({*super().list_commands(ctx), *formats(EXPORTERS)})
 
@@ -43,7 +43,7 @@ class ExportGroup(TyperGroup):
         if known is not None:
             return known
         from halpipe.cli.export.plugin import command_of
-        from halpipe.flow.stages import exporter
+        from halpipe.flow.formats import exporter
 
         return command_of(exporter(cmd_name))
 

@@ -44,7 +44,7 @@ def regulator(
     """Write the budgets of memory-bandwidth regulators, window by window, for every mode and transition."""
     from halpipe.exporters.regulator import RegulatorOptions
     from halpipe.exporters.regulator.options import RULES
-    from halpipe.flow.stages import export
+    from halpipe.flow.formats import export
     from halpipe.importers.native import read_model, read_schedule
 
     output.choose(format, quiet=quiet, verbose=verbose)

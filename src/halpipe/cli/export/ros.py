@@ -30,7 +30,7 @@ def ros(
     from halpipe.exporters.ros.options import cpus_of
     from halpipe.exporters.ros.unrealised import unrealised
     from halpipe.exporters.selection import select
-    from halpipe.flow.stages import export
+    from halpipe.flow.formats import export
     from halpipe.importers.native import read_model, read_schedule
 
     output.choose(format, quiet=quiet, verbose=verbose)

@@ -21,7 +21,7 @@ Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="F
 
 def export_files(format: str, model: str, schedule: str, target: str, options: ExportOptions) -> int:
     """Export the schedule file of a model file to `target`; return the exit code."""
-    from halpipe.flow.stages import export
+    from halpipe.flow.formats import export
     from halpipe.importers.native import read_model, read_schedule
 
     system = read_model(model)

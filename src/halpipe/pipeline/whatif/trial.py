@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.flow.stages import schedule_model
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.validate import codes as validate_codes

@@ -1,137 +1,34 @@
-"""The stages of the tool chain and the registry that wires them: the one place where formats and pipeline meet.
+"""Schedules that are checked before anyone sees them: validate, search, find the switches, verify.
 
-    sources --import--> model --validate--> model --schedule--> schedule --verify--> schedule --export--> files
-
-Each stage is a function of its inputs and options. Order matters: nothing is scheduled that does not validate,
-and nothing is exported that does not verify.
+Order matters: nothing is searched for that does not validate, and nothing leaves here as valid that does not verify.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, error, warning
-from halpipe.suggest import did_you_mean
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
-    from halpipe.exporters.base import Exporter, ExportOptions
-    from halpipe.exporters.riscv import RiscvOptions
-    from halpipe.exporters.riscv.prepare import Prepared
-    from halpipe.importers.base import Imported, Importer, ImportOptions
     from halpipe.models import Schedule, TaskModel, TransitionTable
     from halpipe.pipeline.solve.quantise import BurstGrid
     from halpipe.pipeline.solve.schedule import OnProgress, Scheduled, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
     from halpipe.pipeline.transitions import Switched
 
-UNKNOWN_FORMAT = error(
-    "HAL0901", "Unknown format", "No importer or exporter, or no check of bundles, of that name is installed."
-)
-LOST_UNDER_STRICT = error(
-    "HAL0902",
-    "Loss under --strict",
-    "With --strict, whatever an importer would only warn about stops the import.",
-)
 INVALID_SOLUTION = error(
     "HAL0903",
     "Solver and checker disagree",
     "The search called a schedule valid that verify does not accept. This is a bug of halpipe; please report it "
     "with the model. No schedule was written.",
 )
-UNSCHEDULABLE_YET = warning(
-    "HAL0905",
-    "Imported model cannot be scheduled yet",
-    "The model was written, but validation finds errors in it; most often WCETs are missing, which no source "
-    "format states. Give them in an overlay.",
-)
-
 ATTEMPTS = 32
 """Placements of the modes that are tried for switches between all allowed pairs, within the budget of moves."""
-
 ATTEMPTED_JOBS = 20_000
 """Jobs, times placements, that are tried for them: large systems get fewer placements."""
-
-IMPORTERS = "halpipe.importers"
-EXPORTERS = "halpipe.exporters"
-DEPLOYMENTS = "halpipe.deployments"
-
-
-def formats(group: str) -> list[str]:
-    """Return the names of the installed importers, exporters or kinds of bundles, in order."""
-    return sorted(point.name for point in entry_points(group=group))
-
-
-def _registered(group: str, name: str) -> object:
-    points = {point.name: point for point in entry_points(group=group)}
-    if name not in points:
-        known = sorted(points)
-        help = did_you_mean(name, known, "installed: " + ", ".join(known))
-        raise HalpipeError(UNKNOWN_FORMAT(f'no {group.removeprefix("halpipe.")[:-1]} "{name}"', help=help))
-    return points[name].load()
-
-
-def importer(name: str) -> Importer:
-    """Return the importer called `name`."""
-    return _registered(IMPORTERS, name)  # type: ignore[return-value]
-
-
-def exporter(name: str) -> Exporter:
-    """Return the exporter called `name`."""
-    return _registered(EXPORTERS, name)  # type: ignore[return-value]
-
-
-def deployment(name: str) -> Deployment:
-    """Return the check of the kind of bundles called `name`."""
-    return _registered(DEPLOYMENTS, name)  # type: ignore[return-value]
-
-
-# ------------------------------------------------------------------------------------------------ stages
-
-
-def import_model(format: str, paths: Sequence[str], overlays: Sequence[str], options: ImportOptions) -> Imported:
-    """Read sources, put the overlay onto the result, and say whether it can be scheduled."""
-    from halpipe.importers.overlay import read_overlays
-
-    reader = importer(format)
-    overlay = read_overlays(overlays).begin()
-    imported = reader.read(paths, replace(options, overlay=overlay))
-    model, changes = overlay.apply(imported.model, imported.coverage)
-    findings = Findings([*imported.diagnostics, *changes])
-    if options.strict:
-        _refuse_losses(findings)
-    findings.stop_on_errors()
-    findings.extend(_readiness(model))
-    return replace(imported, model=model, diagnostics=tuple(findings.items))
-
-
-def _refuse_losses(findings: Findings) -> None:
-    lost = [d for d in findings.items if d.severity is not Severity.NOTE]
-    if lost:
-        strict = LOST_UNDER_STRICT(f"{len(lost)} findings are errors under --strict")
-        raise HalpipeError(*findings.items, strict, exit=Exit.UNSUPPORTED)
-
-
-def _readiness(model: TaskModel) -> list[Diagnostic]:
-    errors = [d for d in validate_model(model) if d.is_error]
-    if not errors:
-        return []
-    counts: dict[str, int] = {}
-    for found in errors:
-        counts[found.message] = counts.get(found.message, 0) + 1
-    most = max(counts, key=lambda message: counts[message])
-    others = f" and {len(errors) - counts[most]} others" if len(errors) > counts[most] else ""
-    return [
-        UNSCHEDULABLE_YET(
-            f"it cannot be scheduled yet: {counts[most]} times: {most}{others}",
-            path=f'model "{model.name}"',
-            help="complete it with --overlay; `halpipe validate` lists every finding",
-        )
-    ]
 
 
 def validate_model(model: TaskModel) -> list[Diagnostic]:
@@ -217,27 +114,6 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
     return replace(scheduled, schedule=schedule)
 
 
-def burst_grid(platform_file: str) -> BurstGrid:
-    """Return the grid of a regulator platform, for `SearchOptions`."""
-    from halpipe.exporters.regulator.backends import backend
-    from halpipe.exporters.regulator.platform import WRITE, read_platform
-    from halpipe.exporters.regulator.tables import reserve_of
-    from halpipe.pipeline.solve.quantise import BurstGrid
-
-    platform = read_platform(platform_file)
-    return BurstGrid(
-        name=platform.name,
-        window=platform.window,
-        cycle=platform.window / platform.cycles,
-        resource=platform.resource,
-        promise=platform.promise,
-        capacity=platform.window_capacity,
-        burst=platform.burst,
-        reserve=reserve_of(platform, backend(platform.backend)),
-        writes=platform.unspecified == WRITE,
-    )
-
-
 def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
     """Stop with the witnesses if some mode (of those named, or all) certainly has no schedule; takes an instant."""
     from halpipe.pipeline.explain.witnesses import find_witnesses
@@ -320,48 +196,9 @@ def verify_schedule(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
     return list(verify(model, schedule))
 
 
-def export(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-    """Verify, then write; return the contents by relative file name, the main output as ``""``."""
-    writer = exporter(format)
-    if schedule is not None:
-        _refuse_invalid(model, schedule)
-    return writer.write(model, schedule, options)
-
-
-def _refuse_invalid(model: TaskModel, schedule: Schedule) -> None:
+def refuse_invalid(model: TaskModel, schedule: Schedule) -> None:
     """Stop unless the model validates and the schedule verifies."""
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
     findings.extend(verify_schedule(model, schedule))
     findings.stop_on_errors()
-
-
-def open_target(path: str) -> Target:
-    """Open a bundle with the model and the schedule that it carries, which must verify."""
-    from halpipe.bundles import MODEL, SCHEDULE, open_bundle
-    from halpipe.deploy.base import Target
-    from halpipe.importers.native import parse_model, parse_schedule
-
-    bundle = open_bundle(path)
-    model = parse_model(bundle.files[MODEL], bundle.at(MODEL).file)
-    schedule = parse_schedule(bundle.files[SCHEDULE], bundle.at(SCHEDULE).file)
-    _refuse_invalid(model, schedule)
-    return Target(bundle=bundle, model=model, schedule=schedule)
-
-
-def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Prepared:
-    """Give a model the memory phases that it needs on a target; it must validate before and after."""
-    from halpipe.exporters.riscv.prepare import prepare
-
-    Findings(validate_model(model)).stop_on_errors()
-    prepared = prepare(model, options, dummy=dummy)
-    findings = Findings([*prepared.diagnostics])
-    findings.extend(found for found in validate_model(prepared.model) if found.is_error)
-    findings.stop_on_errors()
-    return prepared
-
-
-def check_bundle(path: str, options: CheckOptions) -> Checked:
-    """Open a bundle, verify the schedule it carries, and have its kind played and held against it."""
-    target = open_target(path)
-    return deployment(target.bundle.kind).check(target, options)

@@ -9,9 +9,10 @@ from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import NEEDS_SCHEDULE
 from halpipe.exporters.native import format_model
-from halpipe.flow import stages
+from halpipe.flow import formats
 from halpipe.importers.base import Coverage, Imported, ImportOptions
 from halpipe.models import Status
+from halpipe.pipeline import checked
 from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 from halpipe.pipeline.verify.codes import OVERLAP
 from support import access, model, schedule, task, version
@@ -30,18 +31,18 @@ def tables(owner, second="4ms"):
 # ------------------------------------------------------------------------------------------------ formats
 
 
-@pytest.mark.parametrize("find", [stages.importer, stages.exporter])
+@pytest.mark.parametrize("find", [formats.importer, formats.exporter])
 def test_an_unknown_format_is_named_with_those_that_are_installed(find):
     with pytest.raises(HalpipeError) as refused:
         find("nonsense")
     (found,) = refused.value.diagnostics
-    assert found.code == stages.UNKNOWN_FORMAT.id
-    for name in stages.formats(stages.IMPORTERS if find is stages.importer else stages.EXPORTERS):
+    assert found.code == formats.UNKNOWN_FORMAT.id
+    for name in formats.formats(formats.IMPORTERS if find is formats.importer else formats.EXPORTERS):
         assert name in found.help
 
 
 @pytest.mark.parametrize(
-    ("find", "typed", "meant"), [(stages.importer, "arxlm", "arxml"), (stages.exporter, "raport", "report")]
+    ("find", "typed", "meant"), [(formats.importer, "arxlm", "arxml"), (formats.exporter, "raport", "report")]
 )
 def test_a_misspelt_format_is_put_right(find, typed, meant):
     with pytest.raises(HalpipeError) as refused:
@@ -50,12 +51,12 @@ def test_a_misspelt_format_is_put_right(find, typed, meant):
 
 
 def test_every_installed_format_keeps_to_its_door():
-    for name in stages.formats(stages.IMPORTERS):
-        assert stages.importer(name).name == name
-        assert stages.importer(name).summary
-    for name in stages.formats(stages.EXPORTERS):
-        assert stages.exporter(name).name == name
-        suffix = stages.exporter(name).suffix
+    for name in formats.formats(formats.IMPORTERS):
+        assert formats.importer(name).name == name
+        assert formats.importer(name).summary
+    for name in formats.formats(formats.EXPORTERS):
+        assert formats.exporter(name).name == name
+        suffix = formats.exporter(name).suffix
         assert suffix == "" or suffix.startswith("."), "a file name's end; none for a folder"
 
 
@@ -76,20 +77,20 @@ class Plugin:
 
 
 def run_import(monkeypatch, owner, *found, strict=False):
-    monkeypatch.setattr(stages, "importer", lambda name: Plugin(owner, *found))
-    return stages.import_model("plugin", [], [], ImportOptions(strict=strict))
+    monkeypatch.setattr(formats, "importer", lambda name: Plugin(owner, *found))
+    return formats.import_model("plugin", [], [], ImportOptions(strict=strict))
 
 
 def loss():
     """A finding that an importer would only warn about; its code is any warning there is."""
-    return stages.UNSCHEDULABLE_YET("something was left out")
+    return formats.UNSCHEDULABLE_YET("something was left out")
 
 
 def test_under_strict_every_loss_is_an_error_with_its_exit_code(monkeypatch):
     with pytest.raises(HalpipeError) as refused:
         run_import(monkeypatch, system(), loss(), strict=True)
     assert refused.value.exit is Exit.UNSUPPORTED
-    assert [d.code for d in refused.value.diagnostics] == [loss().code, stages.LOST_UNDER_STRICT.id]
+    assert [d.code for d in refused.value.diagnostics] == [loss().code, formats.LOST_UNDER_STRICT.id]
 
 
 def test_without_strict_a_loss_is_passed_on(monkeypatch):
@@ -103,7 +104,7 @@ def test_strict_without_losses_is_no_error(monkeypatch):
 def test_an_import_without_wcets_says_once_that_it_cannot_be_scheduled_yet(monkeypatch):
     owner = model(*(task(name, "10ms", version("v", None, "u1")) for name in "abc"))
     (found,) = run_import(monkeypatch, owner).diagnostics
-    assert found.code == stages.UNSCHEDULABLE_YET.id
+    assert found.code == formats.UNSCHEDULABLE_YET.id
     assert "3 times" in found.message
     assert not found.is_error
 
@@ -130,7 +131,7 @@ def test_a_search_that_claims_a_broken_schedule_valid_is_a_bug_and_writes_nothin
     code = halpipe.cli.invoke(["schedule", str(tmp_path / "model.xml"), "-o", str(tmp_path / "schedule.xml")])
     said = capsys.readouterr().err
     assert code == Exit.INTERNAL == 70
-    assert stages.INVALID_SOLUTION.id in said
+    assert checked.INVALID_SOLUTION.id in said
     assert OVERLAP.id in said
     assert (tmp_path / "schedule.xml").read_text() == "precious"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model.xml", "schedule.xml"]
@@ -139,7 +140,7 @@ def test_a_search_that_claims_a_broken_schedule_valid_is_a_bug_and_writes_nothin
 def test_a_valid_claim_passes(solver):
     owner = system()
     solver(tables(owner))
-    assert stages.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == tables(owner)
+    assert checked.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == tables(owner)
 
 
 def test_a_table_that_is_called_not_found_may_break_rules(solver):
@@ -147,14 +148,14 @@ def test_a_table_that_is_called_not_found_may_break_rules(solver):
     broken = tables(owner, second="3ms")
     failed = replace(broken, modes=tuple(replace(mode, status=Status.NOT_FOUND) for mode in broken.modes))
     solver(failed)
-    assert stages.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == failed
+    assert checked.schedule_model(owner, SearchOptions(), lambda *_: True).schedule == failed
 
 
 def test_an_invalid_model_is_not_searched(solver):
     owner = model(task("a", "10ms", version("v", "11ms", "u1")))
     solver(tables(system()))
     with pytest.raises(HalpipeError) as refused:
-        stages.schedule_model(owner, SearchOptions(), lambda *_: True)
+        checked.schedule_model(owner, SearchOptions(), lambda *_: True)
     assert "HAL0231" in {d.code for d in refused.value.diagnostics}
 
 
@@ -164,21 +165,21 @@ def test_an_invalid_model_is_not_searched(solver):
 @pytest.mark.parametrize("name", ["report", "trace"])
 def test_formats_that_need_a_schedule_say_so(name):
     with pytest.raises(HalpipeError) as refused:
-        stages.export(name, system(), None, ExportOptions())
+        formats.export(name, system(), None, ExportOptions())
     assert [d.code for d in refused.value.diagnostics] == [NEEDS_SCHEDULE.id]
 
 
 @pytest.mark.parametrize("name", ["report", "graph", "trace"])
 def test_no_format_takes_a_schedule_that_does_not_verify(name):
     owner = system()
-    assert stages.export(name, owner, tables(owner), ExportOptions())[""]
+    assert formats.export(name, owner, tables(owner), ExportOptions())[""]
     with pytest.raises(HalpipeError):
-        stages.export(name, owner, tables(owner, second="3ms"), ExportOptions())
+        formats.export(name, owner, tables(owner, second="3ms"), ExportOptions())
 
 
 def test_no_format_takes_a_schedule_of_an_invalid_model():
     owner = system()
     wrong = replace(owner, tasks=(*owner.tasks, task("c", "10ms", version("v", "1ms", "u1", access("mem", 0, 1)))))
     with pytest.raises(HalpipeError) as refused:
-        stages.export("report", wrong, tables(owner), ExportOptions())
+        formats.export("report", wrong, tables(owner), ExportOptions())
     assert "HAL0206" in {d.code for d in refused.value.diagnostics}

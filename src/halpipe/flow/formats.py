@@ -1,0 +1,175 @@
+"""The registry of formats, and what is done with them: import, export, and bundles that are checked.
+
+    sources --import--> model --schedule--> schedule --export--> files
+
+The one place where formats and pipeline meet. Nothing is exported that does not verify.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, error, warning
+from halpipe.pipeline.checked import refuse_invalid, validate_model
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
+    from halpipe.exporters.base import Exporter, ExportOptions
+    from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.exporters.riscv.prepare import Prepared
+    from halpipe.importers.base import Imported, Importer, ImportOptions
+    from halpipe.models import Schedule, TaskModel
+    from halpipe.pipeline.solve.quantise import BurstGrid
+
+UNKNOWN_FORMAT = error(
+    "HAL0901", "Unknown format", "No importer or exporter, or no check of bundles, of that name is installed."
+)
+LOST_UNDER_STRICT = error(
+    "HAL0902",
+    "Loss under --strict",
+    "With --strict, whatever an importer would only warn about stops the import.",
+)
+UNSCHEDULABLE_YET = warning(
+    "HAL0905",
+    "Imported model cannot be scheduled yet",
+    "The model was written, but validation finds errors in it; most often WCETs are missing, which no source "
+    "format states. Give them in an overlay.",
+)
+IMPORTERS = "halpipe.importers"
+EXPORTERS = "halpipe.exporters"
+DEPLOYMENTS = "halpipe.deployments"
+
+
+def formats(group: str) -> list[str]:
+    """Return the names of the installed importers, exporters or kinds of bundles, in order."""
+    return sorted(point.name for point in entry_points(group=group))
+
+
+def _registered(group: str, name: str) -> object:
+    points = {point.name: point for point in entry_points(group=group)}
+    if name not in points:
+        known = sorted(points)
+        help = did_you_mean(name, known, "installed: " + ", ".join(known))
+        raise HalpipeError(UNKNOWN_FORMAT(f'no {group.removeprefix("halpipe.")[:-1]} "{name}"', help=help))
+    return points[name].load()
+
+
+def importer(name: str) -> Importer:
+    """Return the importer called `name`."""
+    return _registered(IMPORTERS, name)  # type: ignore[return-value]
+
+
+def exporter(name: str) -> Exporter:
+    """Return the exporter called `name`."""
+    return _registered(EXPORTERS, name)  # type: ignore[return-value]
+
+
+def deployment(name: str) -> Deployment:
+    """Return the check of the kind of bundles called `name`."""
+    return _registered(DEPLOYMENTS, name)  # type: ignore[return-value]
+
+
+def import_model(format: str, paths: Sequence[str], overlays: Sequence[str], options: ImportOptions) -> Imported:
+    """Read sources, put the overlay onto the result, and say whether it can be scheduled."""
+    from halpipe.importers.overlay import read_overlays
+
+    reader = importer(format)
+    overlay = read_overlays(overlays).begin()
+    imported = reader.read(paths, replace(options, overlay=overlay))
+    model, changes = overlay.apply(imported.model, imported.coverage)
+    findings = Findings([*imported.diagnostics, *changes])
+    if options.strict:
+        _refuse_losses(findings)
+    findings.stop_on_errors()
+    findings.extend(_readiness(model))
+    return replace(imported, model=model, diagnostics=tuple(findings.items))
+
+
+def _refuse_losses(findings: Findings) -> None:
+    lost = [d for d in findings.items if d.severity is not Severity.NOTE]
+    if lost:
+        strict = LOST_UNDER_STRICT(f"{len(lost)} findings are errors under --strict")
+        raise HalpipeError(*findings.items, strict, exit=Exit.UNSUPPORTED)
+
+
+def _readiness(model: TaskModel) -> list[Diagnostic]:
+    errors = [d for d in validate_model(model) if d.is_error]
+    if not errors:
+        return []
+    counts: dict[str, int] = {}
+    for found in errors:
+        counts[found.message] = counts.get(found.message, 0) + 1
+    most = max(counts, key=lambda message: counts[message])
+    others = f" and {len(errors) - counts[most]} others" if len(errors) > counts[most] else ""
+    return [
+        UNSCHEDULABLE_YET(
+            f"it cannot be scheduled yet: {counts[most]} times: {most}{others}",
+            path=f'model "{model.name}"',
+            help="complete it with --overlay; `halpipe validate` lists every finding",
+        )
+    ]
+
+
+def burst_grid(platform_file: str) -> BurstGrid:
+    """Return the grid of a regulator platform, for `SearchOptions`."""
+    from halpipe.exporters.regulator.backends import backend
+    from halpipe.exporters.regulator.platform import WRITE, read_platform
+    from halpipe.exporters.regulator.tables import reserve_of
+    from halpipe.pipeline.solve.quantise import BurstGrid
+
+    platform = read_platform(platform_file)
+    return BurstGrid(
+        name=platform.name,
+        window=platform.window,
+        cycle=platform.window / platform.cycles,
+        resource=platform.resource,
+        promise=platform.promise,
+        capacity=platform.window_capacity,
+        burst=platform.burst,
+        reserve=reserve_of(platform, backend(platform.backend)),
+        writes=platform.unspecified == WRITE,
+    )
+
+
+def export(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+    """Verify, then write; return the contents by relative file name, the main output as ``""``."""
+    writer = exporter(format)
+    if schedule is not None:
+        refuse_invalid(model, schedule)
+    return writer.write(model, schedule, options)
+
+
+def open_target(path: str) -> Target:
+    """Open a bundle with the model and the schedule that it carries, which must verify."""
+    from halpipe.bundles import MODEL, SCHEDULE, open_bundle
+    from halpipe.deploy.base import Target
+    from halpipe.importers.native import parse_model, parse_schedule
+
+    bundle = open_bundle(path)
+    model = parse_model(bundle.files[MODEL], bundle.at(MODEL).file)
+    schedule = parse_schedule(bundle.files[SCHEDULE], bundle.at(SCHEDULE).file)
+    refuse_invalid(model, schedule)
+    return Target(bundle=bundle, model=model, schedule=schedule)
+
+
+def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Prepared:
+    """Give a model the memory phases that it needs on a target; it must validate before and after."""
+    from halpipe.exporters.riscv.prepare import prepare
+
+    Findings(validate_model(model)).stop_on_errors()
+    prepared = prepare(model, options, dummy=dummy)
+    findings = Findings([*prepared.diagnostics])
+    findings.extend(found for found in validate_model(prepared.model) if found.is_error)
+    findings.stop_on_errors()
+    return prepared
+
+
+def check_bundle(path: str, options: CheckOptions) -> Checked:
+    """Open a bundle, verify the schedule it carries, and have its kind played and held against it."""
+    target = open_target(path)
+    return deployment(target.bundle.kind).check(target, options)
