@@ -10,22 +10,27 @@ from hypothesis import strategies as st
 
 from halpipe.durations import Duration
 from halpipe.models import (
+    WHOLE,
     Access,
     AccessKind,
     Anchor,
+    Binding,
     Chain,
     ChainLatency,
     CostTerms,
+    Interrupt,
     Job,
     Mode,
     ModeSchedule,
     Origin,
+    Part,
     Precedence,
     Resource,
     ResourceLoad,
     Run,
     Schedule,
     Source,
+    Split,
     Status,
     Task,
     TaskModel,
@@ -87,7 +92,8 @@ list_items = xml_texts.map(lambda text: "".join(c for c in text if c not in " \t
 tokens = st.lists(list_items, max_size=3).map(" ".join)
 
 origins = st.builds(Origin, xml_texts, st.integers(0, 10**20), xml_texts)
-units = st.builds(Unit, name=names, type=names | st.just(""), origin=maybe(origins))
+interrupts = st.builds(Interrupt, name=names, distance=durations, wcet=durations, origin=maybe(origins))
+units = st.builds(Unit, name=names, type=names | st.just(""), interrupts=few(interrupts), origin=maybe(origins))
 resources = st.builds(Resource, name=names, bandwidth=maybe(sizes), origin=maybe(origins))
 transfers = st.builds(Transfer, buffer=names, symbol=names, size=sizes)
 accesses = st.builds(
@@ -110,6 +116,14 @@ precedences = st.builds(
 sources = st.builds(
     Source, files=st.lists(list_items, min_size=1, max_size=2).map(tuple), entry=tokens, defines=few(list_items)
 )
+# A list of split points, or anywhere, never both: the file has one attribute for the two.
+splits = st.builds(
+    lambda allowed, **rest: Split(points=() if allowed is None else allowed, anywhere=allowed is None, **rest),
+    allowed=maybe(few(durations, most=3)),
+    resume=durations,
+    max_gaps=maybe(st.integers(0, 1_000_000)),
+    min_part=maybe(durations),
+)
 versions = st.builds(
     Version,
     name=names,
@@ -119,6 +133,7 @@ versions = st.builds(
     accesses=few(accesses),
     precedences=few(precedences),
     source=maybe(sources),
+    split=st.just(WHOLE) | splits,
     origin=maybe(origins),
 )
 tasks = st.builds(
@@ -128,6 +143,8 @@ tasks = st.builds(
     slack=shares,
     offset=maybe(durations),
     deadline=maybe(durations),
+    distance=maybe(durations),
+    binding=st.sampled_from(Binding),
     versions=few(versions),
     origin=maybe(origins),
 )
@@ -154,6 +171,7 @@ task_models = st.builds(
     origin=maybe(origins),
 )
 
+parts = st.builds(Part, start=durations, end=durations, executed_from=durations, executed_to=durations)
 jobs = st.builds(
     Job,
     task=names,
@@ -162,6 +180,7 @@ jobs = st.builds(
     end=durations,
     version=names,
     units=some_names,
+    parts=few(parts),
 )
 cost_terms = st.builds(
     CostTerms,

@@ -22,8 +22,24 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """A part k of a job with gaps: wall-clock [start, end), execution [executed_from, executed_to) (MODEL 8.2)."""
+
+    start: Duration
+    end: Duration
+    executed_from: Duration
+    executed_to: Duration
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """Job `index` of a task: start theta in [0, t_P), end = start + WCET (may pass t_P), version lambda, units phi."""
+    """Job `index` of a task: start theta in [0, t_P), end (may pass t_P), version lambda, units phi.
+
+    A job in one piece has no `parts`, and ends its reserved length after its start: its WCET, if no interrupts are
+    served on its units. A job with gaps has a part before, between and after them; their instants are not reduced
+    modulo t_P.
+    """
 
     task: str
     index: int
@@ -31,7 +47,12 @@ class Job:
     end: Duration
     version: str
     units: tuple[str, ...]
+    parts: tuple[Part, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def occupations(self) -> tuple[tuple[Duration, Duration], ...]:
+        """Return when the job occupies its units: the wall-clock intervals [start, end) of its parts, in order."""
+        return tuple((part.start, part.end) for part in self.parts) or ((self.start, self.end),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -49,12 +49,35 @@ class Anchor(StrEnum):
     END = "end"
 
 
+class Binding(StrEnum):
+    """How firmly the jobs of a task keep to one set of units (MODEL 8.1)."""
+
+    JOB = "job"
+    """Every job may use other units."""
+    MODE = "mode"
+    """All jobs of a mode, and of the tables into it, use one unit set."""
+    SYSTEM = "system"
+    """The same unit set in all modes and tables, whatever the version."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interrupt:
+    """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
+
+    name: str
+    distance: Duration
+    wcet: Duration
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unit:
-    """An execution unit u of U."""
+    """An execution unit u of U, with the interrupts that it serves besides the table."""
 
     name: str
     type: str = ""
+    interrupts: tuple[Interrupt, ...] = ()
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -115,6 +138,31 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """Where the jobs of a version may be interrupted, in execution time: 0 is their start, C their end (MODEL 8.1).
+
+    `points` is the list of split points; `anywhere` allows every instant of (0, C) not strictly inside an access
+    phase. `resume` is the time lost when a job goes on after a gap. `max_gaps` None is no limit, for a list.
+    `min_part` is the least execution time of each part of a job with gaps. The default: a job runs in one piece.
+    """
+
+    points: tuple[Duration, ...] = ()
+    anywhere: bool = False
+    resume: Duration = ZERO
+    max_gaps: int | None = None
+    min_part: Duration | None = None
+
+    @property
+    def is_allowed(self) -> bool:
+        """Whether jobs may be interrupted at all."""
+        return self.anywhere or bool(self.points)
+
+
+WHOLE = Split()
+"""Jobs run in one piece."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Version:
     """A version v of a task: WCET C, valid units U, gang size, access phases, precedence constraints, sources.
 
@@ -128,19 +176,26 @@ class Version:
     accesses: tuple[Access, ...] = ()
     precedences: tuple[Precedence, ...] = ()
     source: Source | None = None
+    split: Split = WHOLE
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """A task tau of T: period D (None: on demand), slack gamma, optional offset and deadline, versions."""
+    """A task tau of T: period D (None: on demand), slack gamma, optional offset and deadline, versions.
+
+    With `distance` it serves sporadic arrivals at least so far apart: its period is that of polling, and its deadline
+    (default: the distance) counts from the arrival (MODEL 8.1).
+    """
 
     name: str
     period: Duration | None = None
     slack: Fraction = Fraction(0)
     offset: Duration | None = None
     deadline: Duration | None = None
+    distance: Duration | None = None
+    binding: Binding = Binding.JOB
     versions: tuple[Version, ...] = ()
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)

@@ -15,13 +15,16 @@ from halpipe.models import (
     Access,
     AccessKind,
     Anchor,
+    Binding,
     Chain,
+    Interrupt,
     Mode,
     Origin,
     Precedence,
     Resource,
     Run,
     Source,
+    Split,
     Task,
     TaskModel,
     Transfer,
@@ -41,7 +44,20 @@ def time(text):
 SHUTTLE = TaskModel(
     name="shuttle",
     units=(
-        Unit(name="a72.0", type="cortex-a72", origin=Origin("board.arxml", 7, "/Board/A72/0")),
+        Unit(
+            name="a72.0",
+            type="cortex-a72",
+            interrupts=(
+                Interrupt(
+                    name="can_rx",
+                    distance=time("5ms"),
+                    wcet=time("500us"),
+                    origin=Origin("board.arxml", 9, "/Board/A72/0/CanRx"),
+                ),
+                Interrupt(name="tick", distance=time("1ms"), wcet=time("10us")),
+            ),
+            origin=Origin("board.arxml", 7, "/Board/A72/0"),
+        ),
         Unit(name="dsp"),
     ),
     resources=(
@@ -55,6 +71,8 @@ SHUTTLE = TaskModel(
             slack=Fraction(1, 3),
             offset=time("500us"),
             deadline=time("80ms"),
+            distance=time("120ms"),
+            binding=Binding.SYSTEM,
             versions=(
                 Version(
                     name="full",
@@ -93,9 +111,16 @@ SHUTTLE = TaskModel(
                         Precedence(task="odometry", min=time("0ms"), max=time("90ms"), anchor=Anchor.START),
                     ),
                     source=Source(files=("lidar.c", "filter.c"), entry="lidar_step", defines=("N=4", "FAST")),
+                    split=Split(points=(time("4ms"), time("9ms")), resume=time("100us"), max_gaps=2),
                     origin=Origin("timing.csv", 3, "lidar"),
                 ),
-                Version(name="stub", wcet=None, units=(), gang=1),
+                Version(
+                    name="stub",
+                    wcet=None,
+                    units=(),
+                    gang=1,
+                    split=Split(anywhere=True, max_gaps=3, min_part=time("1ms")),
+                ),
             ),
             origin=Origin("launch.yaml", 10, "/lidar"),
         ),
@@ -103,6 +128,7 @@ SHUTTLE = TaskModel(
             name="odometry",
             period=None,
             slack=Fraction(0),
+            binding=Binding.MODE,
             versions=(
                 Version(
                     name="only",

@@ -13,6 +13,7 @@ from halpipe.models import (
     CostTerms,
     Job,
     ModeSchedule,
+    Part,
     ResourceLoad,
     Schedule,
     Status,
@@ -52,9 +53,23 @@ SHUTTLE = Schedule(
                     task="odometry",
                     index=1,
                     start=time("99990us"),
-                    end=time("100030us"),
+                    end=time("102040us"),
                     version="only",
                     units=("dsp",),
+                    parts=(
+                        Part(
+                            start=time("99990us"),
+                            end=time("100020us"),
+                            executed_from=time("0ms"),
+                            executed_to=time("30us"),
+                        ),
+                        Part(
+                            start=time("102030us"),
+                            end=time("102040us"),
+                            executed_from=time("30us"),
+                            executed_to=time("40us"),
+                        ),
+                    ),
                 ),
             ),
             cost=CostTerms(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.exporters.native.document import add, document, listed, serialise
+from halpipe.models import Binding
 from halpipe.quantities import format_bandwidth, format_rational, format_size
 from halpipe.schemas import TASK_MODEL
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
         Version,
     )
 
+T = TypeVar("T")
+
 
 def format_model(model: TaskModel) -> bytes:
     """Return the canonical XML of a task model."""
@@ -35,9 +38,10 @@ def format_model(model: TaskModel) -> bytes:
         _write_unit(platform, unit)
     for resource in model.resources:
         _write_resource(platform, resource)
-    tasks = add(root, "tasks")
+    default = _common_binding(model.tasks)
+    tasks = add(root, "tasks", binding=_other(default, Binding.JOB))
     for task in model.tasks:
-        _write_task(tasks, task)
+        _write_task(tasks, task, default)
     if model.chains:
         chains = add(root, "chains")
         for chain in model.chains:
@@ -59,7 +63,11 @@ def _write_origin(parent: etree._Element, origin: Origin | None) -> None:
 
 
 def _write_unit(parent: etree._Element, unit: Unit) -> None:
-    _write_origin(add(parent, "unit", name=unit.name, type=unit.type or None), unit.origin)
+    element = add(parent, "unit", name=unit.name, type=unit.type or None)
+    for interrupt in unit.interrupts:
+        served = add(element, "interrupt", name=interrupt.name, distance=interrupt.distance, wcet=interrupt.wcet)
+        _write_origin(served, interrupt.origin)
+    _write_origin(element, unit.origin)
 
 
 def _write_resource(parent: etree._Element, resource: Resource) -> None:
@@ -67,7 +75,18 @@ def _write_resource(parent: etree._Element, resource: Resource) -> None:
     _write_origin(add(parent, "resource", name=resource.name, bandwidth=bandwidth), resource.origin)
 
 
-def _write_task(parent: etree._Element, task: Task) -> None:
+def _common_binding(tasks: tuple[Task, ...]) -> Binding:
+    """Return what all tasks say alike, so that it need not be said of each; else the default."""
+    said = {task.binding for task in tasks}
+    return said.pop() if len(said) == 1 else Binding.JOB
+
+
+def _other(value: T, default: T) -> T | None:
+    """Return a value, or None where it need not be written."""
+    return None if value == default else value
+
+
+def _write_task(parent: etree._Element, task: Task, binding: Binding) -> None:
     element = add(
         parent,
         "task",
@@ -76,6 +95,8 @@ def _write_task(parent: etree._Element, task: Task) -> None:
         slack=format_rational(task.slack) if task.slack else None,
         offset=task.offset,
         deadline=task.deadline,
+        distance=task.distance,
+        binding=_other(task.binding, binding),
     )
     for version in task.versions:
         _write_version(element, version)
@@ -83,7 +104,17 @@ def _write_task(parent: etree._Element, task: Task) -> None:
 
 
 def _write_version(parent: etree._Element, version: Version) -> None:
-    element = add(parent, "version", name=version.name, wcet=version.wcet)
+    split = version.split
+    element = add(
+        parent,
+        "version",
+        name=version.name,
+        wcet=version.wcet,
+        split="anywhere" if split.anywhere else " ".join(map(str, split.points)) or None,
+        resume=split.resume or None,
+        max_gaps=split.max_gaps,
+        min_part=split.min_part,
+    )
     if version.units or version.gang != 1:
         gang = None if version.gang == 1 else version.gang
         add(element, "units", names=listed(version.units) if version.units else None, gang=gang)

@@ -48,7 +48,7 @@ def _write_mode(parent: etree._Element, mode: ModeSchedule) -> None:
 
 def _write_jobs(parent: etree._Element, jobs: tuple[Job, ...]) -> None:
     for job in jobs:
-        add(
+        element = add(
             parent,
             "job",
             task=job.task,
@@ -58,6 +58,8 @@ def _write_jobs(parent: etree._Element, jobs: tuple[Job, ...]) -> None:
             version=job.version,
             units=listed(job.units),
         )
+        for part in job.parts:
+            add(element, "part", start=part.start, end=part.end, from_=part.executed_from, to=part.executed_to)
 
 
 def _write_cost(parent: etree._Element, cost: CostTerms) -> None:

@@ -34,6 +34,11 @@ _ITEM = re.compile(r"[^ \t\r\n]+")
 duration = lru_cache(maxsize=4096)(Duration.parse)
 
 
+def durations(text: str) -> tuple[Duration, ...]:
+    """Read blank-separated durations."""
+    return tuple(map(duration, _items(text)))
+
+
 @lru_cache(maxsize=4096)
 def rational(text: str) -> Fraction:
     """Read an exact number, which may carry a minus sign."""

@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO
 from halpipe.files import parse_xml, read_bytes, sha256
-from halpipe.importers.native.binding import Binder, Children, duration, only, rational
+from halpipe.importers.native.binding import Binder, Children, duration, durations, only, rational
 from halpipe.models import (
     Access,
     AccessKind,
     Anchor,
+    Binding,
     Chain,
+    Interrupt,
     Mode,
     Origin,
     Precedence,
     Resource,
     Run,
     Source,
+    Split,
     Task,
     TaskModel,
     Transfer,
@@ -67,7 +70,7 @@ class _ModelBinder(Binder):
             name=root.get("name", ""),
             units=tuple(map(self.unit, platform.get("unit", ()))),
             resources=tuple(map(self.resource, platform.get("resource", ()))),
-            tasks=tuple(map(self.task, self.section(sections, "tasks").get("task", ()))),
+            tasks=self.tasks(only(sections, "tasks")),
             chains=tuple(map(self.chain, self.section(sections, "chains").get("chain", ()))),
             modes=tuple(map(self.mode, self.section(sections, "modes").get("mode", ()))),
             transitions=tuple(map(self.transition, self.section(sections, "transitions").get("transition", ()))),
@@ -87,13 +90,35 @@ class _ModelBinder(Binder):
         return Origin(found.get("file", ""), self.read(found, "line", int, 0), found.get("path", ""))
 
     def unit(self, e: etree._Element) -> Unit:
-        return Unit(name=e.get("name", ""), type=e.get("type", ""), origin=self.origin(self.children(e)), at=self.at(e))
+        parts = self.children(e)
+        return Unit(
+            name=e.get("name", ""),
+            type=e.get("type", ""),
+            interrupts=tuple(map(self.interrupt, parts.get("interrupt", ()))),
+            origin=self.origin(parts),
+            at=self.at(e),
+        )
+
+    def interrupt(self, e: etree._Element) -> Interrupt:
+        return Interrupt(
+            name=e.get("name", ""),
+            distance=self.read(e, "distance", duration, ZERO),
+            wcet=self.read(e, "wcet", duration, ZERO),
+            origin=self.origin(self.children(e)),
+            at=self.at(e),
+        )
 
     def resource(self, e: etree._Element) -> Resource:
         bandwidth, origin = self.read(e, "bandwidth", parse_bandwidth, None), self.origin(self.children(e))
         return Resource(name=e.get("name", ""), bandwidth=bandwidth, origin=origin, at=self.at(e))
 
-    def task(self, e: etree._Element) -> Task:
+    def tasks(self, e: etree._Element | None) -> tuple[Task, ...]:
+        if e is None:
+            return ()
+        binding = Binding(e.get("binding", Binding.JOB).strip())
+        return tuple(self.task(task, binding) for task in self.children(e).get("task", ()))
+
+    def task(self, e: etree._Element, binding: Binding) -> Task:
         parts = self.children(e)
         return Task(
             name=e.get("name", ""),
@@ -101,6 +126,8 @@ class _ModelBinder(Binder):
             slack=self.read(e, "slack", rational, NONE),
             offset=self.read(e, "offset", duration, None),
             deadline=self.read(e, "deadline", duration, None),
+            distance=self.read(e, "distance", duration, None),
+            binding=Binding(e.get("binding", binding).strip()),
             versions=tuple(map(self.version, parts.get("version", ()))),
             origin=self.origin(parts),
             at=self.at(e),
@@ -117,8 +144,20 @@ class _ModelBinder(Binder):
             accesses=tuple(map(self.access, parts.get("access", ()))),
             precedences=tuple(map(self.precedence, parts.get("precedence", ()))),
             source=None if source is None else self.source(source),
+            split=self.split(e),
             origin=self.origin(parts),
             at=self.at(e),
+        )
+
+    def split(self, e: etree._Element) -> Split:
+        stated = e.get("split", "none").strip()
+        is_list = stated not in ("none", "anywhere")
+        return Split(
+            points=self.read(e, "split", durations, ()) if is_list else (),
+            anywhere=stated == "anywhere",
+            resume=self.read(e, "resume", duration, ZERO),
+            max_gaps=self.read(e, "max-gaps", int, None),
+            min_part=self.read(e, "min-part", duration, None),
         )
 
     def access(self, e: etree._Element) -> Access:

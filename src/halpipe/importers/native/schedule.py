@@ -14,6 +14,7 @@ from halpipe.models import (
     CostTerms,
     Job,
     ModeSchedule,
+    Part,
     ResourceLoad,
     Schedule,
     Status,
@@ -88,6 +89,16 @@ class _ScheduleBinder(Binder):
             end=self.read(e, "end", duration, ZERO),
             version=e.get("version", ""),
             units=self.names(e, "units"),
+            parts=tuple(map(self.part, self.children(e).get("part", ()))),
+            at=self.at(e),
+        )
+
+    def part(self, e: etree._Element) -> Part:
+        return Part(
+            start=self.read(e, "start", duration, ZERO),
+            end=self.read(e, "end", duration, ZERO),
+            executed_from=self.read(e, "from", duration, ZERO),
+            executed_to=self.read(e, "to", duration, ZERO),
             at=self.at(e),
         )
 

@@ -1,0 +1,119 @@
+"""What interruptions make of a job: its pieces, the time reserved for it, and when its access phases are in force.
+
+MODEL 8.2. The functions take times of one kind, exact durations or whole ticks, and return the same kind.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, TypeAlias, TypeVar
+
+from halpipe.durations import ZERO, Duration
+from halpipe.models import Job, Part
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from halpipe.models import Access, TaskModel, Unit, Version
+
+T = TypeVar("T", int, Duration)
+
+Service: TypeAlias = "tuple[tuple[T, T], ...]"
+"""The interrupts that a job has to suffer, each with its distance T and its time c."""
+
+
+def serves(model: TaskModel) -> bool:
+    """Return whether any unit of the model serves interrupts."""
+    return any(unit.interrupts for unit in model.units)
+
+
+def service_of(units: Mapping[str, Unit], names: Iterable[str]) -> Service[Duration]:
+    """Return the interrupts of all the units named, together: the members of a gang wait for each other."""
+    return tuple((i.distance, i.wcet) for name in dict.fromkeys(names) for i in units[name].interrupts)
+
+
+def interrupt_load(service: Service[T]) -> Fraction:
+    """Return the share of the time that interrupts may take: the sum of c/T."""
+    return sum((Fraction(_number(c)) / Fraction(_number(distance)) for distance, c in service), Fraction(0))
+
+
+def _number(time: int | Duration) -> int | Fraction:
+    return time.ns if isinstance(time, Duration) else time
+
+
+def reserved_length(work: T, service: Service[T]) -> T:
+    """Return L(x): the least L with L = x + sum ceil(L/T) c, for `work` x above 0; x itself without interrupts.
+
+    Raise ``ValueError`` if the interrupts fill the units, so that no length is enough.
+    """
+    if not service or not work:
+        return work
+    if interrupt_load(service) >= 1:
+        raise ValueError("interrupts fill the unit: no length is enough for any work")
+    length = work
+    while True:
+        longer = work
+        for distance, time in service:
+            longer += time * -(-length // distance)
+        if longer == length:
+            return length
+        length = longer
+
+
+def pieces(version: Version) -> tuple[Duration, ...]:
+    """Return the bounds of the pieces of a version that is split by a list, 0 and C included; else 0 and C alone."""
+    return (ZERO, *version.split.points, version.wcet or ZERO)
+
+
+def job_of(
+    task: str,
+    index: int,
+    version: Version,
+    units: tuple[str, ...],
+    spans: Sequence[tuple[Duration, Duration, Duration]],
+    service: Service[Duration],
+) -> Job:
+    """Return a job from its `spans`: for each part its start and what it executes, from and to.
+
+    Parts end their reserved length after their start; those after the first pay for the resumption.
+    """
+    resume = version.split.resume
+    parts = tuple(
+        Part(
+            start=start,
+            end=start + reserved_length(done - begun + (resume if number else ZERO), service),
+            executed_from=begun,
+            executed_to=done,
+        )
+        for number, (start, begun, done) in enumerate(spans)
+    )
+    return Job(
+        task=task,
+        index=index,
+        start=parts[0].start,
+        end=parts[-1].end,
+        version=version.name,
+        units=units,
+        parts=parts if len(parts) > 1 else (),
+    )
+
+
+def parts_of(job: Job, version: Version) -> tuple[Part, ...]:
+    """Return the parts of a job, one in all for a job in one piece."""
+    whole = Part(start=job.start, end=job.end, executed_from=ZERO, executed_to=version.wcet or ZERO)
+    return job.parts or (whole,)
+
+
+def phase_instants(
+    access: Access, parts: Sequence[Part], resume: Duration, service: Service[Duration]
+) -> tuple[Duration, Duration]:
+    """Return when an access phase of a job is in force: it lies in one of the job's `parts`.
+
+    From s_k + (o_k + p - a_k) to s_k + L(o_k + q - a_k), with o_k the time lost at the part's start (MODEL 8.2). Raise
+    ``ValueError`` if a gap of the job lies inside the phase.
+    """
+    for number, part in enumerate(parts):
+        if part.executed_from <= access.start and access.end <= part.executed_to:
+            lost = (resume if number else ZERO) - part.executed_from
+            return part.start + lost + access.start, part.start + reserved_length(lost + access.end, service)
+    raise ValueError("a gap of the job lies inside the phase")
