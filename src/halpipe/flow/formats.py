@@ -82,12 +82,13 @@ def import_model(format: str, paths: Sequence[str], overlays: Sequence[str], opt
     overlay = read_overlays(overlays).begin()
     imported = reader.read(paths, replace(options, overlay=overlay))
     model, changes = overlay.apply(imported.model, imported.coverage)
-    findings = Findings([*imported.diagnostics, *changes])
+    imported = replace(imported, model=model, diagnostics=(*imported.diagnostics, *changes)).completed()
+    model, findings = imported.model, Findings(list(imported.diagnostics))
     if options.strict:
         _refuse_losses(findings)
     findings.stop_on_errors()
     findings.extend(_readiness(model))
-    return replace(imported, model=model, diagnostics=tuple(findings.items))
+    return replace(imported, diagnostics=tuple(findings.items))
 
 
 def _refuse_losses(findings: Findings) -> None:

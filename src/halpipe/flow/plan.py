@@ -15,7 +15,7 @@ from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter
-from halpipe.importers.base import IGNORED, ImportOptions, group_rule, quantile_of
+from halpipe.importers.base import RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
 from halpipe.quantities import parse_rational
 from halpipe.settings import Fields
@@ -122,7 +122,7 @@ class _Reader:
             calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
             quantile=f.value("quantile", quantile_of, Fraction(1)),
             margin=f.value("margin", parse_rational, Fraction(0)),
-            groups=f.value("groups", group_rule, IGNORED),
+            groups=f.value("groups", group_rule, RESOURCES),
             strict=strict is not None and strict.value,
         )
         inputs = tuple(stated.value for stated in f.texts("inputs", self._path))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
@@ -11,7 +11,7 @@ from halpipe.diagnostics import NOWHERE, Location
 from halpipe.quantities import parse_rational, quoted
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
@@ -59,7 +59,7 @@ class ImportOptions:
     calibrate: tuple[str, ...] = ()
     quantile: Fraction = Fraction(1)
     margin: Fraction = Fraction(0)
-    groups: str = IGNORED
+    groups: str = RESOURCES
     strict: bool = False
 
 
@@ -132,11 +132,22 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """The result of an import: the model, what to tell the user, and the account of every element."""
+    """The result of an import: the model, what to tell the user, and the account of every element.
+
+    `completion` adds what depends on what an overlay states: it takes the model with the overlay on it.
+    """
 
     model: TaskModel
     diagnostics: tuple[Diagnostic, ...]
     coverage: Coverage
+    completion: Callable[[TaskModel], tuple[TaskModel, tuple[Diagnostic, ...]]] | None = None
+
+    def completed(self) -> Imported:
+        """Return the result with the completion of its model."""
+        if self.completion is None:
+            return self
+        model, found = self.completion(self.model)
+        return replace(self, model=model, diagnostics=(*self.diagnostics, *found), completion=None)
 
 
 class Importer(Protocol):

@@ -33,7 +33,8 @@ class Overlay:
 def read(*files, sources=None, drop=(), periods=None, strict=False, name=""):
     """Import fixtures (or absolute paths)."""
     paths = [str(FIXTURES / file) for file in files]
-    return FORMAT.read(paths, ImportOptions(overlay=Overlay(sources, drop, periods), strict=strict, name=name))
+    options = ImportOptions(overlay=Overlay(sources, drop, periods), strict=strict, name=name)
+    return FORMAT.read(paths, options).completed()
 
 
 def refusal(*files, **options):

@@ -1,7 +1,7 @@
 """CARET's architecture.yaml: tasks, periods, data flow, paths, and every way to get it wrong."""
 
 import pytest
-from ros_case import found, periods, places, predecessors, read, reasons, refusal, rows, write
+from ros_case import FIXTURES, found, periods, places, predecessors, read, reasons, refusal, rows, write
 
 from halpipe.diagnostics import Severity
 from halpipe.durations import Duration
@@ -82,7 +82,7 @@ def test_paths_become_chains_once(stack):
 
 def test_every_element_is_accounted_for(stack):
     assert rows(stack) == {
-        "callback_group": [2, 0, 2],
+        "callback_group": [2, 1, 1],
         "executor": [2, 0, 2],
         "file": [1, 1, 0],
         "message_context": [1, 0, 1],
@@ -130,9 +130,10 @@ def test_the_overlay_drops_nodes_callbacks_and_topics():
     assert totals == {kind: counts[0] for kind, counts in rows(read("stack.yaml")).items()}
 
 
-def test_exclusion_is_reported_as_not_represented(stack):
+def test_groups_hold_on_one_unit_and_executors_are_noted(stack):
     (note,) = found(stack.diagnostics, codes.EXCLUSION)
-    assert note.message.startswith("1 mutually exclusive callback groups and 1 single-threaded executors")
+    assert note.severity is Severity.NOTE
+    assert note.message.startswith("1 single-threaded executors are not represented")
 
 
 def test_units_versions_and_mode_are_defaults(stack):
@@ -161,7 +162,55 @@ def test_contexts_tell_the_publisher():
     assert predecessors(imported)["/chained_reader"] == ["/mixer/slow"]
     assert predecessors(imported)["/latest_reader"] == ["/mixer/fast"]
     assert (periods(imported)["/chained_reader"], periods(imported)["/latest_reader"]) == ("40ms", "10ms")
-    assert not found(imported.diagnostics, codes.UNKNOWN_PUBLISHER)
+    (warning,) = found(imported.diagnostics, codes.UNKNOWN_PUBLISHER)
+    assert '"/latest"' in warning.message
+    assert warning.message.endswith('assumed: subscription callback "/mixer/fast"')
+
+
+LATEST = """
+named_paths:
+- path_name: through
+  node_chain:
+  - {node_name: /source, publish_topic_name: /slow, subscribe_topic_name: UNDEFINED}
+  - {node_name: /mixer, publish_topic_name: /latest, subscribe_topic_name: /slow}
+  - {node_name: /latest_reader, publish_topic_name: UNDEFINED, subscribe_topic_name: /latest}
+"""
+
+
+def test_a_path_goes_through_the_callback_that_precedence_takes_for_the_publisher(tmp_path):
+    """The reader of the latest message keeps it; another callback of the node sends it on."""
+    text = (FIXTURES / "contexts.yaml").read_text().replace("named_paths: []", LATEST.strip())
+    imported = read(write(tmp_path, text, "a.yaml"))
+    (chain,) = imported.model.chains
+    assert chain.tasks == ("/source/slow", "/mixer/slow", "/mixer/fast", "/latest_reader")
+    assert predecessors(imported)["/latest_reader"] == ["/mixer/fast"]
+
+
+def test_two_callbacks_at_the_ends_of_context_chains_are_a_warning(tmp_path):
+    text = (FIXTURES / "contexts.yaml").read_text()
+    more = "- {context_type: callback_chain, subscription_topic_name: /slow, publisher_topic_name: /chained, "
+    text = text.replace("  message_contexts:\n", f"  message_contexts:\n  {more}callbacks: [/mixer/fast]}}\n")
+    imported = read(write(tmp_path, text, "a.yaml"))
+    (warning,) = found(imported.diagnostics, codes.UNKNOWN_PUBLISHER)
+    assert '"/chained"' in warning.message
+    assert predecessors(imported)["/chained_reader"] == predecessors(imported)["/latest_reader"] == ["/mixer/fast"]
+
+
+@pytest.mark.parametrize("kind", ["action_callback", "client_callback", "process"])
+def test_a_callback_of_an_unknown_type_is_an_error_wherever_it_is_named(tmp_path, kind):
+    text = (
+        (FIXTURES / "contexts.yaml")
+        .read_text()
+        .replace("/mixer/slow, callback_type: subscription_callback", f"/mixer/slow, callback_type: {kind}")
+    )
+    text += "  subscribes:\n  - {topic_name: /latest, callback_name: /latest_reader/cb}\n"
+    text = text.replace(
+        "  publishes:\n  - {topic_name: /chained",
+        "  subscribes:\n  - {topic_name: /slow, callback_name: /mixer/slow}\n  publishes:\n  - {topic_name: /chained",
+    )
+    failure = refusal(write(tmp_path, text, "a.yaml"))
+    (error,) = found(failure.diagnostics, codes.BAD_CALLBACK_TYPE)
+    assert kind in error.message
 
 
 def test_several_publishers_give_the_shortest_period_and_one_predecessor(tmp_path):

@@ -111,7 +111,7 @@ def test_every_element_is_accounted_for(shuttle):
     assert reasons(shuttle, "node_file") == {"Spare.node": "no part of the system uses it"}
     assert reasons(shuttle, "publisher")["/tracker debug"] == "no process states it as its output"
     assert reasons(shuttle, "executor") == {
-        "lidars": "exclusion holds between tasks that share a unit; the model has no element for it",
+        "lidars": "a schedule deals out the cores, not an executor",
         "main": "no two of its callbacks that exclude each other are tasks",
     }
 

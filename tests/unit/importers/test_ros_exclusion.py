@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from ros_case import FIXTURES, Overlay, found, reasons, rows
+from ros_case import Overlay, found, reasons, rows
 
+from halpipe.diagnostics import Severity
 from halpipe.importers.base import RESOURCES, ImportOptions, group_rule
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.models import Job, ModeSchedule, Schedule, Status, Unit
@@ -56,7 +57,8 @@ def test_a_group_becomes_a_resource_that_its_tasks_need_to_their_end(grouped):
     }
     assert rows(imported)["callback_group"] == [2, 1, 1]
     (note,) = found(imported.diagnostics, codes.EXCLUSION)
-    assert note.message.startswith("0 mutually exclusive callback groups and 1 single-threaded executors")
+    assert note.message.startswith("1 single-threaded executors")
+    assert note.severity is Severity.NOTE
 
 
 @pytest.mark.parametrize(("start", "fits"), [(2, True), (1, False), (8, False), (7, True)])
@@ -75,26 +77,85 @@ def test_only_schedules_that_keep_them_apart_are_valid(grouped, start, fits):
     assert (found_errors == []) is fits
 
 
-def test_a_group_with_a_callback_that_was_not_measured_stays_out(grouped):
-    imported = grouped(TABLE.replace("/n/b", "/n/c"))
+def overlaid(model, wcets):
+    """Put tasks on two units with WCETs, as an overlay does before the import is completed."""
+    units = ("u1", "u2")
+    tasks = tuple(
+        replace(t, versions=tuple(replace(v, units=units, wcet=wcets.get(t.name, v.wcet)) for v in t.versions))
+        for t in model.tasks
+    )
+    return replace(model, units=tuple(Unit(name=u) for u in units), tasks=tasks)
+
+
+@pytest.fixture
+def pending(tmp_path):
+    """Return the import of a graph, still to be completed, and what an overlay makes of its model."""
+
+    def read(wcets, groups=RESOURCES, graph=GRAPH):
+        (tmp_path / "a.yaml").write_text(graph)
+        imported = FORMAT.read([str(tmp_path / "a.yaml")], ImportOptions(overlay=Overlay(), groups=groups))
+        assert imported.model.resources == ()
+        return replace(imported, model=overlaid(imported.model, wcets)).completed()
+
+    return read
+
+
+def warnings(imported):
+    return [d for d in found(imported.diagnostics, codes.EXCLUSION) if d.severity is Severity.WARNING]
+
+
+def test_wcets_of_an_overlay_make_the_resource(pending):
+    imported = pending({"/n/a": ms(2), "/n/b": ms(3)})
+    assert [resource.name for resource in imported.model.resources] == ["/n/both"]
+    assert [str(a.end) for t in imported.model.tasks for v in t.versions for a in v.accesses] == ["2ms", "3ms"]
+    assert warnings(imported) == []
+
+
+def test_a_group_with_a_callback_without_wcet_is_given_up_with_a_warning(pending):
+    imported = pending({"/n/a": ms(2)})
     assert imported.model.resources == ()
-    (note,) = found(imported.diagnostics, codes.EXCLUSION)
-    assert note.message.startswith("1 mutually exclusive callback groups")
-    assert "--calibrate" in note.help
+    (warning,) = warnings(imported)
+    assert '"/n/both"' in warning.message
+    assert '"/n/b"' in warning.message
+    assert "--calibrate" in warning.help
     assert "/n/both" in reasons(imported, "callback_group")
 
 
-def test_groups_are_ignored_unless_asked_for(grouped):
-    imported = grouped(groups="ignored")
+def test_giving_groups_up_on_request_is_a_warning_too(pending):
+    imported = pending({"/n/a": ms(2), "/n/b": ms(3)}, groups="ignored")
     assert imported.model.resources == ()
-    assert not any(task.versions[0].accesses for task in imported.model.tasks)
+    assert len(warnings(imported)) == 1
 
 
-def test_groups_of_a_real_looking_stack():
-    options = ImportOptions(overlay=Overlay({"/gps": "100ms"}), groups=RESOURCES)
-    imported = FORMAT.read([str(FIXTURES / "stack.yaml")], options)
-    assert found(imported.diagnostics, codes.EXCLUSION)
+def test_tasks_on_one_unit_need_no_resource(grouped):
+    imported = grouped(TABLE.replace("/n/b", "/n/c"))
     assert imported.model.resources == ()
+    assert warnings(imported) == []
+    assert rows(imported)["callback_group"] == [2, 1, 1]
+
+
+def test_callbacks_in_no_stated_group_are_in_the_exclusive_one_of_their_node(pending):
+    graph = "\n".join(line for line in GRAPH.splitlines() if "reentrant" not in line)
+    graph = graph.replace(", /n/free]", "]")
+    imported = pending({f"/n/{name}": ms(1) for name in "abcd"}, graph=graph)
+    assert [resource.name for resource in imported.model.resources] == ["/n/both", "/n/default_callback_group"]
+    held = {t.name: [a.resource for a in t.versions[0].accesses] for t in imported.model.tasks}
+    assert held["/n/c"] == held["/n/d"] == ["/n/default_callback_group"]
+
+
+def test_groups_of_an_unknown_type_are_exclusive(pending):
+    graph = GRAPH.replace("callback_group_type: reentrant", "callback_group_type: UNDEFINED")
+    imported = pending({f"/n/{name}": ms(1) for name in "abcd"}, graph=graph)
+    assert [resource.name for resource in imported.model.resources] == ["/n/both", "/n/free"]
+
+
+def test_a_callback_that_may_meet_itself_holds_its_group_alone(pending, tmp_path):
+    (tmp_path / "a.yaml").write_text(GRAPH.replace("callback_names: [/n/a, /n/b]", "callback_names: [/n/a]"))
+    imported = FORMAT.read([str(tmp_path / "a.yaml")], ImportOptions(overlay=Overlay()))
+    model = overlaid(imported.model, {f"/n/{name}": ms(1) for name in "abcd"})
+    tasks = tuple(replace(t, deadline=ms(20)) if t.name == "/n/a" else t for t in model.tasks)
+    done = replace(imported, model=replace(model, tasks=tasks)).completed()
+    assert [resource.name for resource in done.model.resources] == ["/n/both"]
 
 
 def test_an_unknown_rule_is_refused():

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Callback, Kind, Publication, RosGraph
+from halpipe.importers.ros.graph import Callback, Certainty, Kind, Publication, RosGraph
 from halpipe.importers.ros.periods import MEASURED, STATED, snap
 from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.rqt import DEADLINE, STATISTICS
@@ -117,6 +117,21 @@ def activate(
         active = _settle(wiring, seeds)
     _report_several(wiring, seeds, active, findings)
     return Activations(active, frozenset(seeds.topics), frozenset(used))
+
+
+def settled(wiring: Wiring, activations: Activations) -> Wiring:
+    """Return the wiring in which each publication whose callback is assumed has one: the first that is active.
+
+    That is the one whose messages trigger the readers first. Precedence and chains both take it from here.
+    """
+    order = {name: active.order for name, active in activations.of.items()}
+    publications = tuple(
+        replace(p, callbacks=(min(p.callbacks, key=lambda name: order.get(name, len(order))),))
+        if p.certainty is Certainty.ASSUMED and p.callbacks
+        else p
+        for p in wiring.graph.publications
+    )
+    return Wiring.of(replace(wiring.graph, publications=publications))
 
 
 def _seed_from_overlay(wiring: Wiring, overlay: Supplement, task_names: Mapping[str, str], seeds: _Seeds) -> None:

@@ -11,7 +11,7 @@ from halpipe.durations import ZERO, Duration
 from halpipe.importers.base import RESOURCES, Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.account import Result, account
-from halpipe.importers.ros.activation import Wiring, activate
+from halpipe.importers.ros.activation import Wiring, activate, settled
 from halpipe.importers.ros.calibrate import calibrate
 from halpipe.importers.ros.caret import read_caret
 from halpipe.importers.ros.chains import chains_of
@@ -19,7 +19,7 @@ from halpipe.importers.ros.dataflow import Edge, order_by_data, report_unknown_p
 from halpipe.importers.ros.design.modes import ModeModel, merge_modes
 from halpipe.importers.ros.design.read import ModeGraph, read_design
 from halpipe.importers.ros.drops import prune
-from halpipe.importers.ros.exclusion import exclude
+from halpipe.importers.ros.exclusion import Exclusion, default_groups
 from halpipe.importers.ros.executors import read_executors
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.names import Names, clean, task_names
@@ -58,9 +58,9 @@ def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
         system = _from_graph(inputs.graphs[0], rates, options, findings, coverage)
     model = replace(system.model, name=options.name or system.model.name)
     model = calibrate(model, system.tasks_of, options, findings, coverage)
-    as_resources = options.groups == RESOURCES
-    model = exclude(model, system.groups, system.tasks_of, as_resources, findings, coverage)
-    return _finish(model, findings, coverage, options.strict)
+    exclusion = Exclusion(system.groups, system.tasks_of, options.groups == RESOURCES, coverage)
+    imported = replace(_finish(model, findings, coverage, options.strict), completion=exclusion.complete)
+    return imported.completed() if options.overlay is None else imported
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +125,7 @@ def _tasks(
     names = task_names(part.graph, Names(findings))
     wiring = Wiring.of(prune(part.graph, options.overlay, names, coverage))
     activations = activate(wiring, [*rates, *part.graph.rates], options.overlay, names, findings)
+    wiring = settled(wiring, activations)
     report_unknown_publishers(wiring, findings)
     flow = order_by_data(wiring, activations, findings)
     result = Result(wiring, activations, flow)
@@ -132,7 +133,8 @@ def _tasks(
     if not activations.of:
         return None
     model = _model(result, names, part.units, findings, coverage)
-    return _System(model, {callback: names[callback] for callback in activations.of}, wiring.graph.groups)
+    groups = (*wiring.graph.groups, *default_groups(wiring.graph, coverage))
+    return _System(model, {callback: names[callback] for callback in activations.of}, groups)
 
 
 def _stem(file: str) -> str:

@@ -53,7 +53,10 @@ def _chain(path: Path, tasks: tuple[str, ...], names: Names) -> Chain:
 
 
 def _callbacks(step: Step, wiring: Wiring, activations: Activations) -> list[str]:
-    """Return the callbacks that a message passes in a node: the one that reads it and the one that publishes."""
+    """Return the callbacks that a message passes in a node: the one that reads it and the one that publishes.
+
+    A reader that is stated to publish the topic itself does so; otherwise it leaves the message for the publisher.
+    """
     reading = [
         callback.name
         for callback in map(wiring.callbacks.__getitem__, wiring.readers(step.subscribed or ""))

@@ -71,8 +71,9 @@ SNAPPED = note(
 UNKNOWN_PUBLISHER = warning(
     "HAL0621",
     "It is not known which callback publishes a topic",
-    "The file names no callback for a publication of a node with several. The importer assumes the fastest timer of "
-    "the node, or, without timers, the subscription callback that runs most often.",
+    "The file names no callback for a publication of a node with several, or message contexts name several. The "
+    "importer assumes a reader of the message that is carried on, else the fastest timer of the node, else the "
+    "subscription callback that runs first; precedence and chains both go through it. A trace shows the real one.",
 )
 SEVERAL_PERIODS = warning(
     "HAL0622",
@@ -90,11 +91,12 @@ FEEDBACK = warning(
     "Precedence must be free of cycles. Where a loop of data is cut, the reader takes the value of the round before. "
     "No precedence is lost where the loop passes through a callback that something else triggers.",
 )
-EXCLUSION = note(
+EXCLUSION = warning(
     "HAL0625",
-    "Mutual exclusion is not part of the model",
-    "Callbacks of a mutually exclusive group, or of a single-threaded executor, never overlap in ROS. In a schedule "
-    "only tasks that share a unit never overlap.",
+    "Mutual exclusion is given up",
+    "Callbacks of a mutually exclusive group never overlap in ROS, so they share data without locks. Each group becomes "
+    "a resource that its tasks hold to their ends; that takes their WCETs. Without them, or with --groups ignored, "
+    "only tasks on one unit never overlap. A single-threaded executor is no part of the model (a note).",
 )
 DEFAULT_UNIT = note(
     "HAL0626",

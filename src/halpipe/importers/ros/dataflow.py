@@ -13,12 +13,15 @@ from typing import TYPE_CHECKING
 
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import Vertex, few, report_loops
-from halpipe.importers.ros.graph import Certainty, Publication
+from halpipe.importers.ros.graph import Certainty, Kind, Publication
 from halpipe.importers.ros.loops import cut_loops
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
     from halpipe.importers.ros.activation import Activations, Wiring
+
+
+_KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,13 +137,13 @@ def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
             unknown.setdefault(publication.node, []).append(publication)
     for node, publications in unknown.items():
         topics = few([publication.topic for publication in publications])
-        only = publications[0].callbacks
-        assumed = f'timer "{only[0]}"' if len(only) == 1 else "the subscription callback that runs most often"
+        chosen = [wiring.callbacks[name] for name in dict.fromkeys(n for p in publications for n in p.callbacks)]
+        assumed = ", ".join(f'{_KINDS.get(one.kind, "callback")} "{one.name}"' for one in chosen)
         findings.add(
             codes.UNKNOWN_PUBLISHER(
                 f"the file does not say which callback publishes {topics}; assumed: {assumed}",
                 at=publications[0].at,
                 path=f'node "{node}"',
-                help="name the callback under callback_names of the publication",
+                help="name the callback under callback_names of the publication, or import a trace, which shows it",
             )
         )

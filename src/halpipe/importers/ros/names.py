@@ -9,6 +9,8 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Kind
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from halpipe.diagnostics import Findings, Location
     from halpipe.importers.ros.graph import RosGraph
 
@@ -28,9 +30,9 @@ def clean(name: str) -> str:
 class Names:
     """Hands out clean, unique names and reports each that differs from the source's."""
 
-    def __init__(self, findings: Findings) -> None:
+    def __init__(self, findings: Findings, taken: Iterable[str] = ()) -> None:
         self._findings = findings
-        self._taken: set[str] = set()
+        self._taken = set(taken)
         self._next: dict[str, int] = {}
 
     def unique(self, name: str, path: str, at: Location) -> str:

@@ -57,6 +57,7 @@ _CONTEXT_KEYS = (
     "publisher_construction_order",
     "callbacks",
 )
+_GROUP_TYPES = ("mutually_exclusive", "reentrant", UNDEFINED)
 _WHOLE = re.compile(r"[0-9]{1,19}")
 
 
@@ -132,7 +133,13 @@ class NodeReader:
         name = reader.text(entry, "callback_group_name", self._path, "callback_group_id")
         path = f'callback group "{name}"'
         reader.check_keys(entry, path, _GROUP_KEYS)
-        exclusive = reader.optional(entry, "callback_group_type", path) == "mutually_exclusive"
+        kind = reader.optional(entry, "callback_group_type", path)
+        if kind in (None, UNDEFINED):
+            self._coverage.defaulted(name, "callback group type", "mutually_exclusive", reader.at(entry))
+        elif kind not in _GROUP_TYPES:
+            known = ", ".join(_GROUP_TYPES)
+            reader.malformed(f'"{kind}" is no type of group: {known}', entry.line_of("callback_group_type"), path)
+        exclusive = kind != "reentrant"
         callbacks = self._references(entry, path, "callback_names", "callback_ids")
         return Group(kind="callback_group", name=name, exclusive=exclusive, callbacks=callbacks, at=reader.at(entry))
 
@@ -214,7 +221,7 @@ class NodeReader:
         name = self._reference(entry, path, "callback_name", "callback_id")
         if name is None and len(self.callbacks) == 1:
             name = self._poll(topic)
-        elif name and topic not in next(c.inputs for c in self.callbacks if c.name == name):
+        elif name and topic not in next((c.inputs for c in self.callbacks if c.name == name), (topic,)):
             self._reader.malformed(f'callback "{name}" does not read this topic', entry.line_of("callback_name"), path)
         return Subscription(node=self.name, topic=topic, callback=name, at=self._reader.at(entry))
 
