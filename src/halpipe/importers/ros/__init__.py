@@ -26,7 +26,7 @@ class RosFormat:
     extent = Extent(
         {
             "units": "compute units of a design; `units` of an executors file",
-            "resources": "mutually exclusive callback groups, with `--groups resources`",
+            "resources": "mutually exclusive callback groups",
             "tasks": "timer and subscription callbacks, nodes of a DOT graph, processes of a design",
             "timing": "`offset`, `slack` and `deadline` of an executors file",
             "versions": "WCETs from measured durations (`--calibrate`); `versions` of an executors file",
