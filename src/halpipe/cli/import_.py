@@ -48,7 +48,9 @@ def import_(
     ] = "0",
     groups: Annotated[
         str,
-        typer.Option(help="ROS: exclusive callback groups become resources that their tasks hold to their ends, or are ignored."),
+        typer.Option(
+            help="ROS: exclusive callback groups become resources that their tasks hold to their ends, or are ignored."
+        ),
     ] = "resources",
     name: Annotated[str, typer.Option(help="Name of the model; otherwise the source's own.")] = "",
     strict: Annotated[bool, typer.Option(help="Every loss is an error (exit code 5).")] = False,

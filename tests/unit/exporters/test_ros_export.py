@@ -1,5 +1,6 @@
 """ROS executors: the timers start every job when the schedule says, and what they cannot do is said."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import pytest
@@ -14,8 +15,9 @@ from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.options import cpu_number, cpus_of, priority
 from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.files import parse_yaml
+from halpipe.models import Part
 from halpipe.settings import Fields
-from support import access, job, model, schedule, task, version
+from support import access, job, model, ms, schedule, task, version
 
 
 def write(system, planned, **options):
@@ -178,6 +180,26 @@ def test_what_executors_cannot_do_is_said():
         'jobs start up to 1ns early, since timers count whole nanoseconds: mode "all"',
         'executors without affinity: "u2"',
     ]
+
+
+def test_exclusion_between_executors_is_by_time_only():
+    shared = [version("v", "1ms", unit, access("group", 0, "1ms")) for unit in ("u1", "u2")]
+    system = model(task("a", 10, shared[0]), task("b", 10, shared[1]), units="u1 u2", resources="group")
+    planned = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 1, "u2"))
+    assert 'callbacks that share "group"' in messages(system, planned, cpus={"u1": 0, "u2": 1})[0]
+
+
+def test_split_jobs_run_in_one_piece():
+    system = model(task("a", 10, version("v", "2ms", "u1")))
+    planned = schedule(system, 10, job(system, "a", 0, 0, "u1", "v"))
+    whole = planned.modes[0].jobs[0]
+    pieces = (
+        Part(start=ms(0), end=ms(1), executed_from=ms(0), executed_to=ms(1)),
+        Part(start=ms(2), end=ms(3), executed_from=ms(1), executed_to=ms(2)),
+    )
+    table = replace(planned.modes[0], jobs=(replace(whole, parts=pieces, end=ms(3)),))
+    said = messages(system, replace(planned, modes=(table,)), cpus={"u1": 0})
+    assert said == ['run in one piece, since an executor interrupts no callback: "a"']
 
 
 def test_modes_and_assumed_cpus_are_said():

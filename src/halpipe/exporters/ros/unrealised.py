@@ -42,6 +42,16 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
             f"run on one CPU, though they occupy several units: {_few(list(gangs))}",
             "let the callback start helping threads on the CPUs of the units that are kept free for it",
         )
+    if pieces := dict.fromkeys(job.task for table in schedule.modes for job in table.jobs if job.parts):
+        yield (
+            f"run in one piece, since an executor interrupts no callback: {_few(list(pieces))}",
+            "export the linux format, whose threads are interrupted, or schedule without split",
+        )
+    if apart := _apart_by_time(model, schedule):
+        yield (
+            f"kept apart by their instants only, since their executors differ: callbacks that share {_few(apart)}",
+            "let no callback run longer than its WCET, or give the tasks of a group one and the same unit",
+        )
     if any(version.accesses for task in model.tasks if task.name in used for version in task.versions):
         yield (
             "bounds of access phases are not enforced",
@@ -56,6 +66,17 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
         yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
     elif loose := [unit.name for unit in model.units if unit.name in units and unit.name not in options.cpus]:
         yield f"executors without affinity: {_few(loose)}", "state their CPUs with --cpus unit=number,..."
+
+
+def _apart_by_time(model: TaskModel, schedule: Schedule) -> list[str]:
+    """Return the resources that tasks need wholly on more than one executor."""
+    on: dict[str, set[str]] = {}
+    for table in schedule.modes:
+        for job in table.jobs:
+            for access in model.task(job.task).version(job.version).accesses:
+                if access.bound == 1:
+                    on.setdefault(access.resource, set()).add(job.units[0])
+    return [resource.name for resource in model.resources if len(on.get(resource.name, ())) > 1]
 
 
 def _few(names: Sequence[str]) -> str:
