@@ -49,7 +49,7 @@ def import_(
     groups: Annotated[
         str,
         typer.Option(
-            help="ROS: exclusive callback groups become resources that their tasks hold to their ends, or are ignored."
+            help="ROS: exclusive callback groups are resources that their tasks hold to their ends, or ignored."
         ),
     ] = "resources",
     name: Annotated[str, typer.Option(help="Name of the model; otherwise the source's own.")] = "",

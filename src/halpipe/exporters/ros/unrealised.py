@@ -73,8 +73,9 @@ def _apart_by_time(model: TaskModel, schedule: Schedule) -> list[str]:
     on: dict[str, set[str]] = {}
     for table in schedule.modes:
         for job in table.jobs:
-            for access in model.task(job.task).version(job.version).accesses:
-                if access.bound == 1:
+            version = model.task(job.task).version(job.version)
+            for access in version.accesses:
+                if access.bound == 1 and not access.start and access.end == version.wcet:
                     on.setdefault(access.resource, set()).add(job.units[0])
     return [resource.name for resource in model.resources if len(on.get(resource.name, ())) > 1]
 

@@ -94,7 +94,7 @@ FEEDBACK = warning(
 EXCLUSION = warning(
     "HAL0625",
     "Mutual exclusion is given up",
-    "Callbacks of a mutually exclusive group never overlap in ROS, so they share data without locks. Each group becomes "
+    "Callbacks of a mutually exclusive group never overlap in ROS, so they share data without locks. Each group is "
     "a resource that its tasks hold to their ends; that takes their WCETs. Without them, or with --groups ignored, "
     "only tasks on one unit never overlap. A single-threaded executor is no part of the model (a note).",
 )
