@@ -6,7 +6,7 @@ an `origin`, the place in the OEM's file it was imported from (part of its value
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -156,6 +156,12 @@ class Split:
     def is_allowed(self) -> bool:
         """Whether jobs may be interrupted at all."""
         return self.anywhere or bool(self.points)
+
+    def scaled(self, factor: Fraction) -> Split:
+        """Return the split of a version whose WCET is `factor` times as long; resumptions cost what they did."""
+        points = tuple(point * factor for point in self.points)
+        min_part = None if self.min_part is None else self.min_part * factor
+        return replace(self, points=points, min_part=min_part)
 
 
 WHOLE = Split()

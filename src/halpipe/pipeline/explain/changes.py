@@ -6,8 +6,6 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.models import Unit
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
     from fractions import Fraction
@@ -21,7 +19,7 @@ def more_units(model: TaskModel, like: str, count: int) -> TaskModel:
     names = tuple(_fresh(model, f"{like}+{number}") for number in range(1, count + 1))
     original = next(unit for unit in model.units if unit.name == like)
     widened = _each_version(model, None, partial(_widened, like=like, names=names))
-    return replace(widened, units=(*model.units, *(Unit(name=name, type=original.type) for name in names)))
+    return replace(widened, units=(*model.units, *(replace(original, name=name) for name in names)))
 
 
 def _widened(version: Version, *, like: str, names: tuple[str, ...]) -> Version:
@@ -45,12 +43,12 @@ def with_slack(model: TaskModel, tasks: Collection[str], slack: Fraction) -> Tas
 
 
 def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction) -> TaskModel:
-    """Scale the WCETs of tasks, and their access phases with them."""
+    """Scale the WCETs of tasks, and their access phases and pieces with them."""
 
     def shorten(version: Version) -> Version:
         accesses = tuple(replace(a, start=a.start * factor, end=a.end * factor) for a in version.accesses)
         wcet = None if version.wcet is None else version.wcet * factor
-        return replace(version, wcet=wcet, accesses=accesses)
+        return replace(version, wcet=wcet, accesses=accesses, split=version.split.scaled(factor))
 
     return _each_version(model, tasks, shorten)
 

@@ -16,7 +16,8 @@ NO_GAP = error(
     "HAL0431",
     "Job does not fit between the jobs of another task",
     "Both tasks can run only on the same unit, and the longest time that the jobs of the one leave free, D + slack * D "
-    "- C, is shorter than the WCET of the other. Jobs are not preempted, so no schedule exists.",
+    "- C, is shorter than what the other needs in one go: its WCET, or its longest piece where its jobs may be split. "
+    "So no schedule exists. Interrupts of the unit make C and the piece longer.",
 )
 PHASES_MEET = error(
     "HAL0432",

@@ -109,7 +109,7 @@ def _parts(tasks: list[TaskFacts], units: frozenset[str], holder: TaskFacts | No
 def _part(task: TaskFacts, held: frozenset[str]) -> Part | None:
     """Return what every job of a task runs on units that are not held; None where nothing is certain."""
     least = _elsewhere(task, held)
-    if least <= task.late:
+    if least <= task.late or any(version.pauses for version in task.versions):
         return None
     gang = min(v.version.gang for v in task.versions if len(v.units - held) >= v.version.gang)
     return Part(task.name, task.period, least - task.late, gang)

@@ -50,8 +50,8 @@ def prune(facts: ModeFacts) -> tuple[ModeFacts, list[Diagnostic], list[Witness]]
             left = tasks[name].without(reasons)
             if left is None:
                 return facts, notes, [_no_gap(facts, tasks[name], reasons)]
-            tasks[name] = left
             notes += [_never_fits(facts, tasks[name], version, reason) for version, reason in reasons.items()]
+            tasks[name] = left
         facts = replace(facts, tasks=tasks)
     return facts, notes, []
 
@@ -89,7 +89,7 @@ def _obstacle(task: TaskFacts, version: Usable, gaps: dict[str, list[_Gap]]) -> 
         return None
     for unit in sorted(version.units):
         for gap in gaps.get(unit, ()):
-            if gap.owner.name != task.name and gap.length < version.wcet:
+            if gap.owner.name != task.name and gap.length < version.piece:
                 return gap
     return None
 
@@ -97,7 +97,7 @@ def _obstacle(task: TaskFacts, version: Usable, gaps: dict[str, list[_Gap]]) -> 
 def _no_gap(facts: ModeFacts, task: TaskFacts, reasons: dict[str, _Gap]) -> Witness:
     parts = []
     for name, gap in reasons.items():
-        needed = facts.text(_by_name(task, name).wcet)
+        needed = _needed(facts, _by_name(task, name))
         parts.append(f'{_version(task, name)} needs {needed} on "{gap.unit}", where {_gap(facts, gap)}')
     help = f"necessary: {'; or '.join(_ways_out(facts, task, name, gap) for name, gap in reasons.items())}"
     path = f'{facts.mode.path} task "{task.name}"'
@@ -107,14 +107,37 @@ def _no_gap(facts: ModeFacts, task: TaskFacts, reasons: dict[str, _Gap]) -> Witn
 
 def _ways_out(facts: ModeFacts, task: TaskFacts, name: str, gap: _Gap) -> str:
     """Say what would have to change for the version to fit; slack only where the deadline has room for it."""
-    owner = gap.owner
-    over = _by_name(task, name).wcet - gap.length
+    owner, usable = gap.owner, _by_name(task, name)
+    over = usable.piece - gap.length
     deadline = facts.ticks(owner.task.deadline) if owner.task.deadline is not None else owner.period
     slack = ""
     if owner.jobs > 1 and owner.late + over <= min(owner.period, deadline - owner.most):
         slack = f', a slack of "{owner.name}" of {format_rational(Fraction(owner.late + over, owner.period))}'
     which = f'"{name}" of "{task.name}"' if len(task.task.versions) > 1 else f'"{task.name}"'
-    return f'{facts.text(over)} less WCET of {which} or of "{owner.name}"{slack}, or another unit for one of them'
+    cut = _cut(facts, usable, gap)
+    split = f", {which} cut into pieces of at most {facts.text(cut)} (split)" if cut > 0 else ""
+    ways = f'{facts.text(over)} less WCET of {which} or of "{owner.name}"'
+    if facts.services.get(gap.unit):
+        ways = f'{facts.text(over)} less WCET or interrupts of {which} or of "{owner.name}"'
+    elif usable.pauses:
+        ways = f'{facts.text(over)} less in one piece of {which}, or less WCET of "{owner.name}"'
+    return f"{ways}{slack}{split}, or another unit for one of them"
+
+
+def _cut(facts: ModeFacts, usable: Usable, gap: _Gap) -> int:
+    """Return the longest piece that finds its place in the gap, resumption and interrupts included; 0 for none.
+
+    Access phases are not cut.
+    """
+    served = [row for unit in usable.units for row in facts.services.get(unit, ())]
+    lost = facts.ticks(usable.version.split.resume) + sum(-(-gap.length // distance) * c for distance, c in served)
+    phases = [facts.ticks(access.end - access.start) for access in usable.version.accesses]
+    return max(0, gap.length - lost) if max(phases, default=0) <= gap.length - lost else 0
+
+
+def _needed(facts: ModeFacts, usable: Usable) -> str:
+    """Say what the version needs in one go."""
+    return facts.text(usable.piece) + (" in one go" if usable.pauses else "")
 
 
 def _gap(facts: ModeFacts, gap: _Gap) -> str:
@@ -126,8 +149,8 @@ def _gap(facts: ModeFacts, gap: _Gap) -> str:
 
 def _never_fits(facts: ModeFacts, task: TaskFacts, version: str, gap: _Gap) -> Diagnostic:
     path = f'{facts.mode.path} task "{task.name}" version "{version}"'
-    wcet = next(v.wcet for v in task.task.versions if v.name == version)
-    text = f'can never be chosen: it needs {wcet} on "{gap.unit}", where {_gap(facts, gap)}'
+    needed = _needed(facts, _by_name(task, version))
+    text = f'can never be chosen: it needs {needed} on "{gap.unit}", where {_gap(facts, gap)}'
     help = "nothing to do, unless the version is meant to be used"
     return codes.VERSION_NEVER_FITS(text, at=place(task.task), path=path, help=help)
 
@@ -226,7 +249,7 @@ def resources_met(facts: ModeFacts) -> Iterator[Witness]:
     """Look for access phases on a resource that certainly meet, with bounds that sum to more than 1."""
     parts: dict[str, list[Part]] = {}
     for task in facts.tasks.values():
-        if task.period and len(task.versions) == 1:
+        if task.period and len(task.versions) == 1 and not task.versions[0].pauses:
             for access in task.versions[0].version.accesses:
                 length = int((access.end.ns - access.start.ns) * facts.scale) - task.late
                 if length > 0:

@@ -58,7 +58,7 @@ def find_witnesses(model: TaskModel, modes: Collection[str] = ()) -> tuple[Hopel
 def _judge(context: Context, mode: ActiveMode) -> Hopeless | None:
     if mode.hyperperiod is None:
         return None
-    facts, notes, witnesses = prune(mode_facts(mode))
+    facts, notes, witnesses = prune(mode_facts(mode, context.units))
     witnesses += _loads(context.model, facts, bool(notes))
     witnesses += [*units_met(facts, context.model), *resources_met(facts), *contradictions(facts)]
     if not witnesses:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.explain.changes import more_units
 from halpipe.pipeline.validate.context import place
 from halpipe.pipeline.whatif import codes
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Access, Task, TaskModel, Version
+    from halpipe.models import Access, Split, Task, TaskModel, Version
 
     Rebuild = Callable[[Task, Version], "Version | Unusable"]
 
@@ -92,36 +92,43 @@ def peak_bound(version: Version, resource: str) -> Fraction | int:
 
 
 def with_factor(model: TaskModel, factor: Fraction) -> Changed:
-    """Scale every WCET, and the access phases with it."""
+    """Scale every WCET, and the access phases and pieces with it."""
 
     def rebuild(task: Task, version: Version) -> Version | Unusable:
         scaled = tuple(replace(a, start=a.start * factor, end=a.end * factor) for a in version.accesses)
-        return _if_in_time(task, version, scaled, factor)
+        return _if_in_time(task, version, scaled, version.split.scaled(factor), factor)
 
     return _rebuilt(model, rebuild)
 
 
 def with_version_factor(model: TaskModel, task: str, version: str, factor: Fraction) -> Changed:
-    """Scale the WCET of one version by a factor of at least 1; its access phases stay where they are."""
+    """Scale the WCET of one version by a factor of at least 1; its access phases and split points stay."""
 
     def rebuild(owner: Task, own: Version) -> Version | Unusable:
         if (owner.name, own.name) != (task, version):
             return own
-        return _if_in_time(owner, own, own.accesses, factor)
+        return _if_in_time(owner, own, own.accesses, own.split, factor)
 
     return _rebuilt(model, rebuild)
 
 
-def _if_in_time(task: Task, version: Version, accesses: tuple[Access, ...], factor: Fraction) -> Version | Unusable:
+def _if_in_time(
+    task: Task, version: Version, accesses: tuple[Access, ...], split: Split, factor: Fraction
+) -> Version | Unusable:
     wcet = (version.wcet or Duration(0)) * factor
     limit = time_limit(task)
     if limit is not None and wcet > limit:
         return Unusable(f"needs {wcet}, its deadline is {limit}", version)
-    return replace(version, wcet=wcet, accesses=accesses)
+    return replace(version, wcet=wcet, accesses=accesses, split=split)
 
 
 def time_limit(task: Task) -> Duration | None:
-    """Return the longest WCET that a deadline, or else the period, allows; None for a task on demand."""
+    """Return the longest WCET that a deadline, or else the period, allows; None for a task on demand.
+
+    Of a task that serves arrivals: what the deadline leaves when it is polled a period after the arrival.
+    """
+    if task.distance is not None and task.period is not None:
+        return max(ZERO, (task.distance if task.deadline is None else task.deadline) - task.period)
     return task.deadline if task.period is not None and task.deadline is not None else task.period
 
 

@@ -182,6 +182,7 @@ def _most_at_once(mode: ActiveMode, need: Callable[[ActiveTask], Fraction]) -> F
         period, limit = active.task.period, time_limit(active.task)
         jobs = counts[name]
         if period and limit is not None:
-            jobs = min(jobs, math.ceil(limit / period))
+            lasts = limit + period if active.task.distance is not None else limit  # from the poll before
+            jobs = min(jobs, math.ceil(lasts / period))
         total += jobs * need(active)
     return total
