@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, Findings, HalpipeError, Location, error
-from halpipe.files import MANIFEST, read_bytes, sha256
+from halpipe.files import MANIFEST, MANIFEST_KEY, read_bytes, sha256
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -52,7 +52,7 @@ def seal(kind: str, files: Mapping[str, bytes], facts: Mapping[str, Any]) -> dic
     """Return `files` with the manifest that seals them; `facts` are what a reader needs first, JSON values only."""
     assert all(_SAFE_NAME.fullmatch(name) and name != MANIFEST for name in files), "names of a bundle are relative"
     manifest = {
-        "halpipe-bundle": VERSION,
+        MANIFEST_KEY: VERSION,
         "kind": kind,
         **facts,
         "files": {name: sha256(files[name]) for name in sorted(files)},
@@ -73,7 +73,7 @@ def open_bundle(path: str) -> Bundle:
         if content is not None:
             files[name] = content
     findings.stop_on_errors()
-    facts = {key: value for key, value in manifest.items() if key not in ("halpipe-bundle", "kind", "files")}
+    facts = {key: value for key, value in manifest.items() if key not in (MANIFEST_KEY, "kind", "files")}
     return Bundle(folder, manifest["kind"], facts, files)
 
 
@@ -83,7 +83,7 @@ def _manifest(folder: str) -> dict[str, Any]:
         manifest = json.loads(read_bytes(name))
     except (ValueError, RecursionError) as failure:
         raise HalpipeError(_no_bundle(name, f"the manifest is no JSON: {failure}")) from None
-    if not isinstance(manifest, dict) or manifest.get("halpipe-bundle") != VERSION:
+    if not isinstance(manifest, dict) or manifest.get(MANIFEST_KEY) != VERSION:
         raise HalpipeError(_no_bundle(name, f'it does not state "halpipe-bundle": {VERSION}'))
     listed = manifest.get("files")
     if not isinstance(manifest.get("kind"), str) or not isinstance(listed, dict):

@@ -57,15 +57,15 @@ def test_a_file_without_permission_cannot_be_read(target):
 
 
 def test_input_has_a_size_limit(target, monkeypatch):
-    monkeypatch.setattr(files, "MAX_INPUT_BYTES", 3)
+    monkeypatch.setattr(files.reading, "MAX_INPUT_BYTES", 3)
     assert read_bytes(target) == b"old"
-    monkeypatch.setattr(files, "MAX_INPUT_BYTES", 2)
+    monkeypatch.setattr(files.reading, "MAX_INPUT_BYTES", 2)
     found = refusal(read_bytes, target)
     assert (found.code, found.at.file) == (files.TOO_LARGE.id, str(target))
 
 
 def test_endless_input_is_cut_off(monkeypatch):
-    monkeypatch.setattr(files, "MAX_INPUT_BYTES", 1000)
+    monkeypatch.setattr(files.reading, "MAX_INPUT_BYTES", 1000)
     assert refusal(read_bytes, "/dev/zero").code == files.TOO_LARGE.id
 
 
@@ -161,7 +161,7 @@ def test_files_whose_names_begin_alike_do_not_mix(tmp_path):
 def test_a_planted_temporary_file_is_not_written_through(tmp_path, monkeypatch):
     victim = tmp_path / "victim"
     victim.write_bytes(b"precious")
-    monkeypatch.setattr(files.secrets, "token_hex", lambda size: "0" * 2 * size)
+    monkeypatch.setattr(files.writing.secrets, "token_hex", lambda size: "0" * 2 * size)
     trap = tmp_path / "out" / f".new.xml.{os.getpid()}-00000000.halpipe-tmp"
     trap.parent.mkdir()
     trap.symlink_to(victim)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from halpipe import files
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import parse_xml
+from halpipe.files import xml as files
 
 ENTITIES = '<!ENTITY a0 "aaaaaaaaaa">' + "".join(f'<!ENTITY a{n} "{f"&a{n - 1};" * 10}">' for n in range(1, 10))
 

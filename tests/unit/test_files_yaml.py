@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from halpipe import files
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import YamlList, YamlMap, parse_yaml
+from halpipe.files import yaml as files
 
 
 def refusal(data):

@@ -25,9 +25,11 @@ def invoke(arguments: list[str]) -> int:
     """Run one command; never let a traceback out."""
     from halpipe.cli import output
     from halpipe.cli.app import app
+    from halpipe.files import protecting_inputs
 
     try:
-        code = app(args=arguments, prog_name="halpipe", standalone_mode=False)
+        with protecting_inputs():
+            code = app(args=arguments, prog_name="halpipe", standalone_mode=False)
     except HalpipeError as failure:
         output.report(failure.diagnostics)
         return int(failure.exit)

@@ -12,6 +12,8 @@ from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, S
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.exporters.riscv.prepare import Prepared
 
 app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles.")
@@ -34,7 +36,7 @@ def prepare(
 
     from halpipe.exporters.native import format_model
     from halpipe.exporters.riscv import RiscvOptions
-    from halpipe.files import STDIO, write_output, write_outputs
+    from halpipe.files import STDIO, begins_like, refuse_foreign, refuse_inputs, write_output, write_outputs
     from halpipe.flow.formats import prepare_model
     from halpipe.importers.native import read_model
 
@@ -49,7 +51,11 @@ def prepare(
         write_output(STDIO, document)
         return Exit.OK
     beside = Path(sources) if sources else Path(output_file).parent
-    write_outputs({output_file: document, **{str(beside / name): text for name, text in prepared.files.items()}})
+    further = {str(beside / name): text for name, text in prepared.files.items()}
+    for name, text in further.items():
+        refuse_foreign(name, begins_like(text))
+    refuse_inputs(output_file, *further)
+    write_outputs({output_file: document, **further})
     output.inform(f"{output_file}: {_what(prepared)}")
     return Exit.OK
 
@@ -75,7 +81,6 @@ def check(
 ) -> int:
     """Play a bundle and hold it against its schedule; any deviation is an error."""
     from halpipe.deploy.base import CheckOptions
-    from halpipe.files import write_output
     from halpipe.flow.formats import check_bundle
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -83,10 +88,21 @@ def check(
     checked = check_bundle(bundle, CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution))
     for line in checked.lines:
         output.result(line)
-    for name, content in checked.files.items() if trace else ():
-        write_output(_beside(trace, name.removeprefix("trace")), content)
+    if trace:
+        _write_traces(trace, checked.files)
     output.report(checked.diagnostics)
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
+
+
+def _write_traces(file: str, traces: Mapping[str, bytes]) -> None:
+    """Write the traces of a check: the first to `file`, further ones beside it."""
+    from halpipe.files import begins_like, refuse_foreign, write_outputs
+
+    contents = {_beside(file, name.removeprefix("trace")): content for name, content in traces.items()}
+    for name, content in contents.items():
+        if name != file:
+            refuse_foreign(name, begins_like(content))
+    write_outputs(contents)
 
 
 def _beside(file: str, suffix: str) -> str:

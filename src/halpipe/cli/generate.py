@@ -57,7 +57,7 @@ def generate(
     """
     from halpipe.durations import Duration
     from halpipe.exporters.native import format_model, format_schedule
-    from halpipe.files import sha256, write_output
+    from halpipe.files import refuse_inputs, sha256, write_output
     from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -78,6 +78,7 @@ def generate(
         unlike_units=unlike_units,
         periods=tuple(_read("--period", text, Duration.parse) for text in period or ()),
     )
+    refuse_inputs(*filter(None, (output_file, witness)))
     model, schedule = generate_with_witness(parameters, seed)
     document = format_model(model)
     write_output(output_file, document)

@@ -64,7 +64,7 @@ def import_(
 ) -> int:
     """Read AMALTHEA, AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
     from halpipe.exporters.native import format_model
-    from halpipe.files import write_output
+    from halpipe.files import refuse_inputs, write_output
     from halpipe.flow.formats import import_model
     from halpipe.importers.account import format_account
     from halpipe.importers.base import ImportOptions, group_rule, quantile_of
@@ -86,6 +86,7 @@ def import_(
         strict=strict,
     )
     imported = import_model(source, paths, overlay or [], options)
+    refuse_inputs(*filter(None, (output_file, report)))
     write_output(output_file, format_model(imported.model))
     if report:
         write_output(report, format_account(imported))

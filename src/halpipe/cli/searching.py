@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import sys
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe import __version__
 from halpipe.cli import output
 from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.files import STDIO, write_output
+from halpipe.files import STDIO, is_input, read_own, refuse_inputs, write_output
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -115,8 +116,10 @@ def find_schedule(
     from halpipe.pipeline.checked import schedule_model
 
     began = time.monotonic()
+    refuse_inputs(target)
     checkpoint = _checkpoint(model, options, target)
     if checkpoint is not None:
+        checkpoint.claim()
         if resume:
             checkpoint.load()
         options = replace(options, keeper=checkpoint)
@@ -198,11 +201,34 @@ def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupt
 
     output.report(explain_failure(model, scheduled, interrupted=interrupted))
     if target != STDIO:
-        path = Path(target)
-        best = str(path.with_name(f"{path.stem}.best{path.suffix or '.xml'}"))
+        best = _place_for_best(target, model)
         write_output(best, format_schedule(scheduled.schedule))
         valid = all(mode.status is Status.VALID for mode in scheduled.schedule.modes)
         what = "what was found so far, not complete" if valid else "best placement so far, not valid"
         output.inform(f"{best}: {what}; {target} was not touched")
         output.inform("--resume goes on from here; with a larger --budget if that was spent")
     return Exit.INTERRUPTED if interrupted else Exit.NOT_FOUND
+
+
+def _place_for_best(target: str, model: TaskModel) -> str:
+    """Return a name beside `target`: NAME.best.xml, numbered where that is an input or a file of the user's."""
+    path = Path(target)
+    suffix = path.suffix or ".xml"
+    for number in itertools.count(1):
+        best = str(path.with_name(f"{path.stem}.best{f'-{number}' if number > 1 else ''}{suffix}"))
+        if not is_input(best) and (not os.path.lexists(best) or _is_unfinished(best, model)):
+            return best
+    raise AssertionError
+
+
+def _is_unfinished(file: str, model: TaskModel) -> bool:
+    """Return whether a file is what such a search left before; a complete schedule is one that somebody keeps."""
+    from halpipe.importers.native import parse_schedule
+    from halpipe.models import Status
+
+    try:
+        schedule = parse_schedule(read_own(file), file)
+    except HalpipeError:
+        return False
+    every = all(mode.status is Status.VALID for mode in schedule.modes)
+    return not every or len(schedule.modes) < len(model.modes)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from halpipe.diagnostics import HalpipeError, Location, error
-from halpipe.files import read_bytes, remove_output, write_outputs
+from halpipe.files import read_own, refuse_foreign, remove_output, write_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -70,10 +70,14 @@ class Checkpoint:
         self._arrays: dict[str, NDArray[Any]] = {}
         self._lock = Lock()
 
+    def claim(self) -> None:
+        """Stop if a file of the user's has the name of the checkpoint, which is removed in the end."""
+        refuse_foreign(self._path, lambda data: data.startswith(b"PK") and b"identity.npy" in data)
+
     def load(self) -> None:
         """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
         try:
-            with np.load(io.BytesIO(read_bytes(self._path)), allow_pickle=False) as stored:
+            with np.load(io.BytesIO(read_own(self._path)), allow_pickle=False) as stored:
                 found = {name: stored[name] for name in stored.files}
         except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile):
             raise self._refusal("is damaged") from None

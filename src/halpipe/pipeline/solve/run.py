@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Exit, HalpipeError, Location, error, warning
-from halpipe.files import read_bytes, sha256, write_output
+from halpipe.files import read_own, sha256, write_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -156,7 +156,7 @@ class Journal:
 
     def _read(self, header: Record, resume: bool) -> None:
         found = []
-        lines = read_bytes(self._path).split(b"\n")
+        lines = read_own(self._path).split(b"\n")
         for number, line in enumerate(lines, 1):
             record = _parse(line)
             if record is not None:
@@ -167,6 +167,9 @@ class Journal:
         if not resume:
             help = "go on with --resume, or remove the file"
             raise HalpipeError(NOT_RESUMABLE("holds unfinished work", at=Location(self._path), help=help))
+        if not found and any(lines):
+            help = "name another folder, or move the file elsewhere"
+            raise HalpipeError(NOT_RESUMABLE("is no journal of halpipe's", at=Location(self._path), help=help))
         if found and found[0] != header:
             differing = sorted(key for key in {*found[0], *header} if found[0].get(key) != header.get(key))
             text = f"was begun with other options or another version: {', '.join(differing)}"

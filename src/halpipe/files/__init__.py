@@ -1,0 +1,66 @@
+"""Everything that touches the file system: hostile input in, atomic output out.
+
+Input is read within size limits; XML is parsed without DTD, entities or network, and YAML without objects,
+with aliases bounded. Output goes to a temporary file beside its target, is synced, and then renamed over it,
+so that a failed or killed run leaves the old file whole. A command never writes over what it has read.
+"""
+
+from __future__ import annotations
+
+from halpipe.files.folders import FOREIGN_FOLDER, MANIFEST, MANIFEST_KEY, write_directory
+from halpipe.files.protection import OUTPUT_IS_INPUT, STDIO, is_input, protecting_inputs, refuse_inputs
+from halpipe.files.reading import (
+    CANNOT_READ,
+    MAX_INPUT_BYTES,
+    TOO_LARGE,
+    SourceLines,
+    find_inputs,
+    read_bytes,
+    read_own,
+    sha256,
+)
+from halpipe.files.writing import (
+    CANNOT_WRITE,
+    FOREIGN_FILE,
+    begins_like,
+    refuse_foreign,
+    remove_output,
+    write_output,
+    write_outputs,
+)
+from halpipe.files.xml import BROKEN_XML, HAS_DOCTYPE, parse_xml
+from halpipe.files.yaml import BROKEN_YAML, YamlList, YamlMap, parse_yaml
+
+__all__ = [
+    "BROKEN_XML",
+    "BROKEN_YAML",
+    "CANNOT_READ",
+    "CANNOT_WRITE",
+    "FOREIGN_FILE",
+    "FOREIGN_FOLDER",
+    "HAS_DOCTYPE",
+    "MANIFEST",
+    "MANIFEST_KEY",
+    "MAX_INPUT_BYTES",
+    "OUTPUT_IS_INPUT",
+    "STDIO",
+    "TOO_LARGE",
+    "SourceLines",
+    "YamlList",
+    "YamlMap",
+    "begins_like",
+    "find_inputs",
+    "is_input",
+    "parse_xml",
+    "parse_yaml",
+    "protecting_inputs",
+    "read_bytes",
+    "read_own",
+    "refuse_foreign",
+    "refuse_inputs",
+    "remove_output",
+    "sha256",
+    "write_directory",
+    "write_output",
+    "write_outputs",
+]
