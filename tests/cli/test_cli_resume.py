@@ -141,6 +141,7 @@ def test_what_does_not_belong_is_refused(tmp_path, halpipe, folder):
     assert damaged.returncode == 1
     assert NO_CHECKPOINT.id in damaged.stderr
     assert halpipe("schedule", "model.xml", "-o", "other.xml", "--resume").returncode == 1  # there is none
+    (folder / "s.resume").unlink()  # what is no checkpoint is not replaced by one either
     assert halpipe("schedule", "hopeless.xml", "--budget", "10", "-o", "s.xml").returncode == 3
     foreign = halpipe("schedule", "model.xml", "-o", "s.xml", "--resume")
     assert foreign.returncode == 1

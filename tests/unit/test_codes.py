@@ -51,11 +51,25 @@ def modules_used(tree):
 
 
 @cache
+def handed_on():
+    """The codes that packages import from their modules for others, in the same form."""
+    found = {}
+    for path in sorted(SOURCE.rglob("__init__.py")):
+        package = ".".join(("halpipe", *path.parent.relative_to(SOURCE).parts))
+        _, names = modules_used(ast.parse(path.read_bytes()))
+        found |= {(package, name): constants()[module, name] for module, name in names if (module, name) in constants()}
+    return found
+
+
+@cache
 def mentioned():
     """The ids that test files (of any kind) spell out, or reach by a constant they import."""
     by_module = defaultdict(dict)
     for (module, name), id in constants().items():
         by_module[module][name] = id
+    for (package, name), id in handed_on().items():
+        by_module[package][name] = id
+    reached = constants() | handed_on()
     found = set()
     for path in sorted(TESTS.rglob("*")):
         if not path.is_file() or path == Path(__file__) or path.suffix == ".pyc":
@@ -64,7 +78,7 @@ def mentioned():
         if path.suffix == ".py":
             tree = ast.parse(path.read_bytes())
             modules, names = modules_used(tree)
-            found |= {constants()[pair] for pair in names if pair in constants()}
+            found |= {reached[pair] for pair in names if pair in reached}
             attributes = {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
             for module in modules & by_module.keys():
                 found |= {id for name, id in by_module[module].items() if name in attributes}

@@ -19,17 +19,22 @@ _PLOT_LEFT, _PLOT_WIDTH, _LINE = 330, 620, 34
 _TOP, _BOTTOM = 44, 40
 
 
+RESULTS = "results.json"
+NAMES = (RESULTS, "table.md", "plot.svg", "index.html")
+
+
 def outputs(report: Report) -> dict[str, bytes]:
     """Return the files of a report by name."""
     plot = _render("plot.svg.j2", escape=True, **_plot(report))
     shared = {"report": report, "columns": _columns(report), "table": _table(report), "facts": _facts(report)}
     shared["has_exact"] = _has_exact(report)
-    return {
-        "results.json": report.to_json().encode(),
-        "table.md": _render("table.md.j2", escape=False, **shared).encode(),
-        "plot.svg": plot.encode(),
-        "index.html": _render("page.html.j2", escape=True, plot=plot, **shared).encode(),
-    }
+    contents = (
+        report.to_json(),
+        _render("table.md.j2", escape=False, **shared),
+        plot,
+        _render("page.html.j2", escape=True, plot=plot, **shared),
+    )
+    return {name: content.encode() for name, content in zip(NAMES, contents, strict=True)}
 
 
 def _render(name: str, *, escape: bool, **values: Any) -> str:

@@ -71,10 +71,21 @@ def bench(
         "exact": f"{exact_seconds} s, {exact_workers} threads" if exact_seconds else "not run",
         "machine": _machine(jobs, cluster),
     }
+    _refuse_foreign(Path(folder))
     report = _measure(suite, rows, work, about, Path(folder), jobs, cluster, resume=resume)
     write_outputs({str(Path(folder, name)): content for name, content in outputs(report).items()})
     Path(folder, JOURNAL).unlink()
     return _summarise(report, folder)
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Stop before anything is measured if the results would replace what no benchmark wrote."""
+    from halpipe.bench.render import NAMES, RESULTS
+    from halpipe.files import refuse_foreign
+
+    refuse_foreign(str(folder / RESULTS), lambda content: b'"results_sha256"' in content)
+    for name in NAMES if not (folder / RESULTS).exists() else ():
+        refuse_foreign(str(folder / name), lambda content: False)
 
 
 def _rows(suite: str, wanted: Sequence[str]) -> list[Row]:

@@ -26,20 +26,23 @@ def run(
     from halpipe.cli.import_ import summarise
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.exporters.native import format_model
-    from halpipe.files import write_output
+    from halpipe.files import refuse_inputs, write_output
     from halpipe.flow import formats
     from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
 
     output.choose(format, quiet=quiet, verbose=verbose)
     plan = read_plan(pipeline)
+    outputs = [step.output for step in plan.exports]
     if plan.imports is not None:
         source = plan.imports
         imported = formats.import_model(source.format, source.inputs, source.overlays, source.options)
         output.report(imported.diagnostics)
+        refuse_inputs(plan.model, plan.schedule, *outputs)
         write_output(plan.model, format_model(imported.model))
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
+    refuse_inputs(plan.schedule, *outputs)  # before the search, not after it
     code = find_schedule(model, replace(plan.search, workers=workers_of(workers, plan.search.engine)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code

@@ -119,9 +119,10 @@ def find_schedule(
     refuse_inputs(target)
     checkpoint = _checkpoint(model, options, target)
     if checkpoint is not None:
-        checkpoint.claim()
         if resume:
             checkpoint.load()
+        else:
+            checkpoint.claim()
         options = replace(options, keeper=checkpoint)
     with Watch(time_limit) as watch, _handling(watch):
         try:

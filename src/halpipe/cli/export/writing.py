@@ -35,7 +35,15 @@ def write_export(contents: dict[str, bytes], target: str) -> None:
 
     DOT is drawn where SVG is asked for.
     """
-    from halpipe.files import STDIO, write_directory, write_output, write_outputs
+    from halpipe.files import (
+        STDIO,
+        begins_like,
+        refuse_foreign,
+        refuse_inputs,
+        write_directory,
+        write_output,
+        write_outputs,
+    )
 
     if "" not in contents:
         write_directory(target, contents)
@@ -47,6 +55,10 @@ def write_export(contents: dict[str, bytes], target: str) -> None:
             from halpipe.exporters.graph import render_svg
 
             contents = contents | {"": render_svg(contents[""].decode())}
-        beside = Path(target).parent
-        write_outputs({str(beside / name) if name else target: content for name, content in contents.items()})
+        placed = {str(Path(target).parent / name) if name else target: content for name, content in contents.items()}
+        for name, content in placed.items():
+            if name != target:
+                refuse_foreign(name, begins_like(content))
+        refuse_inputs(*placed)
+        write_outputs(placed)
     output.inform(f"{target}: written")
