@@ -96,7 +96,7 @@ def circles(draw):
 
 
 def placed(job):
-    return SimpleNamespace(start=job.start.ns, end=job.end.ns, wcet=(job.end - job.start).ns)
+    return SimpleNamespace(start=job.start.ns, end=job.end.ns, length=(job.end - job.start).ns)
 
 
 @given(circles(), st.sampled_from(["abc", "ab", "ca", "a", "cba"]))
@@ -105,7 +105,7 @@ def test_the_ways_are_as_long_as_the_latencies(table, names):
     reaction, age = worst_reaction(chain, table), worst_age(chain, table)
     members = [
         [
-            SimpleNamespace(start=j.start.ns, end=j.end.ns, wcet=(j.end - j.start).ns)
+            SimpleNamespace(start=j.start.ns, end=j.end.ns, length=(j.end - j.start).ns)
             for j in table.jobs
             if j.task == name
         ]

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.models import Anchor, CostTerms
 from halpipe.pipeline.jobs import demands_for
 from halpipe.pipeline.measure.circle import Instants, Interval, sweep
 from halpipe.pipeline.measure.latency import worst_age, worst_reaction
+from halpipe.pipeline.measure.splitting import latest_phase, splitting_cost
+from halpipe.pipeline.parts import interrupt_load
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -34,6 +35,7 @@ def cost_terms(model: TaskModel, placement: Placement) -> CostTerms:
     overlap = _overlap(placement)
     access = _access_excess(placement)
     precedence = _window_distances(placement) + _missing_demands(placement) + _chain_excess(model, placement)
+    precedence += splitting_cost(placement)
     unit = _wrong_units(placement)
     occupancy = _empty_units(model, placement)
     timeliness = _timeliness(placement)
@@ -67,7 +69,8 @@ def _overlap(placement: Placement) -> int:
     by_unit: dict[str, list[Interval]] = {}
     for job in placement.jobs:
         for unit in dict.fromkeys(job.units):
-            by_unit.setdefault(unit, []).append(Interval(job.start, job.wcet, 1))
+            intervals = by_unit.setdefault(unit, [])
+            intervals += [Interval(start, end - start, 1) for start, end in job.occupations()]
     return int(sum(_excess(intervals, placement.hyperperiod) for intervals in by_unit.values()))
 
 
@@ -75,8 +78,7 @@ def _access_excess(placement: Placement) -> Fraction:
     """Return p_ac: the integral of (sum of bounds - 1)+ over all resources."""
     by_resource: dict[str, list[Interval]] = {}
     for job in placement.jobs:
-        for access in job.version.accesses:
-            begin, end = access.start // placement.tick, access.end // placement.tick
+        for access, begin, end in job.phases:
             phase = Interval(job.start + begin, end - begin, access.bound)
             by_resource.setdefault(access.resource, []).append(phase)
     excesses = (_excess(intervals, placement.hyperperiod) for intervals in by_resource.values())
@@ -149,13 +151,14 @@ def _chain_excess(model: TaskModel, placement: Placement) -> int:
 
 
 def _wrong_units(placement: Placement) -> int:
-    """Return p_u: jobs whose unit set their version does not allow."""
+    """Return p_u: jobs whose unit set their version does not allow, or interrupts fill."""
     return sum(not _allowed(job) for job in placement.jobs)
 
 
 def _allowed(job: PlacedJob) -> bool:
     chosen = set(job.units)
-    return len(chosen) == len(job.units) == job.version.gang and chosen <= set(job.version.units)
+    is_free = not job.service or interrupt_load(job.service) < 1
+    return len(chosen) == len(job.units) == job.version.gang and chosen <= set(job.version.units) and is_free
 
 
 def _empty_units(model: TaskModel, placement: Placement) -> Fraction:
@@ -187,13 +190,9 @@ def _task_timeliness(active: ActiveTask, placement: Placement) -> list[Fraction]
     slack = period * active.task.slack / placement.tick
     hyperperiod = placement.hyperperiod
     offsets = sorted((job.start - job.index * (period // placement.tick)) % hyperperiod for job in jobs)
-    phase = offsets[0]
+    phase = latest_phase(offsets, hyperperiod)
     if active.task.offset is not None:
         phase = active.task.offset % period // placement.tick
-    elif len(offsets) > 1:  # the phase is where the widest gap of the circle ends
-        gaps = [(b - a, b) for a, b in pairwise(offsets)]
-        gaps.append((offsets[0] + hyperperiod - offsets[-1], offsets[0]))
-        phase = max(gaps)[1]
     late = (Fraction((offset - phase) % hyperperiod) for offset in offsets)
     if not slack:
         return [Fraction(int(delta == 0)) for delta in late]

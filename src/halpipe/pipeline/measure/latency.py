@@ -47,7 +47,7 @@ def worst_reaction(members: list[list[PlacedJob]], hyperperiod: int) -> int | No
         time = missed.start + 1
         for jobs, instants in zip(members, starts, strict=True):
             begin, reached = instants.at_or_after(time)
-            time = begin + jobs[reached].wcet
+            time = begin + jobs[reached].length
         worst = max(worst, time - missed.start)
     return worst
 
@@ -56,8 +56,8 @@ def worst_age(members: list[list[PlacedJob]], hyperperiod: int) -> int | None:
     """Return the worst data age in ticks of a chain given by the jobs of its tasks, first to last."""
     if not all(members):
         return None
-    # of jobs that end together, the one that started later is the newer: it has the greater label, less its WCET
-    ends = [Instants.of(((job.end, -job.wcet) for job in jobs), hyperperiod) for jobs in members[:-1]]
+    # of jobs that end together, the one that started later is the newer: it has the greater label, less its length
+    ends = [Instants.of(((job.end, -job.length) for job in jobs), hyperperiod) for jobs in members[:-1]]
     worst = 0
     for last in members[-1]:
         time = last.start

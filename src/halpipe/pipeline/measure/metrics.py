@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], status: Status) -> ModeSchedule:
     """Return the schedule of a mode with all its metrics; jobs by start, task and index."""
     ordered = tuple(sorted(jobs, key=lambda job: (job.start, job.task, job.index)))
-    placement = Placement.of(expansion, ordered)
+    placement = Placement.of(expansion, ordered, model.units)
     return ModeSchedule(
         name=expansion.mode.name,
         hyperperiod=expansion.hyperperiod,
@@ -39,7 +39,7 @@ def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
     busy = dict.fromkeys((unit.name for unit in model.units), ZERO)
     for job in placement.jobs:
         for unit in dict.fromkeys(job.units):
-            busy[unit] += placement.tick * job.wcet
+            busy[unit] += placement.tick * sum(end - start for start, end in job.occupations())
     total = placement.expansion.hyperperiod
     return tuple(
         UnitLoad(unit=name, busy=time, share=time / total if total else Fraction(0)) for name, time in busy.items()
@@ -49,8 +49,7 @@ def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
 def _resource_loads(model: TaskModel, placement: Placement) -> tuple[ResourceLoad, ...]:
     phases: dict[str, list[Interval]] = {resource.name: [] for resource in model.resources}
     for job in placement.jobs:
-        for access in job.version.accesses:
-            begin, end = access.start // placement.tick, access.end // placement.tick
+        for access, begin, end in job.phases:
             phases[access.resource].append(Interval(job.start + begin, end - begin, access.bound))
     loads = []
     for name, intervals in phases.items():

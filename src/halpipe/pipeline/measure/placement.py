@@ -1,36 +1,69 @@
-"""The jobs of a mode in exact integers: the common ground of metrics, latencies and the reference cost."""
+"""The jobs of a mode in exact integers: the common ground of metrics, latencies and the reference cost.
+
+This is the one place of the pipeline that works out when a placed job occupies its units and resources.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.durations import Duration, greatest_common_divisor
+from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.models import Part
+from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
 from halpipe.pipeline.solve.problem import natural_tick
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
-    from halpipe.models import Job, Version
+    from halpipe.models import Access, Job, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.parts import Service
+
+
+class PlacedPart(NamedTuple):
+    """A part of a job in ticks, from the job's start: wall-clock [start, end), execution [begun, done)."""
+
+    start: int
+    end: int
+    begun: int
+    done: int
+
+
+class PlacedPhase(NamedTuple):
+    """An access phase in ticks, from the job's start: in force on [start, end)."""
+
+    access: Access
+    start: int
+    end: int
 
 
 @dataclass(frozen=True, slots=True)
 class PlacedJob:
-    """A job with its version, in ticks."""
+    """A job with its version, in ticks; `length` is from its start to its end.
+
+    `parts` is empty for a job in one piece; `service` are the interrupts of its units.
+    """
 
     active: ActiveTask
     index: int
     version: Version
     units: tuple[str, ...]
     start: int
-    wcet: int
+    length: int
+    phases: tuple[PlacedPhase, ...] = ()
+    parts: tuple[PlacedPart, ...] = ()
+    service: Service[Duration] = ()
 
     @property
     def end(self) -> int:
         """The job's end; may lie beyond the hyperperiod."""
-        return self.start + self.wcet
+        return self.start + self.length
+
+    def occupations(self) -> tuple[tuple[int, int], ...]:
+        """Return when the job occupies its units: [start, end) of its parts."""
+        return tuple((self.start + p.start, self.start + p.end) for p in self.parts) or ((self.start, self.end),)
 
 
 @dataclass(frozen=True)
@@ -42,17 +75,15 @@ class Placement:
     jobs: tuple[PlacedJob, ...]
 
     @classmethod
-    def of(cls, expansion: Expansion, jobs: Iterable[Job]) -> Placement:
-        """Place `jobs`, which name tasks and versions of the expansion."""
+    def of(cls, expansion: Expansion, jobs: Iterable[Job], units: Iterable[Unit] = ()) -> Placement:
+        """Place `jobs`, which name tasks and versions of the expansion; `units` state the interrupts they serve."""
         listed = list(jobs)
-        tick = greatest_common_divisor([natural_tick(expansion), *(job.start for job in listed)])
-        placed = []
-        for job in listed:
-            active = expansion.by_name[job.task]
-            version = active.task.version(job.version)
-            wcet = version.wcet or Duration(0)
-            placed.append(PlacedJob(active, job.index, version, job.units, job.start // tick, wcet // tick))
-        return cls(expansion, tick, tuple(placed))
+        by_name = {unit.name: unit for unit in units if unit.interrupts}
+        split = (d for active in expansion.tasks for version in active.versions for d in _split_times(version))
+        times = [*(job.start for job in listed), *(d for job in listed for d in _part_times(job)), *split]
+        times += [interrupt.wcet for unit in by_name.values() for interrupt in unit.interrupts]
+        placing = _Placing(expansion, greatest_common_divisor([natural_tick(expansion), *times]), by_name)
+        return cls(expansion, placing.tick, tuple(placing.placed(job) for job in listed))
 
     @property
     def hyperperiod(self) -> int:
@@ -71,3 +102,70 @@ class Placement:
         for job in self.jobs:
             jobs[job.active.name].append(job)
         return jobs
+
+
+def _split_times(version: Version) -> Iterator[Duration]:
+    yield from version.split.points
+    yield from (version.split.resume, version.split.min_part or ZERO)
+
+
+def _part_times(job: Job) -> Iterator[Duration]:
+    for part in job.parts:
+        yield from (part.start, part.end, part.executed_from, part.executed_to)
+
+
+class _Placing:
+    """Puts jobs on a grid; what all jobs in one piece of a version have in common is worked out once."""
+
+    def __init__(self, expansion: Expansion, tick: Duration, interrupted: dict[str, Unit]) -> None:
+        self.tick = tick
+        self._by_name = expansion.by_name
+        self._interrupted = interrupted
+        self._whole: dict[tuple[str, str, Service[Duration]], tuple[int, tuple[PlacedPhase, ...]]] = {}
+
+    def placed(self, job: Job) -> PlacedJob:
+        active = self._by_name[job.task]
+        version = active.task.version(job.version)
+        units = tuple(name for name in job.units if name in self._interrupted)
+        service = service_of(self._interrupted, units) if units else ()
+        start = job.start // self.tick
+        if not job.parts:
+            length, phases = self._in_one_piece(active, version, service)
+            return PlacedJob(active, job.index, version, job.units, start, length, phases, (), service)
+        parts = tuple(self._part(part, job.start) for part in job.parts)
+        phases = tuple(self._phases(version, parts_of(job, version), job.start, service))
+        length = (job.parts[-1].end - job.start) // self.tick
+        return PlacedJob(active, job.index, version, job.units, start, length, phases, parts, service)
+
+    def _in_one_piece(
+        self, active: ActiveTask, version: Version, service: Service[Duration]
+    ) -> tuple[int, tuple[PlacedPhase, ...]]:
+        key = (active.name, version.name, service)
+        if key not in self._whole:
+            wcet = version.wcet or ZERO
+            length = reserved(wcet, service)
+            whole = Part(start=ZERO, end=length, executed_from=ZERO, executed_to=wcet)
+            self._whole[key] = length // self.tick, tuple(self._phases(version, (whole,), ZERO, service))
+        return self._whole[key]
+
+    def _part(self, part: Part, start: Duration) -> PlacedPart:
+        begin, end = part.start - start, part.end - start
+        return PlacedPart(*(time // self.tick for time in (begin, end, part.executed_from, part.executed_to)))
+
+    def _phases(
+        self, version: Version, parts: tuple[Part, ...], start: Duration, service: Service[Duration]
+    ) -> Iterator[PlacedPhase]:
+        for access in version.accesses:
+            try:
+                begin, end = phase_instants(access, parts, version.split.resume, service)
+            except ValueError:  # a gap lies inside, or interrupts fill the unit: other terms of the cost tell
+                continue
+            yield PlacedPhase(access, (begin - start) // self.tick, (end - start) // self.tick)
+
+
+def reserved(work: Duration, service: Service[Duration]) -> Duration:
+    """Return the reserved length of some work; where interrupts leave no time for it, as if there were none."""
+    try:
+        return reserved_length(work, service)
+    except ValueError:
+        return work

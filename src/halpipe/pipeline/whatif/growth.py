@@ -63,7 +63,7 @@ class FixedStarts:
         expansion = expand(model, model.mode(mode.name))
         coarse = Placement.of(expansion, mode.jobs)
         times = coarse.tick // tick
-        jobs = tuple(replace(job, start=job.start * times, wcet=job.wcet * times) for job in coarse.jobs)
+        jobs = tuple(replace(job, start=job.start * times, length=job.length * times) for job in coarse.jobs)
         return cls(model, Placement(expansion, tick, jobs))
 
     def limit(self, task: str, version: str) -> Limit | None:
@@ -101,7 +101,7 @@ class FixedStarts:
                 distance = (starts[place] - job.start) % self._circle or self._circle
                 then = jobs[place]
                 reason = f'unit "{unit}": "{then.active.name}" job {then.index} starts at {self._text(then.start)}'
-                yield Limit(distance - job.wcet, reason)
+                yield Limit(distance - job.length, reason)
 
     # ---- deadlines
 
@@ -117,7 +117,7 @@ class FixedStarts:
         latest = [((job.start - job.index * period) % self._circle, job) for job in jobs]
         best: Limit | None = None
         for phase in self._phases(task, sorted({at for at, _ in latest}), slack):
-            rooms = [(deadline - (at - phase) % self._circle - job.wcet, job) for at, job in latest]
+            rooms = [(deadline - (at - phase) % self._circle - job.length, job) for at, job in latest]
             if all(room >= 0 for room, _ in rooms):
                 room, job = min(((r, j) for r, j in rooms if j.version.name == version), key=lambda pair: pair[0])
                 if best is None or room > best.growth:
@@ -200,7 +200,7 @@ class FixedStarts:
         def keeps(growth: int) -> bool:
             members = [
                 [
-                    replace(job, wcet=job.wcet + growth)
+                    replace(job, length=job.length + growth)
                     if (job.active.name, job.version.name) == (name, version)
                     else job
                     for job in self.placement.by_task[member]
