@@ -110,3 +110,26 @@ def test_includes_are_not_followed(tmp_path):
     include = f'<xi:include xmlns:xi="http://www.w3.org/2001/XInclude" href="{secret}" parse="text"/>'
     root = parse_xml(f"<a>{include}</a>".encode(), "m.xml")
     assert "".join(root.itertext()) == ""
+
+
+@pytest.mark.parametrize(
+    "text", [b"<v>0.1<!-- -->5</v>", b"<v>0.1<?p x?>5</v>", b"<v><!-- -->0.1<![CDATA[5]]></v>", b"<v>0.15<!-- --></v>"]
+)
+def test_comments_and_instructions_do_not_cut_values(text):
+    root = parse_xml(text, "a.xml")
+    assert (root.text, len(root)) == ("0.15", 0)
+
+
+@pytest.mark.parametrize("prolog", [b"", b'<?xml version="1.0"?>', b'<?xml version="1.0" encoding="UTF-8"?>'])
+@pytest.mark.parametrize("part", [b"%s", b"<![CDATA[%s]]>", b"<!--%s-->"])
+def test_long_texts_are_read_where_a_format_has_them(prolog, part):
+    data = prolog + b"<a><b>1</b>" + part % (b"x" * 10_100_000) + b"</a>"
+    assert parse_xml(data, "a.xml", long_texts=True)[0].text == "1"
+    assert refusal(data)
+
+
+def test_long_texts_lift_no_other_limit():
+    deep = b"\n<a>" * 300 + b"x" * 10_100_000 + b"</a>" * 300
+    with pytest.raises(HalpipeError) as refused:
+        parse_xml(deep, "a.xml", long_texts=True)
+    assert 258 in {found.at.line for found in refused.value.diagnostics}

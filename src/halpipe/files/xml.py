@@ -25,21 +25,70 @@ HAS_DOCTYPE = error(
 )
 
 
-def parse_xml(data: bytes, name: str) -> etree._Element:
-    """Parse hostile XML and return its root; raise `HalpipeError` with every syntax error and its line."""
+def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Element:
+    """Parse hostile XML and return its root; raise `HalpipeError` with every syntax error and its line.
+
+    Comments and processing instructions are left out: they may stand inside a value, which is what is round them.
+    A text, comment or attribute of more than 10 MB is refused unless the format is known to have such (`long_texts`).
+    """
     from lxml import etree
 
     _refuse_doctype(data, name)
-    parser = etree.XMLParser(
-        resolve_entities=False, no_network=True, load_dtd=False, dtd_validation=False, huge_tree=False
+    parser = _xml_parser(huge=False)
+    try:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, ValueError) as failure:
+        found = _syntax_errors(parser, failure, name)
+        is_plain = _PLAIN_ENCODING.match(data) is not None  # one in which a DOCTYPE would have been seen
+        if not (long_texts and is_plain) or not any(_LONG_TEXT.search(diagnostic.message) for diagnostic in found):
+            raise HalpipeError(*found) from None
+        root = _parse_long_texts(data, name)
+    docinfo: Any = root.getroottree().docinfo
+    if docinfo.doctype:  # in an encoding that hid it from the look at the bytes
+        raise _doctype(name, 1)
+    return root
+
+
+_LONG_TEXT = re.compile("Text node too long|huge text node|Buffer size limit|too big found")
+_PLAIN_ENCODING = re.compile(
+    rb"""(?:\xef\xbb\xbf)?\s*<(?!\?xml(?![^>]*encoding=["'](?i:utf-8|us-ascii|iso-8859-1|windows-1252)["'])[^>]*encoding)"""
+)
+_MAX_XML_DEPTH = 256
+
+
+def _xml_parser(*, huge: bool) -> etree.XMLParser:
+    from lxml import etree
+
+    return etree.XMLParser(
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        dtd_validation=False,
+        remove_comments=True,
+        remove_pis=True,
+        huge_tree=huge,
     )
+
+
+def _parse_long_texts(data: bytes, name: str) -> etree._Element:
+    """Parse a file with a text beyond libxml2's limit of 10 MB; without it, only the limit of depth is left to check.
+
+    Entities, the third thing that is limited, cannot be declared without a DOCTYPE.
+    """
+    from lxml import etree
+
+    parser = _xml_parser(huge=True)
+    depth = 0
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as failure:
         raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
-    docinfo: Any = root.getroottree().docinfo
-    if docinfo.doctype:  # in an encoding that hid it from the look at the bytes
-        raise _doctype(name, 1)
+    for event, element in etree.iterwalk(root, events=("start", "end")):
+        depth += 1 if event == "start" else -1
+        if depth > _MAX_XML_DEPTH:
+            message = f"nests deeper than {_MAX_XML_DEPTH} elements"
+            at = Location(name, element.sourceline or 0)
+            raise HalpipeError(BROKEN_XML(message, at=at, help="repair the file"))
     return root
 
 

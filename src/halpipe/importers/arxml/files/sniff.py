@@ -67,7 +67,7 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 
 def recognise(data: bytes, name: str) -> Document:
     """Parse `data` as AUTOSAR of any release; raise `HalpipeError` that says what it is if it is something else."""
-    root = parse_xml(data, name)
+    root = parse_xml(data, name, long_texts=True)
     namespace, tag = _split(root.tag)
     at = Location(name, root.sourceline or 1)
     if tag == "AUTOSAR" and namespace == NAMESPACE:

@@ -61,12 +61,16 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Ref:
-    """A reference: absolute target path, the stated kind of target, and the element that it is, with its file."""
+    """A reference: absolute target path, the stated kind of target, and the element that it is, with its file.
+
+    `relative` is what the file writes in place of the path, with its base, where that is not the path itself.
+    """
 
     path: str
     dest: str
     element: etree._Element
     file: str
+    relative: str = ""
 
     @property
     def at(self) -> Location:
@@ -108,6 +112,11 @@ class Node:
     def at(self) -> Location:
         """Where the first part stands."""
         return place(self.parts[0].element, self.parts[0].file) if self.parts else Location()
+
+    @property
+    def is_variant(self) -> bool:
+        """Whether one of the parts exists under a condition only, so that others may stand in its place."""
+        return any(part.element.find(f"{NS}VARIATION-POINT/*") is not None for part in self.parts)
 
     def inside(self, *tags: str) -> Iterator[Node]:
         """Yield the direct children, of the given tags if any are given, in document order."""
@@ -161,7 +170,7 @@ class Tree:
         self._folded: dict[str, str] | None = None
         self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
-        self._bases: dict[str, dict[str, str]] = {}
+        self._bases: dict[str, dict[str, tuple[str, str]]] = {}
         for document in documents:
             self._tags |= document.tags
             self._add(document)
@@ -207,13 +216,24 @@ class Tree:
         for base in document.root.iter(NS + "REFERENCE-BASE"):
             holder = base.getparent()
             package = holder.getparent() if holder is not None else None
-            target = "".join((base.findtext(NS + "PACKAGE-REF") or "").split())
-            if package is None or package not in owners or not target:
+            if package is None or package not in owners:
+                continue
+            own = _is_true(base, "BASE-IS-THIS-PACKAGE")
+            target = (owners[package].path, "") if own else self._package(base)
+            if not target[0]:
                 continue
             labels = self._bases.setdefault(owners[package].path, {})
             labels[(base.findtext(NS + "SHORT-LABEL") or "").strip()] = target
-            if (base.findtext(NS + "IS-DEFAULT") or "").strip() in ("true", "1"):
+            if _is_true(base, "IS-DEFAULT"):
                 labels[""] = target
+
+    @staticmethod
+    def _package(base: etree._Element) -> tuple[str, str]:
+        """Return the path that PACKAGE-REF of a reference base states, and the base that it is relative to."""
+        ref = base.find(NS + "PACKAGE-REF")
+        if ref is None:
+            return "", ""
+        return "".join((ref.text or "").split()), (ref.get("BASE") or "").strip()
 
     def _report_variants(self, document: Document) -> None:
         found = [element.sourceline for element in document.root.iter(NS + "VARIATION-POINT")]
@@ -282,17 +302,19 @@ class Tree:
         path = "".join((element.text or "").split())
         if not path:
             return None
-        if not path.startswith("/"):
-            base = self._base(node, (element.get("BASE") or "").strip())
-            path = f"{base}/{path}"
-        return Ref(path, element.get("DEST") or "", element, file)
+        if path.startswith("/"):
+            return Ref(path, element.get("DEST") or "", element, file)
+        label = (element.get("BASE") or "").strip()
+        relative = f'"{path}" of the {f"base {label}" if label else "default base"}'
+        return Ref(f"{self._base(node, label)}/{path}", element.get("DEST") or "", element, file, relative)
 
     def _base(self, node: Node | None, label: str) -> str:
+        """Return the package that a label stands for: what the nearest package round `node` that knows it says."""
         while node is not None:
             labels = self._bases.get(node.path, {})
             if label in labels:
-                target = labels[label]
-                return target if target.startswith("/") else f"{self._base(node.parent, '')}/{target}"
+                target, outer = labels[label]
+                return target if target.startswith("/") else f"{self._base(node.parent, outer)}/{target}"
             node = node.parent
         return ""
 
@@ -304,7 +326,7 @@ class Tree:
         candidates = self._by_path.get(ref.path) or self._in_other_case(ref, what)
         fitting = [node for node in candidates if tags is None or node.tag in tags]
         if not fitting:
-            self._report_dangling(ref, what, candidates)
+            self._report_dangling(ref, what, candidates, tags)
             return None
         node = next((node for node in fitting if node.tag == ref.dest), fitting[0])
         if ref.dest and ref.dest != node.tag and ref.dest not in _BASE_CLASSES:
@@ -332,33 +354,47 @@ class Tree:
 
     # ------------------------------------------------------------------------------------------ reporting
 
-    def _report_dangling(self, ref: Ref, what: str, candidates: Sequence[Node]) -> None:
+    def _report_dangling(
+        self, ref: Ref, what: str, candidates: Sequence[Node], tags: Container[str] | None
+    ) -> None:
+        written = f"{ref.relative}, which is {ref.path}" if ref.relative else ref.path
         if candidates:
-            message = f"refers to {ref.path}, which is a {candidates[0].tag}"
+            message = f"refers to {written}, a {candidates[0].tag}"
             help = "refer to the right kind of element"
         else:
-            elsewhere = self._paths_of(ref.name)
-            message = f"refers to {ref.path}, which no file defines"
-            help = f"did you mean {elsewhere[0]}?" if elsewhere else "add the file that defines it to the import"
+            elsewhere = self._alike(ref, tags)
+            message = f"refers to {written}, which no file defines"
+            help = f"did you mean {elsewhere}?" if elsewhere else "add the file that defines it to the import"
         self.findings.add(codes.DANGLING(message, at=ref.at, path=what, help=help))
 
-    def _paths_of(self, name: str) -> list[str]:
-        """Return the paths of all nodes of a name, in order of first appearance."""
+    def _alike(self, ref: Ref, tags: Container[str] | None) -> str:
+        """Return the first path of an element that has the name and the kind of what a reference should lead to."""
         if self._by_name is None:
             self._by_name = {}
             for path in self._by_path:
                 self._by_name.setdefault(path.rpartition("/")[2], []).append(path)
-        return self._by_name.get(name, [])
+        for path in self._by_name.get(ref.name, []):
+            for node in self._by_path[path]:
+                if node.tag == ref.dest or (tags is not None and node.tag in tags):
+                    return path
+        return ""
 
     def _report_conflict(self, node: Node, path: str, first: Text, second: Text) -> None:
-        self.findings.add(
-            codes.CONFLICT(
-                f'{path} is "{second.value}" here, but "{first.value}" at {first.at}',
-                at=second.at,
-                path=node.path,
-                help="import one of the two, or make them agree",
-            )
-        )
+        self.report_conflict(node, path, (first.value, first.at), (second.value, second.at))
+
+    def report_conflict(self, node: Node, what: str, first: tuple[str, Location], second: tuple[str, Location]) -> None:
+        """Report that two parts of a node state `what` differently: as variants of it, or as a contradiction."""
+        message = f'{what} is "{second[0]}" here, but "{first[0]}" at {first[1]}'
+        if node.is_variant:
+            help = "choose a variant; otherwise the first of the two counts"
+            self.findings.add(codes.VARIANT(message, at=second[1], path=node.path, help=help))
+            return
+        help = "import one of the two, or make them agree"
+        self.findings.add(codes.CONFLICT(message, at=second[1], path=node.path, help=help))
+
+
+def _is_true(element: etree._Element, tag: str) -> bool:
+    return (element.findtext(NS + tag) or "").strip() in ("true", "1")
 
 
 def _same_value(first: str, second: str) -> bool:

@@ -58,14 +58,7 @@ class Container:
             if first is None:
                 first = found
             elif first.text != found.text:
-                self._tree.findings.add(
-                    codes.CONFLICT(
-                        f'{name} is "{found.text}" here, but "{first.text}" at {first.at}',
-                        at=found.at,
-                        path=self.node.path,
-                        help="import one of the two, or make them agree",
-                    )
-                )
+                self._tree.report_conflict(self.node, name, (first.text, first.at), (found.text, found.at))
         return first if first is not None and first.text else None
 
     def number(self, name: str) -> Fraction | None:
