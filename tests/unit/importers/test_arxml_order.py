@@ -118,14 +118,25 @@ def test_positions_order_an_os_task(tmp_path, positions, expected):
     assert orders(read(write(tmp_path, *hosted(*positions)))) == expected
 
 
-def test_positions_order_equal_periods_only(tmp_path):
-    parts = component("Pump", every("0.01", "EA", "Pump/A"), every("0.02", "EB", "Pump/B"), runnables="A B")
-    _, ecu = hosted("1", "2")
-    assert orders(read(write(tmp_path, package("T", parts), ecu))) == set()
+def test_positions_order_neighbours_of_any_period_and_those_of_one_period(tmp_path):
+    events = [every("0.01", "EA", "Pump/A"), every("0.02", "EB", "Pump/B"), every("0.01", "EC", "Pump/C")]
+    _, ecu = hosted("1", "2", "3")
+    imported = read(write(tmp_path, package("T", component("Pump", *events, runnables="A B C")), ecu))
+    assert orders(imported) == {"Pump/A > Pump/B", "Pump/B > Pump/C", "Pump/A > Pump/C"}
+    window = next(p for p in imported.model.task("Pump/B").versions[0].precedences)
+    assert window.max == Duration.parse("20ms")
 
 
-def test_positions_order_equal_offsets_only(tmp_path):
-    assert orders(read(write(tmp_path, *hosted("1", "2", offsets=["", "0.005"])))) == set()
+@pytest.mark.parametrize(
+    ("offset", "period", "expected"),
+    [("0.005", "0.01", set()), ("0.005", "0.015", {"Pump/A > Pump/B"}), ("0.001", "0.015", set())],
+    ids=["never together", "together at 20 ms", "never, by the common divisor"],
+)
+def test_positions_order_only_what_is_ever_released_together(tmp_path, offset, period, expected):
+    events = [every("0.01", "EA", "Pump/A"), every(period, "EB", "Pump/B")]
+    _, ecu = hosted("1", "2", offsets=["", offset])
+    imported = read(write(tmp_path, package("T", component("Pump", *events, runnables="A B")), ecu))
+    assert orders(imported) == expected
 
 
 def test_positions_are_inside_a_task_cut_by_os_task(tmp_path):

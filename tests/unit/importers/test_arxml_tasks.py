@@ -178,6 +178,66 @@ def test_ticks_may_come_from_the_frequency_of_the_system(tmp_path):
     assert periods(read(write(tmp_path, package("E", os)))) == {"Main": "10ms"}
 
 
+@pytest.mark.parametrize("name", ["OsTickFrequency", "ArcOsTickFrequency"])
+def test_ticks_belong_to_the_module_of_their_counter(tmp_path, name):
+    def module(package_name, frequency):
+        parts = [
+            container("Os/OsOS", "Os", params={name: frequency}),
+            container("Os/OsCounter", "Ticks"),
+            os_task(f"Main{package_name}"),
+            alarm("Al", "5", activates=f"Main{package_name}"),
+        ]
+        return package(package_name, configuration("Os", *parts)).replace("/E/Os", f"/{package_name}/Os")
+
+    imported = read(write(tmp_path, module("E", "100"), module("F", "1000")))
+    assert periods(imported) == {"MainE": "50ms", "MainF": "5ms"}
+
+
+def test_a_counter_that_an_alarm_drives_has_the_cycle_of_the_alarm_as_its_tick(tmp_path):
+    kind = "Os/OsAlarm/OsAlarmAction"
+    drive = container(f"{kind}/OsAlarmIncrementCounter", "i", refs=[("OsAlarmIncrementCounterRef", "/E/Os/Slow")])
+    cycling = container("Os/OsAlarm/OsAlarmAutostart", "s", params={"OsAlarmCycleTime": "20", "OsAlarmAlarmTime": "1"})
+    driver = container(
+        "Os/OsAlarm", "Driver", cycling, container(kind, "act", drive), refs=[("OsAlarmCounterRef", "/E/Os/Ticks")]
+    )
+    slow = container("Os/OsCounter", "Slow")
+    driven = alarm("Al", "5", activates="Main").replace("/E/Os/Ticks", "/E/Os/Slow")
+    path = write(tmp_path, package("E", configuration("Os", counter(), slow, driver, driven, os_task("Main"))))
+    assert periods(read(path)) == {"Main": "100ms"}
+
+
+@pytest.mark.parametrize("names_task", [True, False])
+@pytest.mark.parametrize("by_table", [True, False])
+def test_os_tasks_are_woken_by_the_events_that_alarms_and_expiry_points_set(tmp_path, names_task, by_table):
+    kind = "OsScheduleTable" if by_table else "OsAlarm"
+    refs = [(f"{kind}SetEventRef", "/E/Os/Go")]
+    refs += [(f"{kind}SetEventTaskRef", "/E/Os/Main")] if names_task else []
+    counts = [(f"{kind}CounterRef", "/E/Os/Ticks")]
+    if by_table:
+        inside = container("Os/T/P/OsScheduleTableEventSetting", "e", refs=refs)
+        point = container("Os/T/OsScheduleTableExpiryPoint", "p", inside, params={"OsScheduleTblExpPointOffset": "3"})
+        length = {"OsScheduleTableDuration": "20", "OsScheduleTableRepeating": "true"}
+        waker = container("Os/OsScheduleTable", "Tab", point, params=length, refs=counts)
+    else:
+        action = container("Os/OsAlarm/OsAlarmAction", "act", container("Os/A/OsAlarmSetEvent", "e", refs=refs))
+        start = {"OsAlarmCycleTime": "20", "OsAlarmAlarmTime": "3"}
+        waker = container(
+            "Os/OsAlarm", "Al", action, container("Os/OsAlarm/OsAlarmAutostart", "s", params=start), refs=counts
+        )
+    main = container("Os/OsTask", "Main", refs=[("OsTaskEventRef", "/E/Os/Go")])
+    path = write(tmp_path, package("E", configuration("Os", counter(), container("Os/OsEvent", "Go"), waker, main)))
+    (task,) = read(path).model.tasks
+    assert (task.name, str(task.period), str(task.offset)) == ("Main", "20ms", "3ms")
+
+
+def test_the_ecu_configuration_alone_is_a_model_with_periods_of_the_overlay(tmp_path):
+    mappings = configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1")))
+    path = write(tmp_path, package("E", configuration("Os", os_task("Main"), os_task("Idle")), mappings))
+    imported = read(path, sources={"Main": "5ms"})
+    assert periods(imported) == {"Main": "5ms"}
+    assert not any("did you mean" in d.help for d in found(imported, codes.DANGLING))
+
+
 def test_os_tasks_without_runnables_are_tasks_when_something_activates_them(tmp_path):
     os = configuration(
         "Os",

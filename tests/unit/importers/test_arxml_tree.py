@@ -113,6 +113,14 @@ def test_relative_references_use_the_base_they_name_or_the_default_of_their_pack
             "<START-ON-EVENT-REF>Pump/B/Step</START-ON-EVENT-REF>",
             (label, el("IS-DEFAULT", "true"), target),
         ),
+        (
+            '<START-ON-EVENT-REF BASE="types">Pump/B/Step</START-ON-EVENT-REF>',
+            (label, el("BASE-IS-THIS-PACKAGE", "true"), ref("PACKAGE-REF", "/elsewhere")),
+        ),
+        (
+            "<START-ON-EVENT-REF>Pump/B/Step</START-ON-EVENT-REF>",
+            (label, el("IS-DEFAULT", "true"), el("BASE-IS-THIS-PACKAGE", "1")),
+        ),
     ]
     for event_ref, base in cases:
         content = named("AR-PACKAGE", "T", bases(base), el("ELEMENTS", pump(event_ref)))
@@ -127,6 +135,42 @@ def test_the_nearest_package_that_declares_the_label_counts(tmp_path):
     far = bases((el("SHORT-LABEL", "far"), ref("PACKAGE-REF", "/T")))
     outer = named("AR-PACKAGE", "T", far, el("ELEMENTS", PUMP), el("AR-PACKAGES", inner))
     assert [d.code for d in read(write(tmp_path, outer)).diagnostics if d.code == codes.DANGLING.id] == []
+
+
+def test_a_relative_reference_to_nothing_is_reported_as_it_is_written(tmp_path):
+    event = named("TIMING-EVENT", "Tick", '<START-ON-EVENT-REF BASE="far">Pump/B/Step</START-ON-EVENT-REF>')
+    content = package("T", PUMP, component("Fan", event))
+    told = found(read(write(tmp_path, content)), codes.DANGLING)
+    assert 'refers to "Pump/B/Step" of the base far, which is /Pump/B/Step' in told[0].message
+
+
+@pytest.mark.parametrize("noise", ["<!-- -->", "<?tool x?>"])
+def test_comments_and_instructions_inside_values_change_nothing(tmp_path, noise):
+    plain = document(package("T", PUMP))
+    noisy = plain
+    for text in ("0.01", "/T/Pump/B/Step", "Tick", "Step</SHORT"):
+        noisy = noisy.replace(text, f"{noise}{text[:1]}{noise}{text[1:]}" if "<" not in text else noise + text)
+    paths = [tmp_path / "plain.arxml", tmp_path / "noisy.arxml"]
+    for path, text in zip(paths, (plain, noisy), strict=True):
+        path.write_text(text)
+    assert periods(read(paths[0])) == periods(read(paths[1])) == ONE_TASK
+
+
+def test_a_text_of_more_than_ten_megabytes_drops_no_file(tmp_path):
+    content = package("T", PUMP).replace("<ELEMENTS>", el("DESC", "x" * 10_100_000) + "<ELEMENTS>", 1)
+    assert periods(read(write(tmp_path, content))) == ONE_TASK
+
+
+def test_two_variants_of_an_event_are_no_contradiction(tmp_path):
+    def tick(label, value, period):
+        condition = el("SW-SYSCOND", f'<SYSC-REF DEST="SW-SYSTEMCONST">/V/P</SYSC-REF> == {value}')
+        point = el("VARIATION-POINT", el("SHORT-LABEL", label), condition)
+        return every(period, "Tick", "Pump/Step", point)
+
+    pump = component("Pump", tick("A", 1, "0.01"), tick("B", 2, "0.02"), runnables="Step")
+    imported = read(write(tmp_path, package("T", pump)))
+    assert periods(imported) == ONE_TASK
+    assert any('PERIOD is "0.02" here, but "0.01"' in d.message for d in found(imported, codes.VARIANT))
 
 
 def test_a_file_named_twice_is_read_once(tmp_path):

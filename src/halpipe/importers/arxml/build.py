@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes, reports
-from halpipe.importers.arxml.coverage import Ledger, note_activations, note_structure, note_timing
+from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.own.models import find_carried, read_carried
 from halpipe.importers.arxml.system.ecuc import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
 from halpipe.importers.arxml.tasks.arrivals import slack_of
+from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.execution_modes import make_modes
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES, group
@@ -66,6 +67,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     dataflow = find_dataflow(system)
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)
+    activations = join_calls(activations, findings)
     drafts = _kept(group(activations, options.granularity), options)
     reports.report_periodless(activations, findings)
     reports.report_processes(drafts, findings)
@@ -87,6 +89,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
         origin=system.place.origin if system.place else None,
     )
     note_activations(ledger, activations, drafts)
+    note_mappings(ledger, system)
     note_structure(ledger, system, drafts, dataflow)
     ledger.mapped(*(place for edge in edges for place in (edge.cause, *edge.also)), *used_times(variants))
     ledger.mapped(*required.used)
@@ -95,7 +98,6 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
-    reports.report_same_functions(drafts, findings)
     return model, coverage
 
 

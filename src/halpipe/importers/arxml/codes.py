@@ -234,9 +234,33 @@ NOT_INSTANTIATED = warning(
 )
 SAME_FUNCTION = note(
     "HAL0555",
-    "Two tasks look like the same function",
-    "A runnable of a service component and an entity of its BSW module have the same name, OsTask and position. Tools "
-    "state with an SWC-BSW-MAPPING that they are one function; without it both are imported.",
+    "Runnable and BSW entity are one call",
+    "A runnable of a service component and an entity of its BSW module are the same C function, mapped to the same "
+    "position of one OsTask with the same period. The generated RTE calls it once, and it becomes one task.",
+)
+NOT_CALLED = warning(
+    "HAL0571",
+    "Timing event that no OsTask calls",
+    "Its mapping in the Rte configuration names no OsTask, while others do: the generated RTE never calls its "
+    "runnable, which makes no task. Map it, or give it a period in the overlay (sources).",
+)
+INHERITED = warning(
+    "HAL0572",
+    "Period was taken from the sender of data",
+    "A DATA-RECEIVED-EVENT has no period. Without an Rte configuration that maps it, its runnable is taken to run as "
+    "often as the runnable that sends the data, which is an upper bound if that sends once per job.",
+)
+SEVERAL_RATES = warning(
+    "HAL0573",
+    "One call with several periods",
+    "Several events start one runnable in one OsTask, and the generated RTE calls it once where several are due. The "
+    "model has a task for each period that contains none of the others.",
+)
+SAME_POSITION = note(
+    "HAL0574",
+    "Order within an OsTask is not stated",
+    "Events of one OsTask have the same position in it, or none. Generators order them as they like, so that no "
+    "precedence is derived.",
 )
 TOO_MANY = error(
     "HAL0553",

@@ -29,8 +29,6 @@ _UNUSED = {
     "OsScheduleTableExpiryPoint": "gives no task its period",
     "OsCounter": "its ticks are not needed",
     "OsApplication": "runs no task of the model",
-    "RteEventToTaskMapping": "its event makes no task, or runs in no OsTask",
-    "RteBswEventToTaskMapping": "its event makes no task, or runs in no OsTask",
     "RUNNABLE-ENTITY": "no event starts it",
     "BSW-SCHEDULABLE-ENTITY": "no event starts it",
     "ASSEMBLY-SW-CONNECTOR": "carries no data between runnables",
@@ -174,6 +172,23 @@ def note_activations(ledger: Ledger, activations: Iterable[Activation], drafts: 
         ledger.ignored(activation.event.place if activation.event else activation.place, reason)
         if activation.runnable is not None:
             ledger.ignored(activation.runnable.place, f"started by {activation.kind} only: {reason}")
+        if activation.mapping is not None:
+            ledger.ignored(activation.mapping.place, f"its event makes no task: {reason}")
+
+
+def note_mappings(ledger: Ledger, system: System) -> None:
+    """Note why event mappings map nothing: their event, OsTask or component instance is in no file, or is not named."""
+    known = {prototype for instance in system.instances for prototype in instance.context} | set(system.configured)
+    for mapping in system.configuration.mappings:
+        if mapping.event is None:
+            reason = "its event is in no file"
+        elif mapping.prototype is not None and mapping.prototype not in known:
+            reason = "its component instance is in no file"
+        elif mapping.task is None:
+            reason = "its OsTask is in no file" if mapping.is_called else "names no OsTask"
+        else:
+            reason = "another mapping of its event counts, or no runnable is started by it"
+        ledger.ignored(mapping.place, reason)
 
 
 def note_structure(ledger: Ledger, system: System, drafts: Sequence[Draft], dataflow: DataFlow) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.arxml.tasks.periods import NOT_SCHEDULED
+from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_SCHEDULED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,13 +26,12 @@ def report_periodless(activations: Sequence[Activation], findings: Findings) -> 
     """Report events that make no task, one finding for each kind and reason; timing events have theirs already."""
     groups: dict[tuple[str, str], list[Activation]] = {}
     for activation in activations:
-        if activation.process is not None or (activation.event and activation.event.is_timing):
-            continue
-        if activation.period is None:
+        is_told = activation.event is not None and activation.event.is_timing and activation.reason != NOT_CALLED
+        if activation.period is None and activation.process is None and not is_told:
             groups.setdefault((activation.kind, activation.reason), []).append(activation)
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
-        code = codes.NOT_SCHEDULED if expected else codes.NO_PERIOD
+        code = codes.NOT_SCHEDULED if expected else codes.NOT_CALLED if reason == NOT_CALLED else codes.NO_PERIOD
         findings.add(
             code(
                 f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",
@@ -171,22 +170,3 @@ def report_dataflow(system: System, dataflow: DataFlow, findings: Findings) -> N
             help="list those that must be fresh as chains in the overlay",
         )
     )
-
-
-def report_same_functions(drafts: Sequence[Draft], findings: Findings) -> None:
-    """Report BSW entities next to runnables of the same name at the same position of an OsTask, if not joined."""
-    by_slot: dict[tuple[str, str, int], Draft] = {}
-    for draft in drafts:
-        if draft.os_task is None or draft.position is None:
-            continue
-        slot = (draft.os_task.place.path, draft.place.name, draft.position)
-        other = by_slot.setdefault(slot, draft)
-        if other is not draft and other.place.kind != draft.place.kind and other.period == draft.period:
-            findings.add(
-                codes.SAME_FUNCTION(
-                    f'has the name, OsTask and position of "{other.name}"',
-                    at=draft.place.at,
-                    path=f'task "{draft.name}"',
-                    help="drop one of them in the overlay if they are one function",
-                )
-            )

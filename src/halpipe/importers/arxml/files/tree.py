@@ -236,7 +236,7 @@ class Tree:
         return "".join((ref.text or "").split()), (ref.get("BASE") or "").strip()
 
     def _report_variants(self, document: Document) -> None:
-        found = [element.sourceline for element in document.root.iter(NS + "VARIATION-POINT")]
+        found = [element.sourceline for element in document.root.iter(NS + "VARIATION-POINT") if len(element)]
         if found:
             self.findings.add(
                 codes.VARIANT(
@@ -256,6 +256,10 @@ class Tree:
     def tagged(self, *tags: str) -> list[Node]:
         """Return every node of the given tags, tag by tag, in order of first appearance."""
         return [node for tag in tags for node in self._by_tag.get(tag, [])]
+
+    def has(self, path: str, tag: str) -> bool:
+        """Whether a file defines an element of a tag at a path."""
+        return any(node.tag == tag for node in self._by_path.get(path, ()))
 
     @staticmethod
     def at(element: etree._Element, file: str) -> Location:
@@ -354,9 +358,7 @@ class Tree:
 
     # ------------------------------------------------------------------------------------------ reporting
 
-    def _report_dangling(
-        self, ref: Ref, what: str, candidates: Sequence[Node], tags: Container[str] | None
-    ) -> None:
+    def _report_dangling(self, ref: Ref, what: str, candidates: Sequence[Node], tags: Container[str] | None) -> None:
         written = f"{ref.relative}, which is {ref.path}" if ref.relative else ref.path
         if candidates:
             message = f"refers to {written}, a {candidates[0].tag}"

@@ -1,37 +1,28 @@
-"""Compositions, their connectors, and the component instances that they make when nested into each other."""
+"""Compositions with their prototypes and connectors, and what is put onto which ECU and hardware."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.tree import Text, local, place
 from halpipe.importers.arxml.system.swc import place_of, stated
 from halpipe.importers.arxml.system.values import (
-    Component,
     Composition,
     Connector,
     Ecu,
     End,
-    Instance,
     PeriodOverride,
     Place,
     Prototype,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
-    from halpipe.diagnostics import Findings
     from halpipe.importers.arxml.files.tree import Node, Part, Tree
 
 COMPOSITION = "COMPOSITION-SW-COMPONENT-TYPE"
 _PORTS = ("P-PORT-PROTOTYPE", "R-PORT-PROTOTYPE", "PR-PORT-PROTOTYPE")
-_MAX_DEPTH = 32
-MAX_INSTANCES = 20_000
 
 
 # ------------------------------------------------------------------------------------------------ reading
@@ -136,142 +127,3 @@ def read_hardware(tree: Tree) -> tuple[Place, ...]:
         for node in tree.tagged("HW-ELEMENT")
         if any(ref.name == "ProcessingUnit" for ref in tree.refs(node, "HW-CATEGORY-REFS/HW-CATEGORY-REF"))
     )
-
-
-# ----------------------------------------------------------------------------------------------- instances
-
-
-@dataclass(frozen=True, slots=True)
-class Instances:
-    """The component instances, and the compositions (paths) taken for copies of others."""
-
-    items: tuple[Instance, ...]
-    copies: tuple[str, ...]
-
-
-def find_instances(
-    tree: Tree,
-    components: Sequence[Component],
-    compositions: Sequence[Composition],
-    configured: Sequence[str],
-    findings: Findings,
-) -> Instances:
-    """Unfold the root compositions into component instances.
-
-    Roots are the compositions that a SYSTEM names, or else those that no other composition uses. `configured` are
-    the component prototypes (paths) of the Rte configuration: roots without any of them are copies. Without any
-    instance component types stand for themselves, as BSW modules always do.
-    """
-    by_path = {composition.place.path: composition for composition in compositions}
-    types = {component.place.path: component for component in components}
-    roots = _roots(tree, compositions)
-    unfolded = {root: _bounded(_unfold(by_path[root], (root,), by_path, types), by_path[root]) for root in roots}
-    copies = _copies(unfolded, frozenset(configured))
-    for root in copies:
-        findings.add(
-            codes.COPY(
-                "none of its component prototypes is in the Rte configuration",
-                at=by_path[root].place.at,
-                path=f'composition "{root}"',
-                help="nothing to do if it is the system that the ECU extract was made of",
-            )
-        )
-    kept = [instance for root in roots if root not in copies for instance in unfolded[root]]
-    _report_shared_types(kept, by_path, findings)
-    used = {instance.component.place.path for instance in kept}
-    rest = [component for component in components if component.place.path not in used]
-    if kept:
-        _report_unused([component for component in rest if not component.is_module], findings)
-        rest = [component for component in rest if component.is_module]
-    alone = [Instance(_label(component), (component.place.path,), component) for component in rest]
-    return Instances((*kept, *alone), copies)
-
-
-def _label(component: Component) -> str:
-    """Name a module apart from the service component of the same name, which most modules have."""
-    return f"BSW/{component.place.name}" if component.is_module else component.place.name
-
-
-def _report_unused(components: Sequence[Component], findings: Findings) -> None:
-    for component in components:
-        if any(event.is_timing for event in component.events):
-            findings.add(
-                codes.NOT_INSTANTIATED(
-                    "is used in no composition of the system, so that its runnables are no tasks",
-                    at=component.place.at,
-                    path=f'{component.place.kind} "{component.place.path}"',
-                    help="add it to the composition, or import its file on its own",
-                )
-            )
-
-
-def _roots(tree: Tree, compositions: Sequence[Composition]) -> list[str]:
-    named = []
-    for node in tree.tagged("ROOT-SW-COMPOSITION-PROTOTYPE"):
-        ref = tree.ref(node, "SOFTWARE-COMPOSITION-TREF")
-        target = tree.find(ref, f'root composition "{node.path}"', (COMPOSITION,)) if ref else None
-        if target is not None:
-            named.append(target.path)
-    used = {prototype.type for composition in compositions for prototype in composition.prototypes}
-    unused = [composition.place.path for composition in compositions if composition.place.path not in used]
-    return list(dict.fromkeys(named or unused))
-
-
-def _unfold(
-    composition: Composition,
-    context: tuple[str, ...],
-    compositions: dict[str, Composition],
-    types: dict[str, Component],
-) -> Iterator[Instance]:
-    """Yield the instances inside one use of a composition; a composition inside itself is not entered again."""
-    if len(context) > _MAX_DEPTH:
-        return
-    for prototype in composition.prototypes:
-        inner = (*context, prototype.place.path)
-        if prototype.type in compositions and prototype.place.path not in context:
-            yield from _unfold(compositions[prototype.type], inner, compositions, types)
-        elif prototype.type in types:
-            label = "/".join(path.rpartition("/")[2] for path in inner[1:])
-            yield Instance(label, inner, types[prototype.type])
-
-
-def _bounded(instances: Iterator[Instance], root: Composition) -> list[Instance]:
-    """Collect instances; compositions that multiply beyond all reason are refused."""
-    found = list(islice(instances, MAX_INSTANCES + 1))
-    if len(found) > MAX_INSTANCES:
-        raise HalpipeError(
-            codes.TOO_MANY(
-                f"makes more than {MAX_INSTANCES} component instances",
-                at=root.place.at,
-                path=f'composition "{root.place.path}"',
-                help="import one part of the system at a time",
-            )
-        )
-    return found
-
-
-def _copies(unfolded: dict[str, list[Instance]], configured: frozenset[str]) -> tuple[str, ...]:
-    def is_configured(root: str) -> bool:
-        return any(path in configured for instance in unfolded[root] for path in instance.context)
-
-    if not any(is_configured(root) for root in unfolded):
-        return ()
-    return tuple(root for root in unfolded if not is_configured(root))
-
-
-def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Composition], findings: Findings) -> None:
-    roots: dict[str, list[str]] = {}
-    for instance in instances:
-        known = roots.setdefault(instance.component.place.path, [])
-        if instance.context[0] not in known:
-            known.append(instance.context[0])
-    for pair in dict.fromkeys(tuple(found) for found in roots.values() if len(found) > 1):
-        shared = next(path for path, found in roots.items() if tuple(found) == pair)
-        findings.add(
-            codes.SEVERAL_ROOTS(
-                f"{shared} and others are used in each of {', '.join(pair)}",
-                at=by_path[pair[0]].place.at,
-                path=f'composition "{pair[0]}"',
-                help="import the files of one system only, or add the ECU configuration of the Rte",
-            )
-        )

@@ -19,18 +19,21 @@ from halpipe.importers.arxml.system.values import (
     OsApplication,
     OsTask,
     Place,
+    RteInstance,
     Stated,
     Trigger,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from fractions import Fraction
 
     from halpipe.importers.arxml.files.tree import Node, Ref, Tree
 
 _MODULES = ("Os", "Rte", "EcuC")
 _CONTAINER = "ECUC-CONTAINER-VALUE"
+_MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
+_FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
 _VALUE_PATHS = ("VALUE-REF", "VALUE-IREF/TARGET-REF")
 
 
@@ -123,6 +126,14 @@ class Containers:
         """Return the containers of the given definitions, in document order."""
         return [container for container in self.by_path.values() if container.kind in kinds]
 
+    def beside(self, container: Container, kind: str) -> list[Container]:
+        """Return the containers of a definition in the module configuration that holds `container`."""
+        module = container.node
+        while module.parent is not None and module.tag != _MODULE:
+            module = module.parent
+        inside = (self.by_path.get(node.path) for node in module.inside(_CONTAINER))
+        return [found for found in inside if found is not None and found.kind == kind]
+
     def below(self, container: Container) -> Iterator[Container]:
         """Yield the container and everything inside it."""
         yield container
@@ -147,11 +158,7 @@ def read_configuration(tree: Tree) -> Configuration:
         tasks=tuple(tasks),
         triggers=tuple(_triggers(containers)),
         mappings=tuple(_mappings(containers)),
-        instances=tuple(
-            ref.path
-            for container in containers.of("RteSwComponentInstance")
-            for ref in container.refs("RteSoftwareComponentInstanceRef")
-        ),
+        instances=tuple(_instances(containers)),
     )
 
 
@@ -226,6 +233,7 @@ class Ticks:
     def __init__(self, containers: Containers) -> None:
         self._containers = containers
         self._known: dict[str, Duration | None] = {}
+        self._driven: list[Container] = []
 
     def counter(self, container: Container, name: str) -> tuple[Duration | None, tuple[Place, ...]]:
         """Return the tick of the counter that `container` refers to by `name`, and the counter's place."""
@@ -241,10 +249,16 @@ class Ticks:
         number = counter.number("OsSecondsPerTick")
         if number:
             return seconds(number)
-        for system in self._containers.of("OsOS"):
-            frequency = system.number("ArcOsTickFrequency")
-            if frequency:
-                return seconds(1 / frequency)
+        systems = self._containers.beside(counter, "OsOS")
+        stated = {number for system in systems for number in map(system.number, _FREQUENCIES) if number}
+        if len(stated) == 1:
+            return seconds(1 / stated.pop())
+        alarms = [alarm for alarm in self._containers.of("OsAlarm") if self._increments(alarm, counter)]
+        if len(alarms) == 1 and counter not in self._driven:
+            self._driven.append(counter)  # counters that drive each other in a circle have no tick
+            cycle, tick = _cycle(self._containers, alarms[0]), self.counter(alarms[0], "OsAlarmCounterRef")[0]
+            if cycle and tick:
+                return tick * cycle
         self._containers.tree.findings.add(
             codes.NO_TICK(
                 "has no OsSecondsPerTick",
@@ -255,10 +269,36 @@ class Ticks:
         )
         return None
 
+    def _increments(self, alarm: Container, counter: Container) -> bool:
+        inside = self._containers.below(alarm)
+        return any(ref.path == counter.node.path for c in inside for ref in c.refs("OsAlarmIncrementCounterRef"))
+
+
+def _cycle(containers: Containers, alarm: Container) -> Fraction | None:
+    """Return the ticks after which an alarm comes again; None if it does not, or is started by code."""
+    cycles = (inside.number("OsAlarmCycleTime") for inside in containers.below(alarm))
+    return next((cycle for cycle in cycles if cycle), None)
+
+
+def _woken(containers: Containers, inside: Iterable[Container], kind: str) -> tuple[str, ...]:
+    """Return the tasks that wait for the events set by an action: those it names, else those that list the event."""
+    found: dict[str, None] = {}
+    for action in inside:
+        events = action.targets(f"{kind}SetEventRef")
+        named = action.targets(f"{kind}SetEventTaskRef")
+        if events and not named:
+            named = [
+                task.node.path
+                for task in containers.of("OsTask")
+                if not {ref.path for ref in task.refs("OsTaskEventRef")}.isdisjoint(events)
+            ]
+        found.update(dict.fromkeys(named))
+    return tuple(found)
+
 
 def _alarm(containers: Containers, alarm: Container, ticks: Ticks) -> Iterator[Trigger]:
     inside = list(containers.below(alarm))
-    cycle = next((n for n in (c.number("OsAlarmCycleTime") for c in inside) if n), None)
+    cycle = _cycle(containers, alarm)
     if not cycle:
         return
     tick, through = ticks.counter(alarm, "OsAlarmCounterRef")
@@ -272,6 +312,7 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks) -> Iterator[T
         tasks=tuple(path for c in inside for path in c.targets("OsAlarmActivateTaskRef")),
         events=tuple(path for c in inside for path in c.targets("OsAlarmSetEventRef")),
         through=through,
+        wakes=_woken(containers, inside, "OsAlarm"),
     )
 
 
@@ -303,6 +344,7 @@ def _expiry_points(containers: Containers, table: Container, ticks: Ticks) -> It
             tasks=tuple(path for c in inside for path in c.targets("OsScheduleTableActivateTaskRef")),
             events=tuple(path for c in inside for path in c.targets("OsScheduleTableSetEventRef")),
             through=(*through, table.place),
+            wakes=_woken(containers, inside, "OsScheduleTable"),
         )
 
 
@@ -321,6 +363,7 @@ def _mappings(containers: Containers) -> Iterator[Mapping]:
             task=container.target("RteMappedToTaskRef", "RteBswMappedToTaskRef"),
             position=int(position) if position is not None else None,
             offset=container.value("RteActivationOffset") or container.value("RteBswActivationOffset"),
+            is_called=bool(container.refs("RteMappedToTaskRef", "RteBswMappedToTaskRef")),
             triggers=tuple(
                 container.targets(
                     "RteUsedOsSchTblExpiryPointRef",
@@ -332,6 +375,13 @@ def _mappings(containers: Containers) -> Iterator[Mapping]:
                 )
             ),
         )
+
+
+def _instances(containers: Containers) -> Iterator[RteInstance]:
+    for container in containers.of("RteSwComponentInstance"):
+        for ref in container.refs("RteSoftwareComponentInstanceRef"):
+            events = [event.path for inside in containers.below(container) for event in inside.refs("RteEventRef")]
+            yield RteInstance(place=container.place, prototype=ref.path, at=ref.at, events=tuple(events))
 
 
 def _instance(containers: Containers, mapping: Container) -> str | None:

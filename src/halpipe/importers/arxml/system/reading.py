@@ -9,10 +9,11 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
 from halpipe.importers.arxml.files.tree import Tree
 from halpipe.importers.arxml.system.adaptive import ADAPTIVE, read_function_groups, read_machines, read_processes
-from halpipe.importers.arxml.system.compositions import find_instances, read_compositions, read_ecus, read_hardware
+from halpipe.importers.arxml.system.compositions import read_compositions, read_ecus, read_hardware
 from halpipe.importers.arxml.system.constraints import read_orders
 from halpipe.importers.arxml.system.ecuc import read_configuration
 from halpipe.importers.arxml.system.execution_times import read_execution_times
+from halpipe.importers.arxml.system.instances import find_instances
 from halpipe.importers.arxml.system.modes import read_mode_groups
 from halpipe.importers.arxml.system.swc import is_component_type, place_of, read_components, read_twins
 from halpipe.importers.arxml.system.timing import read_timing, report_not_read
@@ -47,6 +48,7 @@ def read_system(tree: Tree) -> System:
         compositions=compositions,
         instances=instances.items,
         copies=instances.copies,
+        configured=instances.configured,
         configuration=configuration,
         mode_groups=(*read_mode_groups(tree), *groups),
         orders=read_orders(tree),

@@ -136,9 +136,17 @@ def _runnable(tree: Tree, node: Node) -> Runnable:
         accesses += [(role, DataItem("", ref.path)) for ref in tree.refs(node, path)]
     return Runnable(
         place=place_of(node),
+        symbol=_symbol(tree, node),
         writes=tuple(item for role, item in accesses if role in _WRITES),
         reads=tuple(item for role, item in accesses if role in _READS),
     )
+
+
+def _symbol(tree: Tree, node: Node) -> str:
+    """Return the C function: the SYMBOL of a runnable, the entry that a BSW entity implements, or else its name."""
+    symbol = tree.text(node, "SYMBOL")
+    entry = tree.ref(node, "IMPLEMENTED-ENTRY-REF")
+    return (symbol.value if symbol else "") or (entry.name if entry else "") or node.name
 
 
 def _access(tree: Tree, access: Node) -> Iterator[tuple[str, DataItem]]:

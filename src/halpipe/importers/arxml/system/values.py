@@ -56,9 +56,10 @@ class DataItem:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Runnable:
-    """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads."""
+    """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads; `symbol` is its C function."""
 
     place: Place
+    symbol: str = ""
     writes: tuple[DataItem, ...] = ()
     reads: tuple[DataItem, ...] = ()
 
@@ -195,7 +196,7 @@ class Trigger:
     """A recurring action of the OS: an alarm, or an expiry point of a repeating schedule table.
 
     Activates tasks and sets OS events (paths) every `period`, first at `offset`. `through` are the counter that
-    gives ticks their length and the table of the expiry point.
+    gives ticks their length and the table of the expiry point; `wakes` are the tasks that wait for the events.
     """
 
     place: Place
@@ -204,6 +205,7 @@ class Trigger:
     tasks: tuple[str, ...]
     events: tuple[str, ...]
     through: tuple[Place, ...]
+    wakes: tuple[str, ...] = ()
 
     @property
     def table(self) -> str:
@@ -213,7 +215,11 @@ class Trigger:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mapping:
-    """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path)."""
+    """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path).
+
+    `prototype` is what the configuration calls the instance: often a prototype of the flattened ECU extract.
+    `is_called` tells a mapping that names no OsTask from one whose OsTask is in no file.
+    """
 
     place: Place
     prototype: str | None
@@ -222,18 +228,29 @@ class Mapping:
     position: int | None
     offset: Stated | None
     triggers: tuple[str, ...]
+    is_called: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RteInstance:
+    """RteSwComponentInstance: the component prototype (path) that it names, where, and its events (paths)."""
+
+    place: Place
+    prototype: str
+    at: Location
+    events: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Configuration:
-    """The ECU configuration of Os, Rte and EcuC; `instances` are the component prototypes (paths) that Rte names."""
+    """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names."""
 
     cores: tuple[Core, ...] = ()
     applications: tuple[OsApplication, ...] = ()
     tasks: tuple[OsTask, ...] = ()
     triggers: tuple[Trigger, ...] = ()
     mappings: tuple[Mapping, ...] = ()
-    instances: tuple[str, ...] = ()
+    instances: tuple[RteInstance, ...] = ()
 
 
 # ----------------------------------------------------------------------------------------- modes and constraints
@@ -406,13 +423,17 @@ class Ecu:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class System:
-    """Everything that the input says about timing; `place` is the element that gives the system its name."""
+    """Everything that the input says about timing; `place` is the element that gives the system its name.
+
+    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for.
+    """
 
     place: Place | None = None
     components: tuple[Component, ...] = ()
     compositions: tuple[Composition, ...] = ()
     instances: tuple[Instance, ...] = ()
     copies: tuple[str, ...] = ()
+    configured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     configuration: Configuration = field(default_factory=Configuration)
     mode_groups: tuple[ModeGroup, ...] = ()
     orders: tuple[Order, ...] = ()

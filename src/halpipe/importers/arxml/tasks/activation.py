@@ -33,7 +33,8 @@ class Activation:
 
     `name` is what a task of it is called. `period` None means that it does not recur, as `reason` explains; `used`
     are the elements that the period comes from, where it is not the event's own. `arrival` is what the timing
-    extension says of how often it happens.
+    extension says of how often it happens. `twin` is the runnable that is the same function as a BSW entity, and
+    `joins` the event of it with which this one shares a call.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Activation:
     reason: str = ""
     used: tuple[Place, ...] = ()
     twin: Actor | None = None
+    joins: Event | None = None
 
     @property
     def kind(self) -> str:
@@ -74,13 +76,10 @@ def find_activations(system: System, findings: Findings) -> list[Activation]:
     """
     arrivals = Arrivals(system)
     tasks = {task.place.path: task for task in system.configuration.tasks}
-    mappings: dict[str, list[Mapping]] = {}
-    for mapping in system.configuration.mappings:
-        if mapping.event is not None:
-            mappings.setdefault(mapping.event, []).append(mapping)
+    mappings = _Mappings(system)
     found = [activation for instance in system.instances for activation in _of_instance(instance, mappings, tasks)]
     found += _without_events(system, found, arrivals)
-    hosting = {mapping.task for mapping in system.configuration.mappings}
+    hosting = {activation.os_task.place.path for activation in found if activation.os_task}
     found += [
         Activation(name=task.place.name, place=task.place, os_task=task)
         for path, task in tasks.items()
@@ -113,14 +112,14 @@ def _without_events(system: System, found: list[Activation], arrivals: Arrivals)
     ]
 
 
-def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: dict[str, OsTask]) -> list[Activation]:
+def _of_instance(instance: Instance, mappings: _Mappings, tasks: dict[str, OsTask]) -> list[Activation]:
     runnables = {runnable.place.path: runnable for runnable in instance.component.runnables}
     found = []
     for event in instance.component.events:
         runnable = runnables.get(event.runnable or "")
         if runnable is None:
             continue
-        mapping = _mapping(instance, mappings.get(event.place.path, []))
+        mapping = mappings.of(instance, event)
         found.append(
             Activation(
                 name=f"{instance.label}/{runnable.place.name}",
@@ -135,13 +134,27 @@ def _of_instance(instance: Instance, mappings: dict[str, list[Mapping]], tasks: 
     return found
 
 
-def _mapping(instance: Instance, mappings: list[Mapping]) -> Mapping | None:
-    """Choose the mapping of an event for one instance: its own, or one that names no instance."""
-    own = [mapping for mapping in mappings if mapping.prototype in instance.context]
-    general = [mapping for mapping in mappings if mapping.prototype is None]
-    any_instance = mappings if len(instance.context) == 1 else []
-    found = own or general or any_instance
-    return next((mapping for mapping in found if mapping.task is not None), found[0] if found else None)
+class _Mappings:
+    """The mappings of events to OS tasks, by event and instance."""
+
+    def __init__(self, system: System) -> None:
+        self._configured = system.configured
+        self._by_event: dict[str, list[Mapping]] = {}
+        for mapping in system.configuration.mappings:
+            if mapping.event is not None:
+                self._by_event.setdefault(mapping.event, []).append(mapping)
+
+    def of(self, instance: Instance, event: Event) -> Mapping | None:
+        """Choose the mapping of an event for one instance: its own, or one that names no instance."""
+        mappings = self._by_event.get(event.place.path, [])
+        own = [mapping for mapping in mappings if self._is_of(mapping.prototype, instance)]
+        general = [mapping for mapping in mappings if mapping.prototype is None]
+        any_instance = mappings if len(instance.context) == 1 else []
+        found = own or general or any_instance
+        return next((mapping for mapping in found if mapping.task is not None), found[0] if found else None)
+
+    def _is_of(self, prototype: str | None, instance: Instance) -> bool:
+        return prototype in instance.context or self._configured.get(prototype or "") == instance.context
 
 
 def _joined(activations: list[Activation], system: System) -> list[Activation]:

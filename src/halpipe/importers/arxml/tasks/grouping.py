@@ -84,9 +84,9 @@ def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:
     without a period: there is nothing else in their manifests that could be.
     """
     groups: dict[Hashable, list[Activation]] = {}
-    for index, activation in enumerate(activations):
+    for activation in activations:
         if activation.period is not None or activation.process is not None:
-            groups.setdefault(_key(activation, index, granularity), []).append(activation)
+            groups.setdefault(_key(activation, granularity), []).append(activation)
     members = [sorted(found, key=_order) for found in groups.values()]
     names = _names(members, granularity)
     return [
@@ -94,10 +94,11 @@ def group(activations: Sequence[Activation], granularity: str) -> list[Draft]:
     ]
 
 
-def _key(activation: Activation, index: int, granularity: str) -> Hashable:
+def _key(activation: Activation, granularity: str) -> Hashable:
     os_task = activation.os_task.place.path if activation.os_task else ""
-    if granularity == "event":
-        return index
+    event = activation.joins or activation.event
+    if granularity == "event" and event is not None:
+        return (*activation.work, event.place.path, activation.period, activation.offset, os_task)
     if granularity == "ostask" and os_task:
         return os_task, activation.period, activation.offset
     return activation.work, activation.period, activation.offset, os_task

@@ -35,6 +35,8 @@ NOT_SCHEDULED = {
     "INIT-EVENT": "initialisation: runs before the schedule begins",
     "OsTask": "OS task without mapped events, alarm, schedule table or period",
 }
+NOT_CALLED = "no OsTask calls it: its mapping in the Rte configuration names none"
+_ON_ARRIVAL = "the RTE calls it when data arrives, whatever the period of its sender"
 _NO_SENDER = "no periodic runnable is known to send its data"
 _NO_PERIOD = {
     "BACKGROUND-EVENT": "background work has no period",
@@ -74,7 +76,7 @@ def decide_periods(
     for activation in decided:
         compare(activation, tree.findings)
     report_sporadic(decided, tree.findings)
-    decided = _inherited(decided, dataflow, tree.findings)
+    decided = _inherited([_arriving(activation) for activation in decided], dataflow, tree.findings)
     return [a if a.period is not None else replace(a, reason=a.reason or _reason(a.kind)) for a in decided]
 
 
@@ -95,11 +97,14 @@ class Periods:
             for override in composition.overrides
         }
         self._triggers = system.configuration.triggers
+        self._is_mapped = any(mapping.task is not None for mapping in system.configuration.mappings)
         self._seen: set[Diagnostic] = set()
 
     def of(self, activation: Activation) -> list[Activation]:
         """Return the activation once for every way it recurs; unchanged if it does not."""
-        event = activation.event
+        event, mapping = activation.event, activation.mapping
+        if mapping is not None and not mapping.is_called and self._is_mapped and event is not None and event.is_timing:
+            return [replace(activation, reason=NOT_CALLED)]
         if activation.process is not None:
             found = self._of_process(activation)
         elif event is None:
@@ -206,11 +211,15 @@ class Periods:
         return self._recurrences(used)
 
     def _of_os_task(self, activation: Activation) -> list[Recurrence]:
-        """Find what activates an OsTask, or take the period that it states itself."""
+        """Find what activates an OsTask, or take the period that it states itself.
+
+        One that hosts no events is also woken by what sets the OS events that it waits for.
+        """
         task = activation.os_task
         if task is None:
             return []
-        found = self._recurrences([t for t in self._triggers if task.place.path in t.tasks])
+        path, alone = task.place.path, activation.event is None
+        found = self._recurrences([t for t in self._triggers if path in t.tasks or (alone and path in t.wakes)])
         if not found and task.period:
             found = [Recurrence(task.period, ZERO, (task.place,))]
         return found
@@ -327,6 +336,13 @@ def _from_arrivals(activations: list[Activation]) -> list[Activation]:
     return result
 
 
+def _arriving(activation: Activation) -> Activation:
+    """Mark what an OsTask runs on the arrival of data: when that is, is known only without an Rte configuration."""
+    if _is_pending(activation) and activation.os_task is not None:
+        return replace(activation, reason=_ON_ARRIVAL)
+    return activation
+
+
 def _inherited(activations: list[Activation], dataflow: DataFlow, findings: Findings) -> list[Activation]:
     """Give data-received events the period that all periodic senders of their data share.
 
@@ -368,6 +384,14 @@ def _inherit(
 ) -> Activation:
     found = sorted({period for sender in senders_of(activation, dataflow) for period in periods.get(sender, ())})
     if len(found) == 1:
+        findings.add(
+            codes.INHERITED(
+                f'"{activation.name}" gets the period {found[0]} of the runnable that sends its data',
+                at=activation.event.place.at if activation.event else Location(),
+                path=_what(activation.event) if activation.event else "",
+                help="give it another period in the overlay (sources) if its data is not sent each time",
+            )
+        )
         return replace(activation, period=found[0])
     if not found:
         return replace(activation, reason=_NO_SENDER)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
-from itertools import pairwise
+from math import gcd
 from typing import TYPE_CHECKING
 
+from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.tasks.periods import senders_of
@@ -49,7 +51,7 @@ def find_edges(
     edges = [
         *(Edge(spacing.first, spacing.second, spacing.cause, spacing) for spacing in spacings),
         *_from_constraints(system, drafts, findings),
-        *_from_positions(drafts),
+        *_from_positions(drafts, findings),
         *_from_received_data(drafts, dataflow),
     ]
     alike: dict[tuple[str, str], list[Edge]] = {}
@@ -115,21 +117,68 @@ def _report_lost(system: System, known: Collection[str], findings: Findings) -> 
         )
 
 
-def _from_positions(drafts: Sequence[Draft]) -> Iterator[Edge]:
-    """RtePositionInTask orders what one OsTask runs with one period and offset; equal positions are not ordered."""
-    hosted: dict[tuple[str, Duration | None, Duration | None], dict[int, list[Draft]]] = {}
+def _from_positions(drafts: Sequence[Draft], findings: Findings) -> Iterator[Edge]:
+    """RtePositionInTask orders what one OsTask runs; equal positions are not ordered.
+
+    What is released together runs in this order, also across periods: each position follows the last one before it,
+    and the last one with its own period and offset.
+    """
+    hosted: dict[str, list[Draft]] = {}
     for draft in drafts:
-        position = draft.position
-        if draft.os_task is not None and position is not None:
-            slots = hosted.setdefault((draft.os_task.place.path, draft.period, draft.offset), {})
-            slots.setdefault(position, []).append(draft)
-    for slots in hosted.values():
-        for earlier, later in pairwise(sorted(slots)):
-            for first in slots[earlier]:
-                for second in slots[later]:
+        if draft.os_task is not None:
+            hosted.setdefault(draft.os_task.place.path, []).append(draft)
+    for found in hosted.values():
+        slots: dict[int, list[Draft]] = {}
+        for draft in found:
+            if draft.position is not None:
+                slots.setdefault(draft.position, []).append(draft)
+        _report_positions(found, slots, findings)
+        yield from _in_turn(slots)
+
+
+def _in_turn(slots: dict[int, list[Draft]]) -> Iterator[Edge]:
+    last_of_rate: dict[tuple[Duration | None, Duration | None], list[Draft]] = {}
+    last: list[Draft] = []
+    for position in sorted(slots):
+        for second in slots[position]:
+            before = {id(first): first for first in (*last, *last_of_rate.get((second.period, second.offset), ()))}
+            for first in before.values():
+                if _meet(first, second):
                     mapping = second.members[0].mapping
                     assert mapping is not None
                     yield Edge(first.name, second.name, mapping.place)
+        last = slots[position]
+        rates: dict[tuple[Duration | None, Duration | None], list[Draft]] = {}
+        for draft in last:
+            rates.setdefault((draft.period, draft.offset), []).append(draft)
+        last_of_rate |= rates
+
+
+def _meet(first: Draft, second: Draft) -> bool:
+    """Whether releases of two tasks coincide, which they do iff their offsets agree modulo the common divisor."""
+    if first.period is None or second.period is None:
+        return first.period == second.period
+    one, other = first.period.fraction, second.period.fraction
+    common = Fraction(
+        gcd(one.numerator * other.denominator, other.numerator * one.denominator), one.denominator * other.denominator
+    )
+    return ((first.offset or ZERO).fraction - (second.offset or ZERO).fraction) % common == 0
+
+
+def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], findings: Findings) -> None:
+    """Report what one OsTask runs in an order that nobody states."""
+    unordered = [draft for draft in found if draft.position is None]
+    groups = [*slots.values(), [*unordered, *found[:1]] if unordered else []]
+    for group in groups:
+        names = list(dict.fromkeys(draft.name for draft in group))
+        if len(names) > 1 and group[0].os_task is not None:
+            findings.add(
+                codes.SAME_POSITION(
+                    f"runs in no stated order: {listed(names)}",
+                    at=group[0].place.at,
+                    path=f'OsTask "{group[0].os_task.place.path}"',
+                )
+            )
 
 
 def _from_received_data(drafts: Sequence[Draft], dataflow: DataFlow) -> Iterator[Edge]:
