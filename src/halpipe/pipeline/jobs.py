@@ -11,11 +11,13 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, least_common_multiple
+from halpipe.durations import ZERO, greatest_common_divisor, least_common_multiple
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.durations import Duration
-    from halpipe.models import Mode, Task, TaskModel, Version
+    from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +46,12 @@ class ActiveTask:
 
 @dataclass(frozen=True)
 class Expansion:
-    """A mode unrolled over its hyperperiod; `tasks` in model order."""
+    """A mode unrolled over its hyperperiod; `tasks` in model order, `interrupts` those of all units."""
 
     mode: Mode
     hyperperiod: Duration
     tasks: tuple[ActiveTask, ...]
+    interrupts: tuple[Interrupt, ...] = ()
 
     @cached_property
     def by_name(self) -> dict[str, ActiveTask]:
@@ -91,7 +94,8 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
                 for slot in range(slots)
             )
             active[name] = ActiveTask(task, versions, len(demands), demands)
-    return Expansion(mode, hyperperiod, tuple(active[name] for name in running))
+    interrupts = tuple(interrupt for unit in model.units for interrupt in unit.interrupts)
+    return Expansion(mode, hyperperiod, tuple(active[name] for name in running), interrupts)
 
 
 def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Version, ...]]]:
@@ -113,3 +117,26 @@ def _demanders(running: dict[str, tuple[Task, tuple[Version, ...]]]) -> dict[str
             if target in demanders:
                 demanders[target].append((name, max(demands_for(version, target) for version in versions)))
     return demanders
+
+
+def natural_tick(expansion: Expansion) -> Duration:
+    """Return the largest duration that divides every duration of the mode (MODEL 1)."""
+    return greatest_common_divisor(durations(expansion))
+
+
+def durations(expansion: Expansion) -> Iterator[Duration]:
+    """Yield every duration of the mode that decides when something may start or end; many times the same."""
+    for interrupt in expansion.interrupts:
+        yield from (interrupt.distance, interrupt.wcet)
+    for active in expansion.tasks:
+        task = active.task
+        yield from (d for d in (task.period, task.offset) if d)
+        for version in active.versions:
+            if version.wcet:
+                yield version.wcet
+            split = version.split
+            yield from (d for d in (*split.points, split.resume, split.min_part) if d)
+            for access in version.accesses:
+                yield from (access.start, access.end)
+            for row in version.precedences:
+                yield from (row.min, row.max)

@@ -4,9 +4,9 @@ import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
-from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes, problem
-from halpipe.pipeline.solve.problem import NO_TICK, build_problem, natural_tick
+from halpipe.pipeline.solve.problem import NO_TICK, build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, ms, task, version
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Part
+from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
-from halpipe.pipeline.solve.problem import natural_tick
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

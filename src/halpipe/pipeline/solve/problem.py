@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.durations import ZERO, Duration
 from halpipe.models import Anchor
-from halpipe.pipeline.jobs import Expansion, demands_for
+from halpipe.pipeline.jobs import Expansion, demands_for, natural_tick
 from halpipe.pipeline.solve.construction import construction_order
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -114,24 +114,6 @@ class Problem:
     def with_construction(self, order: Ints) -> Problem:
         """Return the problem with its entries constructed in another order."""
         return replace(self, arrays=self.arrays._replace(construction=order))
-
-
-def natural_tick(expansion: Expansion) -> Duration:
-    """Return the largest duration that divides every duration of the mode (MODEL 1)."""
-    return greatest_common_divisor(_durations(expansion))
-
-
-def _durations(expansion: Expansion) -> Iterator[Duration]:
-    for active in expansion.tasks:
-        task = active.task
-        yield from (d for d in (task.period, task.offset) if d)
-        for version in active.versions:
-            if version.wcet:
-                yield version.wcet
-            for access in version.accesses:
-                yield from (access.start, access.end)
-            for row in version.precedences:
-                yield from (row.min, row.max)
 
 
 def build_problem(

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from halpipe import __version__
 from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
 from halpipe.durations import greatest_common_divisor
-from halpipe.models import Schedule, Status
-from halpipe.pipeline.jobs import Expansion, expand
+from halpipe.models import Binding, Schedule, Status
+from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
@@ -25,7 +25,7 @@ from halpipe.pipeline.solve.codes import (
     TOO_LARGE,
 )
 from halpipe.pipeline.solve.exact import DEFAULT_WORK
-from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem, natural_tick
+from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
@@ -217,6 +217,8 @@ def _schedule_mode(
 ) -> _Found:
     if options.engine == EXACT:
         return _solve_mode(model, expansion, options, number, on_progress)
+    if any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
+        return _schedule_parts(model, expansion, options, number, on_progress, earlier)
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.kernel.search import Effort, search
 
@@ -243,6 +245,47 @@ def _schedule_mode(
     table = mode_report(model, expansion, outcome.jobs, status)
     notes = _notes(problem) + _changed(expansion, outcome.changed)
     return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved)
+
+
+def _schedule_parts(
+    model: TaskModel,
+    expansion: Expansion,
+    options: SearchOptions,
+    number: int,
+    on_progress: OnProgress,
+    earlier: Earlier,
+) -> _Found:
+    """Schedule a mode in which jobs may be split: by earliest deadline first over their parts (MODEL 8.3)."""
+    from halpipe.pipeline.solve.edf.improve import Judge
+    from halpipe.pipeline.solve.edf.search import Effort, search
+    from halpipe.pipeline.solve.edf.works import works_of
+
+    name = expansion.mode.name
+    _check_tick(expansion, options.tick)
+    mode = works_of(model, expansion, options.tick or natural_tick(expansion))
+    _refuse_stuck(
+        expansion, [active.name for active, work in zip(expansion.tasks, mode.works, strict=True) if not work.ways]
+    )
+    tasks = max(1, len(expansion.tasks))
+    budget = options.budget * tasks
+    polish = _polish(model, expansion, options, number)
+    found = search(
+        mode,
+        model.chains,
+        _mode_seed(options.seed, number, options.attempt),
+        _pinned(expansion, earlier),
+        Effort(budget, POLISH_BUDGET * tasks, lambda placed, excess: on_progress(name, placed, budget, excess)),
+        None if polish is None else Judge(model, expansion, polish.is_enough),
+    )
+    on_progress(name, found.placed, budget, found.excess)
+    table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
+    return _Found(table, [], found.placed, found.stopped, found.unimproved)
+
+
+def _pinned(expansion: Expansion, earlier: Earlier) -> dict[str, tuple[str, ...]]:
+    """Return the units of the tasks that keep to them in all modes, where earlier modes have settled them."""
+    bound = {active.name for active in expansion.tasks if active.task.binding is Binding.SYSTEM}
+    return {task: units for (task, _), units in earlier.units.items() if task in bound}
 
 
 def _shipped(expansion: Expansion, options: SearchOptions) -> dict[tuple[str, int], Job]:
@@ -354,16 +397,27 @@ def _check_tick(expansion: Expansion, tick: Duration | None) -> None:
 
 def _check_options(problem: Problem) -> None:
     arrays = problem.arrays
-    mode = problem.expansion.mode.name
+    _refuse_stuck(
+        problem.expansion,
+        [
+            active.name
+            for number, active in enumerate(problem.expansion.tasks)
+            if arrays.task_option[number] == arrays.task_option[number + 1]
+        ],
+    )
+
+
+def _refuse_stuck(expansion: Expansion, names: list[str]) -> None:
+    """Stop if some tasks have jobs, but no way to run them."""
     stuck = [
         NO_OPTION(
-            f'no version available in mode "{mode}" can run',
+            f'no version available in mode "{expansion.mode.name}" can run',
             at=active.task.at,
             path=f'task "{active.name}"',
             help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
         )
-        for number, active in enumerate(problem.expansion.tasks)
-        if active.jobs and arrays.task_option[number] == arrays.task_option[number + 1]
+        for active in map(expansion.by_name.__getitem__, names)
+        if active.jobs
     ]
     if stuck:
         raise HalpipeError(*stuck)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.models import Anchor
-from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.problem import natural_tick
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
 
 if TYPE_CHECKING:

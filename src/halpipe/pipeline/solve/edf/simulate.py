@@ -1,0 +1,526 @@
+"""Earliest deadline first over parts, on unrolled time, until one hyperperiod repeats the one before it (MODEL 8.3).
+
+On each unit the job with the earliest deadline runs to its next split point. A piece that would keep a job which is
+still to come from its latest start is not begun: idle time is inserted instead. Jobs that have begun are a stack on
+each unit, so that spans are nested.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, field
+from functools import lru_cache
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.parts import reserved_length
+from halpipe.pipeline.solve.edf.resources import Claim, Resources
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.pipeline.parts import Service
+    from halpipe.pipeline.solve.edf.works import Mode, Way, Work
+
+MOST_CYCLES = 8
+"""Hyperperiods after which a table that still changes is given up."""
+
+Span = tuple[int, int, int, int]
+"""A part: start, end, and what it executes, from and to."""
+
+_RELEASE, _STOP, _WAKE = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
+
+    `urgency` is the deadline by which jobs are ordered, from their release.
+    """
+
+    ways: tuple[Way, ...]
+    phases: tuple[int, ...]
+    urgency: tuple[int, ...]
+
+
+@dataclass(slots=True)
+class Job:
+    """A job on its way. `number` counts the jobs of its task from the beginning of time."""
+
+    work: Work
+    task: int
+    number: int
+    release: int
+    due: int
+    latest: int
+    end_by: int
+    way: Way
+    spans: list[list[int]] = field(default_factory=list)
+    executed: int = 0
+    target: int = 0
+    claims: list[Claim] = field(default_factory=list)
+    ticket: int = 0
+    is_running: bool = False
+
+    @property
+    def order(self) -> tuple[int, int, int]:
+        """Earlier ones run first."""
+        return self.due, self.task, self.number
+
+    @property
+    def gaps(self) -> int:
+        """Return how many gaps the job has so far."""
+        return len(self.spans) - 1
+
+    def rest(self) -> int:
+        """Return what is left, as one part."""
+        lost = self.way.resume if self.spans else 0
+        return _reserved(self.way.wcet - self.executed + lost, self.way.service)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """One hyperperiod: the spans of every job by task and index, their starts in [0, hyperperiod).
+
+    `releases` are the instants of release that belong to those starts. `late` sums for each task by how much its jobs
+    start or end too late. A table that is not `closed` does not repeat.
+    """
+
+    jobs: dict[tuple[int, int], tuple[Span, ...]]
+    releases: dict[tuple[int, int], int]
+    late: tuple[int, ...]
+    closed: bool
+
+
+@lru_cache(maxsize=1 << 16)
+def _reserved(work: int, service: Service[int]) -> int:
+    return reserved_length(work, service)
+
+
+def simulate(mode: Mode, plan: Plan) -> Table:
+    """Return the table that `plan` leads to."""
+    return _Simulation(mode, plan).run()
+
+
+class _Simulation:
+    def __init__(self, mode: Mode, plan: Plan) -> None:
+        self.mode = mode
+        self.plan = plan
+        self.cycle = mode.hyperperiod
+        self.events: list[tuple[int, int, int, Job | None, int]] = []
+        self.sequence = 0
+        self.resources = Resources(mode.capacity)
+        self.pending: list[list[Job]] = [[] for _ in mode.units]
+        self.stacks: list[list[Job]] = [[] for _ in mode.units]
+        self.running: list[Job | None] = [None] * len(mode.units)
+        self.on_unit: list[list[int]] = [[] for _ in mode.units]
+        self.starts: list[list[int]] = [[] for _ in mode.works]
+        self.ends: list[list[int]] = [[] for _ in mode.works]
+        self.unfinished: list[Job | None] = [None] * len(mode.works)
+        self.released: list[list[Job]] = [[] for _ in mode.works]
+        self.releases = [_releases(mode, plan, number) for number in range(len(mode.works))]
+        self.next: list[tuple[int, int]] = []
+        self.followers: list[set[int]] = [set() for _ in mode.works]
+        self.reach = [0] * len(mode.works)
+        self.done: list[Job] = []
+        for task, way in enumerate(plan.ways):
+            for unit in way.units:
+                self.on_unit[unit].append(task)
+            for window in way.windows:
+                self.followers[window.task].update(way.units)
+                self.reach[window.task] = max(self.reach[window.task], window.most)
+        self.has_windows = any(way.windows for way in plan.ways)
+
+    # ---- time
+
+    def run(self) -> Table:
+        for task, times in enumerate(self.releases):
+            self.next.append((-1, -1))
+            if times:
+                self._announce(task, 0)
+        signature = None
+        for cycle in range(1, MOST_CYCLES + 1):
+            self._run_until(cycle * self.cycle)
+            before, signature = signature, self._signature(cycle * self.cycle)
+            if signature == before or (cycle == 1 and self._is_quiescent(cycle * self.cycle)):
+                return self._table(cycle, closed=True)
+        return self._table(MOST_CYCLES, closed=False)
+
+    def _announce(self, task: int, number: int) -> None:
+        """Put the release of a job on the list of events."""
+        rounds, place = divmod(number, len(self.releases[task]))
+        time = rounds * self.cycle + self.releases[task][place][0]
+        self.next[task] = (time, number)
+        self._at(time, _RELEASE, None, task)
+
+    def _at(self, time: int, kind: int, job: Job | None, number: int) -> None:
+        self.sequence += 1
+        heappush(self.events, (time, kind, self.sequence, job, number))
+
+    def _run_until(self, end: int) -> None:
+        while self.events and self.events[0][0] < end:
+            now = self.events[0][0]
+            touched: set[int] = set()
+            while self.events and self.events[0][0] == now:
+                _, kind, _, job, number = heappop(self.events)
+                if kind == _RELEASE:
+                    touched.update(self._release(number))
+                elif kind == _STOP and job is not None and job.ticket == number:
+                    touched.update(self._stop(job, now))
+                elif kind == _WAKE:
+                    touched.add(number)
+            for unit in sorted(touched):
+                self._dispatch(unit, now)
+
+    def _release(self, task: int) -> tuple[int, ...]:
+        time, number = self.next[task]
+        self._announce(task, number + 1)
+        work, way = self.mode.works[task], self.plan.ways[task]
+        far = self.cycle * MOST_CYCLES
+        job = Job(
+            work=work,
+            task=task,
+            number=number,
+            release=time,
+            due=time + self.plan.urgency[task],
+            latest=time + (work.latest if work.is_cyclic else far),
+            end_by=time + (work.deadline if work.is_cyclic else far),
+            way=way,
+        )
+        if self.unfinished[task] is None:
+            self._offer(job)
+        else:
+            self.released[task].append(job)
+        return way.units
+
+    def _offer(self, job: Job) -> None:
+        self.unfinished[job.task] = job
+        for unit in job.way.units:
+            waiting = self.pending[unit]
+            waiting.insert(bisect_left([other.order for other in waiting], job.order), job)
+
+    def _stop(self, job: Job, now: int) -> set[int]:
+        """End a piece; the job goes on, or makes room, when the unit is dispatched."""
+        job.executed = job.target
+        job.is_running = False
+        job.spans[-1][1], job.spans[-1][3] = now, job.executed
+        touched = set(job.way.units)
+        for unit in job.way.units:
+            self.running[unit] = None
+        if job.executed < job.way.wcet:
+            return touched
+        for unit in job.way.units:
+            self.stacks[unit].pop()
+        self.done.append(job)
+        self.ends[job.task].append(now)
+        self.unfinished[job.task] = None
+        if self.released[job.task]:
+            self._offer(self.released[job.task].pop(0))
+        return touched | self.followers[job.task]
+
+    # ---- decisions
+
+    def _dispatch(self, unit: int, now: int) -> None:
+        current = self.running[unit]
+        if current is not None:
+            self._cut(current, unit, now)
+            return
+        waiting: list[Job] = []
+        for job in self._candidates(unit):
+            if self._begin(job, waiting, now):
+                return
+            waiting.append(job)
+
+    def _candidates(self, unit: int) -> Iterator[Job]:
+        """Yield the jobs that may take a unit, the most urgent first: those above the job that has begun, and it."""
+        stack = self.stacks[unit]
+        top = stack[-1] if stack else None
+        for job in list(self.pending[unit]):
+            if top is not None and job.order > top.order:
+                break
+            yield job
+        if top is not None:
+            yield top
+
+    def _begin(self, job: Job, waiting: Sequence[Job], now: int) -> bool:
+        """Start a job, or go on with it, if nothing forbids it; else see to it that the question is asked again."""
+        begun = bool(job.spans)
+        if not self._is_free_for(job) or (not begun and not self._windows_allow(job, now)):
+            return False
+        goes_on = begun and job.spans[-1][1] == now
+        start, first = (job.spans[-1][0], job.spans[-1][2]) if goes_on else (now, job.executed)
+        lost = job.way.resume if (job.gaps if goes_on else begun) else 0
+        gaps = job.gaps if goes_on else job.gaps + 1
+        target = self._target(job, start, first, lost, gaps)
+        end = start + _reserved(lost + target - first, job.way.service)
+        claims = [
+            Claim(
+                p.resource,
+                start + lost + p.begin - first,
+                start + _reserved(lost + p.end - first, job.way.service),
+                p.height,
+            )
+            for p in job.way.phases
+            if job.executed <= p.begin and p.end <= target
+        ]
+        must = goes_on and job.gaps >= job.way.max_gaps
+        if not must:
+            free = self.resources.collision(claims)
+            if free is not None:
+                if free > now:
+                    self._at(free, _WAKE, None, job.way.units[0])
+                return False
+            if self._keeps_others_late(job, start, first, lost, gaps, end, waiting, now):
+                return False
+        self.resources.take(claims)
+        if not begun:
+            self._enter(job, now)
+        if not goes_on:
+            job.spans.append([now, now, job.executed, job.executed])
+        job.target, job.claims = target, claims
+        self._run(job, end)
+        return True
+
+    def _enter(self, job: Job, now: int) -> None:
+        self.starts[job.task].append(now)
+        for unit in job.way.units:
+            self.pending[unit].remove(job)
+            self.stacks[unit].append(job)
+        for unit in self.followers[job.task]:
+            self._at(now, _WAKE, None, unit)
+
+    def _run(self, job: Job, end: int) -> None:
+        job.ticket += 1
+        job.is_running = True
+        for unit in job.way.units:
+            self.running[unit] = job
+        self._at(end, _STOP, job, job.ticket)
+
+    def _is_free_for(self, job: Job) -> bool:
+        for unit in job.way.units:
+            if self.running[unit] is not None:
+                return False
+            top = self.stacks[unit][-1] if self.stacks[unit] else None
+            if top is None or top is job:
+                continue
+            if job.spans or job.order > top.order or top.gaps >= top.way.max_gaps or not _may_stop(top):
+                return False
+        return True
+
+    def _windows_allow(self, job: Job, now: int) -> bool:
+        """Return whether every window of a job is open; if one opens later, ask again then."""
+        for window in job.way.windows:
+            times = (self.ends if window.from_end else self.starts)[window.task]
+            place = bisect_right(times, now - window.least)
+            if place and times[place - 1] >= now - window.most:
+                continue
+            if place < len(times):
+                self._at(times[place] + window.least, _WAKE, None, job.way.units[0])
+            return False
+        return True
+
+    def _target(self, job: Job, start: int, first: int, lost: int, gaps: int) -> int:
+        """Return up to where a job runs before the next decision: a job without gaps left runs to its end."""
+        way = job.way
+        if gaps >= way.max_gaps:
+            return way.wcet
+        if not way.anywhere:
+            return self._next_end(job, start, first, lost)
+        edges = sorted({edge for p in way.phases for edge in (p.begin, p.end) if edge > job.executed})
+        return next((edge for edge in edges if _stops_at(way, first, edge)), way.wcet)
+
+    def _next_end(self, job: Job, start: int, first: int, lost: int) -> int:
+        """Return the next split point, or a later one where until then no job is released that could be more urgent."""
+        way = job.way
+        least = bisect_right(way.ends, job.executed)
+        if any(self.pending[unit] and self.pending[unit][0].order < job.order for unit in way.units):
+            return way.ends[least]
+        others = (self.next[task][0] for unit in way.units for task in self.on_unit[unit] if task != job.task)
+        quiet = min(others, default=start) - start
+        most = len(way.ends) - 1
+        while least < most:
+            middle = (least + most + 1) // 2
+            if _reserved(lost + way.ends[middle] - first, way.service) <= quiet:
+                least = middle
+            else:
+                most = middle - 1
+        return way.ends[least]
+
+    def _cut(self, job: Job, unit: int, now: int) -> None:
+        """Shorten the piece of a job that may be interrupted anywhere, if a more urgent one waits for its unit."""
+        way = job.way
+        if not way.anywhere or job.gaps >= way.max_gaps or not self.pending[unit]:
+            return
+        urgent = self.pending[unit][0]
+        if urgent.order > job.order or not self._windows_allow(urgent, now):
+            return
+        where = _first_stop(job, now)
+        if where < job.target:
+            job.target = where
+            start, _, first, _ = job.spans[-1]
+            lost = way.resume if job.gaps else 0
+            end = start + _reserved(lost + where - first, way.service)
+            self.resources.give_back(claim for claim in job.claims if claim.begin >= end)
+            self._run(job, end)
+
+    def _keeps_others_late(
+        self,
+        job: Job,
+        start: int,
+        first: int,
+        lost: int,
+        gaps: int,
+        end: int,
+        waiting: Sequence[Job],
+        now: int,
+    ) -> bool:
+        """Return whether a piece until `end` would keep some job from its latest start, while this job can wait."""
+        left = job.rest()
+        for unit in job.way.units:
+            for task in self.on_unit[unit]:
+                release, _ = self.next[task]
+                if task == job.task or release >= end or (self.unfinished[task] is not None):
+                    continue
+                work, way = self.mode.works[task], self.plan.ways[task]
+                if not work.is_cyclic:
+                    continue
+                free = end
+                if job.way.anywhere and gaps < job.way.max_gaps:
+                    free = min(end, _wall(job.way, start, first, lost, max(release, now), job.executed))
+                latest = min(release + work.latest, release + work.deadline - way.length)
+                can_wait = release + way.length + left <= job.end_by and (
+                    bool(job.spans) or release + way.length <= job.latest
+                )
+                if free > latest and can_wait:
+                    return True
+        for other in waiting:
+            latest = other.latest if not other.spans else other.end_by
+            latest = min(latest, other.end_by - other.rest())
+            if end > latest >= now and end + left <= job.end_by:
+                return True
+        return False
+
+    # ---- results
+
+    def _is_quiescent(self, now: int) -> bool:
+        """Return whether nothing is under way, so that the next hyperperiod repeats the first."""
+        return (
+            not self.has_windows
+            and all(job is None for job in self.unfinished)
+            and not self.resources.in_force(now)
+            and all(
+                time - self.cycle == first[0][0]
+                for (time, _), first in zip(self.next, self.releases, strict=True)
+                if first
+            )
+        )
+
+    def _signature(self, now: int) -> object:
+        """Return all that the future depends on, relative to `now`."""
+        self.resources.forget(now - self.cycle)
+        jobs = tuple(
+            (
+                job.task,
+                job.release - now,
+                job.executed,
+                job.target,
+                job.is_running,
+                tuple((s - now, e - now, a, b) for s, e, a, b in job.spans),
+            )
+            for unit in range(len(self.mode.units))
+            for job in (*self.stacks[unit], *self.pending[unit])
+        )
+        released = tuple(tuple(job.release - now for job in jobs) for jobs in self.released)
+        history = tuple(
+            tuple(time - now for time in times if time >= now - self.reach[task])
+            for kind in (self.starts, self.ends)
+            for task, times in enumerate(kind)
+        )
+        nexts = tuple(time - now for time, _ in self.next)
+        return jobs, released, history, nexts, self.resources.in_force(now)
+
+    def _table(self, cycle: int, *, closed: bool) -> Table:
+        end = cycle * self.cycle
+        begin = end - self.cycle
+        self._finish(end)
+        jobs: dict[tuple[int, int], tuple[Span, ...]] = {}
+        releases: dict[tuple[int, int], int] = {}
+        late = [0] * len(self.mode.works)
+        for job in self.done:
+            if not begin <= job.spans[0][0] < end:
+                continue
+            index = self.releases[job.task][job.number % len(self.releases[job.task])][1]
+            jobs[job.task, index] = tuple((s - begin, e - begin, a, b) for s, e, a, b in job.spans)
+            releases[job.task, index] = job.release - begin
+            late[job.task] += max(0, job.spans[0][0] - job.latest) + max(0, job.spans[-1][1] - job.end_by)
+        for task, times in enumerate(self.releases):
+            missing = len(times) - sum(1 for key in jobs if key[0] == task)
+            late[task] += missing * self.cycle
+            closed = closed and not missing
+        return Table(jobs, releases, tuple(late), closed)
+
+    def _finish(self, end: int) -> None:
+        """Go on until all that began before `end` has ended."""
+        limit = end + self.cycle
+        while self.events and self.events[0][0] < limit:
+            if not any(job.spans and job.spans[0][0] < end for stack in self.stacks for job in stack):
+                return
+            self._run_until(self.events[0][0] + 1)
+
+
+def _releases(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
+    """Return when the jobs of a task are released in the first hyperperiod, with their indices."""
+    work = mode.works[task]
+    if work.is_cyclic:
+        return [(plan.phases[task] + index * work.period, index) for index in range(work.jobs)]
+    found = []
+    for index, (demander, number, slot) in enumerate(work.demands):
+        asked = sum(1 for window in plan.ways[demander].windows if window.task == task)
+        times = {place: time for time, place in _releases(mode, plan, demander)}
+        if slot < asked and number in times:
+            found.append((times[number], index))
+    return sorted(found)
+
+
+def _stops_at(way: Way, first: int, where: int) -> bool:
+    """Return whether a part that began at `first` may end at `where`, in execution time."""
+    if where >= way.wcet:
+        return True
+    if not way.anywhere:
+        return where in way.ends
+    is_long = where - first >= way.min_part and way.wcet - where >= way.min_part
+    return is_long and not any(p.begin < where < p.end for p in way.phases)
+
+
+def _may_stop(job: Job) -> bool:
+    return _stops_at(job.way, job.spans[-1][2], job.executed)
+
+
+def _first_stop(job: Job, now: int) -> int:
+    """Return the least execution time at which the running part may end, at or after the instant `now`."""
+    start, _, first, _ = job.spans[-1]
+    lost = job.way.resume if job.gaps else 0
+    return _stop_after(job.way, start, first, lost, now, job.executed)
+
+
+def _stop_after(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
+    least, most = max(executed, first + 1), way.wcet
+    while least < most:  # the least execution time that the part has reached at `now`
+        middle = (least + most) // 2
+        if start + _reserved(lost + middle - first, way.service) >= now:
+            most = middle
+        else:
+            least = middle + 1
+    where = max(least, first + way.min_part)
+    if way.wcet - where < way.min_part:
+        return way.wcet
+    for phase in sorted(way.phases, key=lambda p: p.begin):
+        if phase.begin < where < phase.end:
+            where = phase.end
+    return where if _stops_at(way, first, where) else way.wcet
+
+
+def _wall(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
+    """Return the first instant from `now` on at which a part may be interrupted."""
+    where = _stop_after(way, start, first, lost, now, executed)
+    return start + _reserved(lost + where - first, way.service)

@@ -1,0 +1,242 @@
+"""A mode of split jobs in whole ticks: what each task asks of the units, under each way to run it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.durations import ZERO
+from halpipe.models import Anchor, Binding
+from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from fractions import Fraction
+
+    from halpipe.durations import Duration
+    from halpipe.models import TaskModel, Version
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
+
+MAX_UNIT_SETS = 256
+"""Unit sets of one version that are tried."""
+
+ANY_NUMBER = 10**9
+"""Stands for no limit of gaps."""
+
+MAX_QUANTA = 10**6
+"""Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """An access phase: `height` quanta of resource `resource` while [begin, end) is executed."""
+
+    resource: int
+    begin: int
+    end: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A job may start between `least` and `most` after some start (or end) of a job of `task`."""
+
+    task: int
+    least: int
+    most: int
+    from_end: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One version on one set of units. Times are ticks; `length` is L(wcet), what a job in one piece reserves.
+
+    `ends` are the ends of the pieces, the WCET last. `bounds` are the same in exact time, 0 first.
+    """
+
+    version: Version
+    units: tuple[int, ...]
+    service: Service[int]
+    wcet: int
+    length: int
+    ends: tuple[int, ...]
+    bounds: tuple[Duration, ...]
+    anywhere: bool
+    resume: int
+    max_gaps: int
+    min_part: int
+    phases: tuple[Phase, ...]
+    windows: tuple[Window, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """A task of the mode: its jobs are released `phase` + j `period`, and late after `latest` and `deadline`.
+
+    `phase` is None where it is free. For a task on demand, `demands` names for each job the task and job that demand
+    it, and which of its demands that is; then period, latest and deadline mean nothing.
+    """
+
+    active: ActiveTask
+    period: int
+    jobs: int
+    phase: int | None
+    latest: int
+    deadline: int
+    demands: tuple[tuple[int, int, int], ...]
+    ways: tuple[Way, ...]
+
+    @property
+    def name(self) -> str:
+        """The task's name."""
+        return self.active.name
+
+    @property
+    def is_cyclic(self) -> bool:
+        """Whether the task has a period."""
+        return self.active.task.period is not None
+
+    @property
+    def is_bound(self) -> bool:
+        """Whether all its jobs keep to one set of units."""
+        return self.active.task.binding is not Binding.JOB
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """All works of a mode on one grid; `capacity` has the quanta of each resource."""
+
+    expansion: Expansion
+    tick: Duration
+    hyperperiod: int
+    units: tuple[str, ...]
+    services: tuple[Service[Duration], ...]
+    works: tuple[Work, ...]
+    capacity: tuple[int, ...]
+
+
+def works_of(model: TaskModel, expansion: Expansion, tick: Duration) -> Mode:
+    """Return the mode in ticks. What `tick` does not divide is rounded to the safe side (MODEL 8.1)."""
+    return _Builder(model, expansion, tick).build()
+
+
+class _Builder:
+    def __init__(self, model: TaskModel, expansion: Expansion, tick: Duration) -> None:
+        self.model = model
+        self.expansion = expansion
+        self.tick = tick
+        self.units = {unit.name: unit for unit in model.units}
+        self.unit_index = {name: number for number, name in enumerate(self.units)}
+        self.resource_index = {resource.name: number for number, resource in enumerate(model.resources)}
+        self.task_index = {active.name: number for number, active in enumerate(expansion.tasks)}
+        self.capacity = self._capacity()
+
+    def down(self, time: Duration) -> int:
+        return time // self.tick
+
+    def up(self, time: Duration) -> int:
+        return -(-time // self.tick)
+
+    def build(self) -> Mode:
+        return Mode(
+            expansion=self.expansion,
+            tick=self.tick,
+            hyperperiod=self.down(self.expansion.hyperperiod),
+            units=tuple(self.units),
+            services=tuple(service_of(self.units, [name]) for name in self.units),
+            works=tuple(map(self._work, self.expansion.tasks)),
+            capacity=self.capacity,
+        )
+
+    def _capacity(self) -> tuple[int, ...]:
+        denominators = [1] * len(self.resource_index)
+        for active in self.expansion.tasks:
+            for version in active.versions:
+                for access in version.accesses:
+                    number = self.resource_index[access.resource]
+                    denominators[number] = math.lcm(denominators[number], access.bound.denominator)
+        return tuple(min(denominator, MAX_QUANTA) for denominator in denominators)
+
+    def _work(self, active: ActiveTask) -> Work:
+        task = active.task
+        hyperperiod = self.expansion.hyperperiod
+        period = task.period or hyperperiod
+        latest, deadline = self.down(period * task.slack), self.down(task.deadline or period)
+        if task.distance is not None:
+            # From the start of a job to the end of the next, whatever the slips of both: enough, not necessary.
+            deadline = self.down((task.deadline or task.distance) - period)
+            latest = min(latest, self.down(task.distance - period))
+        return Work(
+            active=active,
+            period=self.down(period),
+            jobs=active.jobs,
+            phase=None if task.offset is None else self.down(task.offset % period),
+            latest=min(latest, self.down(period) - 1),
+            deadline=deadline,
+            demands=tuple((self.task_index[d.task], d.index, d.slot) for d in active.demands),
+            ways=tuple(way for version in active.versions for way in self._ways(version)),
+        )
+
+    def _ways(self, version: Version) -> Iterable[Way]:
+        windows = tuple(self._windows(version))
+        if any(window.task < 0 or window.most < window.least for window in windows):
+            return
+        names = tuple(dict.fromkeys(version.units))
+        for chosen in itertools.islice(itertools.combinations(names, version.gang), MAX_UNIT_SETS):
+            exact = service_of(self.units, chosen)
+            service = tuple((self.down(distance), self.up(time)) for distance, time in exact)
+            if any(distance <= 0 for distance, _ in service) or interrupt_load(service) >= 1:
+                continue
+            yield self._way(version, tuple(self.unit_index[name] for name in chosen), service, windows)
+
+    def _way(self, version: Version, units: tuple[int, ...], service: Service[int], windows: tuple[Window, ...]) -> Way:
+        split = version.split
+        bounds = pieces(version)
+        ends = tuple(itertools.accumulate(self.up(end - start) for start, end in itertools.pairwise(bounds)))
+        return Way(
+            version=version,
+            units=units,
+            service=service,
+            wcet=ends[-1],
+            length=reserved_length(ends[-1], service),
+            ends=ends,
+            bounds=bounds,
+            anywhere=split.anywhere,
+            resume=self.up(split.resume),
+            max_gaps=(ANY_NUMBER if split.max_gaps is None else split.max_gaps) if split.is_allowed else 0,
+            min_part=max(1, self.up(split.min_part or ZERO)),
+            phases=tuple(self._phases(version, bounds, ends)),
+            windows=windows,
+        )
+
+    def _phases(self, version: Version, bounds: Sequence[Duration], ends: Sequence[int]) -> Iterable[Phase]:
+        """Yield the phases in grid time: inside a piece, they count from where the piece begins on the grid."""
+        for access in version.accesses:
+            number = self.resource_index[access.resource]
+            height = math.ceil(access.bound * self.capacity[number])
+            piece = next(n for n in range(len(ends)) if access.end <= bounds[n + 1])
+            start = ends[piece - 1] if piece else 0
+            begin, end = start + self.down(access.start - bounds[piece]), start + self.up(access.end - bounds[piece])
+            if height:
+                yield Phase(number, begin, max(end, begin + 1), height)
+
+    def _windows(self, version: Version) -> Iterable[Window]:
+        for row in version.precedences:
+            task = self.task_index.get(row.task, -1)
+            most = self.down(row.max)
+            if row.anchor is Anchor.END and self._ends_early(task):
+                most -= 1  # the predecessor really ends up to one tick before the end that the grid shows
+            yield Window(task, self.up(row.min), most, row.anchor is Anchor.END)
+
+    def _ends_early(self, task: int) -> bool:
+        versions = self.expansion.tasks[task].versions if task >= 0 else ()
+        return any(time % self.tick for version in versions for time in (*pieces(version), version.split.resume))
+
+
+def load_of(work: Work, way: Way, hyperperiod: int) -> Fraction:
+    """Return the share of each of its units that a task takes under a way."""
+    from fractions import Fraction
+
+    return Fraction(way.length * work.jobs, hyperperiod)
