@@ -75,14 +75,15 @@ class Placement:
     jobs: tuple[PlacedJob, ...]
 
     @classmethod
-    def of(cls, expansion: Expansion, jobs: Iterable[Job], units: Iterable[Unit] = ()) -> Placement:
-        """Place `jobs`, which name tasks and versions of the expansion; `units` state the interrupts they serve."""
+    def of(
+        cls, expansion: Expansion, jobs: Iterable[Job], units: Iterable[Unit] = (), tick: Duration | None = None
+    ) -> Placement:
+        """Place `jobs`, which name tasks and versions of the expansion; `units` state the interrupts they serve.
+
+        The grid is the coarsest that fits, unless a `tick` is given that fits, too.
+        """
         listed = list(jobs)
-        by_name = {unit.name: unit for unit in units if unit.interrupts}
-        split = (d for active in expansion.tasks for version in active.versions for d in _split_times(version))
-        times = [*(job.start for job in listed), *(d for job in listed for d in _part_times(job)), *split]
-        times += [interrupt.wcet for unit in by_name.values() for interrupt in unit.interrupts]
-        placing = _Placing(expansion, greatest_common_divisor([natural_tick(expansion), *times]), by_name)
+        placing = Placing(expansion, units, tick or grid_of(expansion, listed))
         return cls(expansion, placing.tick, tuple(placing.placed(job) for job in listed))
 
     @property
@@ -104,9 +105,10 @@ class Placement:
         return jobs
 
 
-def _split_times(version: Version) -> Iterator[Duration]:
-    yield from version.split.points
-    yield from (version.split.resume, version.split.min_part or ZERO)
+def grid_of(expansion: Expansion, jobs: Iterable[Job]) -> Duration:
+    """Return the largest duration that divides every duration of the mode, and every instant of its jobs."""
+    instants = (d for job in jobs for d in (job.start, *_part_times(job)))
+    return greatest_common_divisor([natural_tick(expansion), *instants])
 
 
 def _part_times(job: Job) -> Iterator[Duration]:
@@ -114,32 +116,39 @@ def _part_times(job: Job) -> Iterator[Duration]:
         yield from (part.start, part.end, part.executed_from, part.executed_to)
 
 
-class _Placing:
+class Placing:
     """Puts jobs on a grid; what all jobs in one piece of a version have in common is worked out once."""
 
-    def __init__(self, expansion: Expansion, tick: Duration, interrupted: dict[str, Unit]) -> None:
+    def __init__(self, expansion: Expansion, units: Iterable[Unit], tick: Duration) -> None:
         self.tick = tick
         self._by_name = expansion.by_name
-        self._interrupted = interrupted
+        self._interrupted = {unit.name: unit for unit in units if unit.interrupts}
         self._whole: dict[tuple[str, str, Service[Duration]], tuple[int, tuple[PlacedPhase, ...]]] = {}
 
+    def service(self, units: Iterable[str]) -> Service[Duration]:
+        """Return the interrupts of the units named, together."""
+        if not self._interrupted:
+            return ()
+        return service_of(self._interrupted, [name for name in units if name in self._interrupted])
+
     def placed(self, job: Job) -> PlacedJob:
+        """Return a job on the grid."""
         active = self._by_name[job.task]
         version = active.task.version(job.version)
-        units = tuple(name for name in job.units if name in self._interrupted)
-        service = service_of(self._interrupted, units) if units else ()
+        service = self.service(job.units)
         start = job.start // self.tick
         if not job.parts:
-            length, phases = self._in_one_piece(active, version, service)
+            length, phases = self.in_one_piece(active, version, service)
             return PlacedJob(active, job.index, version, job.units, start, length, phases, (), service)
         parts = tuple(self._part(part, job.start) for part in job.parts)
         phases = tuple(self._phases(version, parts_of(job, version), job.start, service))
         length = (job.parts[-1].end - job.start) // self.tick
         return PlacedJob(active, job.index, version, job.units, start, length, phases, parts, service)
 
-    def _in_one_piece(
+    def in_one_piece(
         self, active: ActiveTask, version: Version, service: Service[Duration]
     ) -> tuple[int, tuple[PlacedPhase, ...]]:
+        """Return length and access phases of a job without gaps on units with some interrupts."""
         key = (active.name, version.name, service)
         if key not in self._whole:
             wcet = version.wcet or ZERO

@@ -8,11 +8,13 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
+from halpipe.durations import ZERO
 from halpipe.pipeline.transitions.line import Layer, Line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
+    from halpipe.models import Task
     from halpipe.pipeline.transitions.line import LineJob
     from halpipe.pipeline.transitions.modes import GridMode, Window
 
@@ -25,7 +27,7 @@ class Pace:
     """How often a task of both modes must start, in ticks.
 
     `last` and `last_end` are of its last job before the switch; `first` is the start of its first job in the mode
-    after, `most` the longest distance of two starts, `shortest` the least WCET.
+    after, `most` the longest distance of two starts, `shortest` the least length of a job.
     """
 
     task: str
@@ -53,20 +55,26 @@ class Change:
         self._past = _Instants(before, range(-CYCLES, 0))
         self._future = _Instants(after, range(CYCLES))
         cycle = before.hyperperiod
-        self.tail = [job.moved(-cycle) for job in before.jobs if job.end > cycle]
-        """The jobs of the mode before that still run after the switch; of every unit's, one at most."""
+        self.tail = [job.moved(-n * cycle) for job in before.jobs for n in range(1, -(-job.end // cycle))]
+        """The jobs of the mode before that still run after the switch, with all their parts."""
         self.tail_layer = Layer(self.tail)
-        reach = max((shape.wcet for shapes in after.shapes.values() for shape in shapes), default=0)
+        reach = max((shape.length for shapes in after.shapes.values() for shape in shapes), default=0)
         reach = max(reach, max((job.end for job in self.tail), default=0))
-        self._early = [job for job in after.jobs if job.start < reach]
+        self._early = list(_jobs_before(reach, after))
         self.future_layer = Layer(self._early)
+        self._has_gaps = any(job.shape.parts for job in (*self.tail, *self._early))
         self.most_wanted = 4 * len(after.expansion.tasks) + 16
 
     # ---- how long the table must be
 
     @cached_property
     def least(self) -> tuple[int, str]:
-        """The least length for which no unit is still in use when the mode after needs it; a task that needs that."""
+        """The least length for which no unit is still in use when the mode after needs it; a task that needs that.
+
+        Where jobs have gaps, those of the mode after may lie inside, so nothing is known without a look at all.
+        """
+        if self._has_gaps:
+            return 0, ""
         ends: dict[str, int] = {}
         for job in self.tail:
             for unit in job.units:
@@ -90,7 +98,7 @@ class Change:
             moved = job.moved(length)
             if moved.start >= last:
                 break
-            if line.overloads(moved):
+            if line.overloads(moved) or (self._has_gaps and line.clashes(moved)):
                 return job.task
             line.enter(moved)
         return None
@@ -107,12 +115,22 @@ class Change:
                 last[active.name].start - cycle,
                 last[active.name].end - cycle,
                 first[active.name].start,
-                (active.task.period * (1 + active.task.slack)) // self.after.tick,
-                min(shape.wcet for shape in self.after.shapes[active.name]),
+                self._longest_distance(active.task),
+                min(shape.length for shape in self.after.shapes[active.name]),
             )
             for active in self.after.expansion.tasks
             if active.name in self.before.expansion.by_name and active.task.period is not None
         )
+
+    def _longest_distance(self, task: Task) -> int:
+        """Return how far starts may be apart: by the slack, and for arrivals so that the longest job ends in time."""
+        most = ((task.period or ZERO) * (1 + task.slack)) // self.after.tick
+        if task.distance is not None:
+            lengths = [shape.length for shape in self.after.shapes[task.name]]
+            lengths += [job.shape.length for job in self.after.jobs if job.task == task.name]
+            deadline = (task.deadline or task.distance) // self.after.tick
+            most = min(most, task.distance // self.after.tick, deadline - max(lengths))
+        return max(1, most)
 
     @cached_property
     def _most(self) -> dict[str, int]:
@@ -163,6 +181,14 @@ class Change:
         for name in TopologicalSorter(before).static_order():
             depth[name] = max((depth[task] + 1 for task in before[name]), default=0)
         return depth
+
+
+def _jobs_before(reach: int, mode: GridMode) -> Iterator[LineJob]:
+    """Yield the jobs of a mode, from its first cycle on, that start before `reach`, by start."""
+    for cycle in range(max(1, -(-reach // mode.hyperperiod)) if mode.hyperperiod else 1):
+        for job in mode.jobs:
+            if job.start + cycle * mode.hyperperiod < reach:
+                yield job.moved(cycle * mode.hyperperiod)
 
 
 class _Instants:

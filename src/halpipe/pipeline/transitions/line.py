@@ -7,10 +7,13 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+
+    from halpipe.pipeline.measure.placement import PlacedPart
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +28,23 @@ class Phase:
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What a job occupies under a version: `gang` of `units` for `wcet`, and its access phases."""
+    """What a job occupies under a version: `gang` of `units` for `length`, and its access phases.
+
+    A job with gaps occupies them during its `parts` only, which count from its start.
+    """
 
     task: str
     version: str
-    wcet: int
+    length: int
     units: tuple[str, ...]
     gang: int
     phases: tuple[Phase, ...]
+    parts: tuple[PlacedPart, ...] = ()
+
+    @property
+    def busy(self) -> tuple[tuple[int, int], ...]:
+        """When units are occupied, from the job's start."""
+        return tuple((part.start, part.end) for part in self.parts) or ((0, self.length),)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -48,11 +60,21 @@ class LineJob:
     @property
     def end(self) -> int:
         """The end of the job."""
-        return self.start + self.shape.wcet
+        return self.start + self.shape.length
 
     def moved(self, by: int) -> LineJob:
         """Return the job `by` ticks later."""
         return LineJob(self.start + by, self.task, self.index, self.shape, self.units)
+
+    def crosses(self, other: LineJob) -> bool:
+        """Return whether the spans of two jobs meet, and neither lies in a gap of the other (MODEL 8.2, nested)."""
+        if self.end <= other.start or other.end <= self.start:
+            return False
+        return not (self._has_gap_for(other) or other._has_gap_for(self))
+
+    def _has_gap_for(self, other: LineJob) -> bool:
+        begin, end = other.start - self.start, other.end - self.start
+        return any(before.end <= begin and end <= after.start for before, after in pairwise(self.shape.parts))
 
 
 class Layer:
@@ -62,6 +84,7 @@ class Layer:
         self._busy: dict[str, list[tuple[int, int]]] = {}
         self._phases: dict[str, list[tuple[int, int, int]]] = {}
         self._longest: dict[str, int] = {}
+        self._split: list[LineJob] = []
         self._begin = self._end = 0
         for job in sorted(jobs, key=lambda job: job.start):
             self.enter(job)
@@ -75,8 +98,12 @@ class Layer:
         is_first = not self._busy
         self._begin = job.start if is_first else min(self._begin, job.start)
         self._end = job.end if is_first else max(self._end, job.end)
-        for unit in (*job.units, _itself(job.task)):
-            insort(self._busy.setdefault(unit, []), (job.start, job.end))
+        insort(self._busy.setdefault(_itself(job.task), []), (job.start, job.end))
+        for begin, end in job.shape.busy:
+            for unit in job.units:
+                insort(self._busy.setdefault(unit, []), (job.start + begin, job.start + end))
+        if job.shape.parts:
+            self._split.append(job)
         for phase in job.shape.phases:
             insort(self._phases.setdefault(phase.resource, []), self._span(job, phase))
 
@@ -93,6 +120,13 @@ class Layer:
                 break
             start = max(start, end)
         return start
+
+    def crossing_end(self, job: LineJob) -> int | None:
+        """Return the end of a job with gaps on a unit of `job` that crosses it; None if there is no such job.
+
+        Jobs in one piece lie in a gap wherever the unit is free for them.
+        """
+        return next((o.end for o in self._split if not set(o.units).isdisjoint(job.units) and o.crosses(job)), None)
 
     def phases_within(self, resource: str, begin: int, end: int) -> Iterator[tuple[int, int, int]]:
         """Return begin, end and bound of the access phases that are in force at some time in [begin, end)."""
@@ -124,18 +158,33 @@ class Line:
         """Return whether the access phases of a job do not fit beside those that are there."""
         return self._resources_free_from(job.shape, job.start) != job.start
 
+    def clashes(self, job: LineJob) -> bool:
+        """Return whether a unit of a job is in use, or a job with gaps there crosses it."""
+        is_free = all(self._free_for(unit, job.start, job.shape.busy) == job.start for unit in job.units)
+        return not is_free or self._crossing_end(job) is not None
+
     def first_fit(self, shape: Shape, earliest: int, latest: int) -> tuple[int, tuple[str, ...]] | None:
         """Return the first start in [earliest, latest] at which a job of this shape fits, and its units."""
         start = earliest
         free: dict[str, int] = {}
         while start <= latest:
-            start = self._free_from(_itself(shape.task), start, shape.wcet)
+            start = self._free_from(_itself(shape.task), start, shape.length)
             at, units = self._units_free_from(shape, start, free)
             if at == start:
                 at = self._resources_free_from(shape, start)
+                if at == start and shape.parts:
+                    at = self._crossing_end(LineJob(start, shape.task, 0, shape, units)) or start
                 if at == start:
                     return (start, units) if start <= latest else None
             start = at
+        return None
+
+    def _crossing_end(self, job: LineJob) -> int | None:
+        """Return the end of some job that crosses `job`."""
+        for layer, shift in self._layers:
+            end = layer.crossing_end(job.moved(-shift))
+            if end is not None:
+                return end + shift
         return None
 
     def _units_free_from(self, shape: Shape, start: int, free: dict[str, int]) -> tuple[int, tuple[str, ...]]:
@@ -145,9 +194,10 @@ class Line:
         """
         ready: list[str] = []
         later: list[int] = []
+        busy = shape.busy
         for unit in shape.units:
             if free.get(unit, -1) < start:
-                free[unit] = self._free_from(unit, start, shape.wcet)
+                free[unit] = self._free_for(unit, start, busy)
             if free[unit] > start:
                 later.append(free[unit])
                 continue
@@ -155,6 +205,16 @@ class Line:
             if len(ready) == shape.gang:
                 return start, tuple(ready)
         return sorted(later)[shape.gang - len(ready) - 1], ()
+
+    def _free_for(self, unit: str, start: int, busy: tuple[tuple[int, int], ...]) -> int:
+        """Return the first time from `start` on from which a unit is free at all times of `busy`."""
+        settled = 0
+        while settled < len(busy):
+            for begin, end in busy:
+                later = self._free_from(unit, start + begin, end - begin) - begin
+                settled = settled + 1 if later == start else 1
+                start = later
+        return start
 
     def _free_from(self, unit: str, start: int, length: int) -> int:
         """Return the first time from `start` on at which a unit is free for `length` in all layers."""

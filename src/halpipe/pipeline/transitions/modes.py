@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration, greatest_common_divisor
-from halpipe.models import Anchor
-from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.durations import greatest_common_divisor
+from halpipe.models import Anchor, Binding
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.placement import Placement, Placing, grid_of
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
 
 if TYPE_CHECKING:
-    from halpipe.models import ModeSchedule, TaskModel, Version
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from halpipe.durations import Duration
+    from halpipe.models import ModeSchedule, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.measure.placement import PlacedJob, PlacedPhase
+    from halpipe.pipeline.parts import Service
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +49,10 @@ class GridMode:
     schedule: ModeSchedule
     tick: Duration
     quanta: int
+    units: tuple[Unit, ...] = ()
+    bound: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """The units of tasks that must stay on theirs."""
+    _made: dict[object, Shape] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def hyperperiod(self) -> int:
@@ -51,8 +61,8 @@ class GridMode:
 
     @cached_property
     def shapes(self) -> dict[str, tuple[Shape, ...]]:
-        """The versions of every active task, in model order."""
-        return {a.name: tuple(self._shape(a, version) for version in a.versions) for a in self.expansion.tasks}
+        """What a job of a table may occupy, for every active task: one piece of each version, or the parts of a job."""
+        return {active.name: tuple(self._shapes(active)) for active in self.expansion.tasks}
 
     @cached_property
     def windows(self) -> dict[tuple[str, str], tuple[Window, ...]]:
@@ -62,20 +72,54 @@ class GridMode:
     @cached_property
     def jobs(self) -> tuple[LineJob, ...]:
         """One cycle, its start at 0; jobs may end beyond it."""
-        by_version = {(s.task, s.version): s for shapes in self.shapes.values() for s in shapes}
-        placed = (
-            LineJob(job.start // self.tick, job.task, job.index, by_version[job.task, job.version], job.units)
-            for job in self.schedule.jobs
-        )
+        placed = (LineJob(j.start, j.active.name, j.index, self._shape_of(j), j.units) for j in self._placement.jobs)
         return tuple(sorted(placed))
 
-    def _shape(self, active: ActiveTask, version: Version) -> Shape:
-        phases = tuple(
-            Phase(a.resource, a.start // self.tick, a.end // self.tick, int(a.bound * self.quanta))
-            for a in version.accesses
-        )
-        wcet = (version.wcet or Duration(0)) // self.tick
-        return Shape(active.name, version.name, wcet, version.units, version.gang, phases)
+    @cached_property
+    def _placement(self) -> Placement:
+        return Placement.of(self.expansion, self.schedule.jobs, self.units, self.tick)
+
+    @cached_property
+    def _placing(self) -> Placing:
+        return Placing(self.expansion, self.units, self.tick)
+
+    def _shapes(self, active: ActiveTask) -> Iterator[Shape]:
+        jobs = self._placement.by_task[active.name]
+        bound = self.bound.get(active.name)
+        for version in active.versions:
+            yield from self._whole(active, version, bound or version.units)
+            patterns = (self._shape_of(job) for job in jobs if job.version is version and (job.parts or job.service))
+            yield from dict.fromkeys(patterns)
+
+    def _whole(self, active: ActiveTask, version: Version, units: tuple[str, ...]) -> Iterator[Shape]:
+        """Yield shapes in one piece, each for units with the same interrupts; of gangs only what needs no choice."""
+        if version.gang > 1:
+            service = self._placing.service(units)
+            if not service or version.gang == len(units):
+                yield self._shape(active, version, units, service)
+            return
+        alike: dict[Service[Duration], list[str]] = {}
+        for unit in units:
+            alike.setdefault(self._placing.service((unit,)), []).append(unit)
+        for service, names in alike.items():
+            yield self._shape(active, version, tuple(names), service)
+
+    def _shape(self, active: ActiveTask, version: Version, units: tuple[str, ...], service: Service[Duration]) -> Shape:
+        length, phases = self._placing.in_one_piece(active, version, service)
+        return Shape(active.name, version.name, length, units, version.gang, self._quanta(phases))
+
+    def _shape_of(self, job: PlacedJob) -> Shape:
+        key = (job.active.name, job.version.name, job.service, job.parts, job.units if job.parts or job.service else ())
+        if key not in self._made:
+            units = job.units if job.parts or job.service else job.version.units
+            phases = self._quanta(job.phases)
+            self._made[key] = Shape(
+                job.active.name, job.version.name, job.length, units, job.version.gang, phases, job.parts
+            )
+        return self._made[key]
+
+    def _quanta(self, phases: Iterable[PlacedPhase]) -> tuple[Phase, ...]:
+        return tuple(Phase(a.resource, begin, end, int(a.bound * self.quanta)) for a, begin, end in phases)
 
     def _windows(self, version: Version) -> list[Window]:
         return [
@@ -87,11 +131,22 @@ class GridMode:
 def on_common_grid(model: TaskModel, before: ModeSchedule, after: ModeSchedule) -> tuple[GridMode, GridMode]:
     """Put two schedules onto the coarsest grid that fits every duration of both exactly."""
     expansions = [expand(model, model.mode(mode.name)) for mode in (before, after)]
-    starts = [job.start for mode in (before, after) for job in mode.jobs]
-    tick = greatest_common_divisor(
-        [*(natural_tick(e) for e in expansions), *(e.hyperperiod for e in expansions), *starts]
-    )
+    grids = [grid_of(e, mode.jobs) for e, mode in zip(expansions, (before, after), strict=True)]
+    tick = greatest_common_divisor([*grids, *(e.hyperperiod for e in expansions)])
     versions = [version for e in expansions for active in e.tasks for version in active.versions]
     quanta = math.lcm(*(access.bound.denominator for version in versions for access in version.accesses))
     first, second = expansions
-    return GridMode(first, before, tick, quanta), GridMode(second, after, tick, quanta)
+    units = model.units
+    bound = _bound_units(second, before, after)
+    return GridMode(first, before, tick, quanta, units), GridMode(second, after, tick, quanta, units, bound)
+
+
+def _bound_units(after: Expansion, before: ModeSchedule, target: ModeSchedule) -> dict[str, tuple[str, ...]]:
+    """Return the units to which tasks of the mode after are bound: those of its jobs, or of the mode before."""
+    bound: dict[str, tuple[str, ...]] = {}
+    for table, bindings in ((target, (Binding.MODE, Binding.SYSTEM)), (before, (Binding.SYSTEM,))):
+        for job in table.jobs:
+            active = after.by_name.get(job.task)
+            if active is not None and active.task.binding in bindings:
+                bound.setdefault(job.task, job.units)
+    return bound

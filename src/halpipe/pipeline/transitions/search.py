@@ -127,8 +127,8 @@ class Table:
         instants = (low, high, window.from_end)
         if any(known.task == window.task and instants in known.instants for known in wanted):
             return None
-        shift = max(shape.wcet for shape in shapes) if window.from_end else 0
-        earliest, latest = max(0, low - shift), min(self.length - 1, high - (shift and min(s.wcet for s in shapes)))
+        shift = max(shape.length for shape in shapes) if window.from_end else 0
+        earliest, latest = max(0, low - shift), min(self.length - 1, high - (shift and min(s.length for s in shapes)))
         if earliest > latest:
             return Blocked(job.task, rule)
         for known in wanted:
@@ -150,7 +150,7 @@ class Table:
             met = change.has_past(window, low, high) or change.has_future(window, low - self.length, high - self.length)
             if met or not change.after.shapes.get(window.task) or len(wanted) > change.most_wanted:
                 continue
-            shift = change.after.shapes[window.task][0].wcet if window.from_end else 0
+            shift = change.after.shapes[window.task][0].length if window.from_end else 0
             earliest, latest = max(0, low - shift), min(self.length - 1, high - shift)
             if earliest <= latest and not any(w.task == window.task and w.latest == latest for w in wanted):
                 wanted.append(_Wanted(window.task, earliest, latest, want.rule, want.order))
@@ -187,7 +187,7 @@ class Table:
         """Return the intervals of starts that the wish, its neighbours and the version's own constraints leave."""
         spans = [self._in_pace(want, shape)]
         for low, high, from_end in want.instants:
-            shift = shape.wcet if from_end else 0
+            shift = shape.length if from_end else 0
             spans = _meet(spans, [(low - shift, high - shift)])
         for window in self.change.after.windows[shape.task, shape.version]:
             if not spans:
@@ -208,7 +208,7 @@ class Table:
         after = self._paced.get((want.task, want.number + 1)) if want.number else None
         if after is not None:
             earliest = max(earliest, after.start - self.change.most(want.task))
-            latest = min(latest, after.start - shape.wcet)
+            latest = min(latest, after.start - shape.length)
         return earliest, latest
 
 

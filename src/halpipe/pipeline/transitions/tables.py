@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, error, warning
-from halpipe.models import Job, Status, TransitionTable
+from halpipe.models import Job, Part, Status, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.modes import on_common_grid
@@ -262,7 +262,7 @@ def _longest(limit: Duration | None, change: Change) -> int:
     before, after = change.before, change.after
     if limit is not None:
         return limit // before.tick
-    longest = max((shape.wcet for shapes in after.shapes.values() for shape in shapes), default=0)
+    longest = max((shape.length for shapes in after.shapes.values() for shape in shapes), default=0)
     return before.hyperperiod + after.hyperperiod + longest
 
 
@@ -274,17 +274,28 @@ def _named(pair: Transition, change: Change, length: int, jobs: tuple[LineJob, .
         length=tick * length,
         worst_latency=tick * (change.before.hyperperiod + length),
         status=Status.VALID,
-        jobs=tuple(
-            Job(
-                task=job.task,
-                index=job.index,
-                start=tick * job.start,
-                end=tick * job.end,
-                version=job.shape.version,
-                units=job.units,
-            )
-            for job in sorted(jobs)
-        ),
+        jobs=tuple(_job(job, tick) for job in sorted(jobs)),
+    )
+
+
+def _job(job: LineJob, tick: Duration) -> Job:
+    parts = (
+        Part(
+            start=tick * (job.start + part.start),
+            end=tick * (job.start + part.end),
+            executed_from=tick * part.begun,
+            executed_to=tick * part.done,
+        )
+        for part in job.shape.parts
+    )
+    return Job(
+        task=job.task,
+        index=job.index,
+        start=tick * job.start,
+        end=tick * job.end,
+        version=job.shape.version,
+        units=job.units,
+        parts=tuple(parts),
     )
 
 
