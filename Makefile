@@ -6,14 +6,12 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: demo test test-fast lint sanitize wheels docs clean help
+.PHONY: demo test test-fast lint docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
 	@echo "make test       set up, then run the linters and all tests"
 	@echo "make test-fast  the tests without the slow ones"
-	@echo "make sanitize   tests of the search with its library under the sanitizers of addresses and undefined behaviour"
-	@echo "make wheels     wheels for Linux, macOS and Windows in dist/, made and checked on this machine"
 	@echo "make docs       regenerate the reference pages from the code"
 
 $(BIN)/python:
@@ -22,19 +20,15 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || \
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
-$(VENV)/.demo-ready: pyproject.toml hatch_build.py | $(BIN)/python
+$(VENV)/.demo-ready: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[riscv]'
 	@touch $@
 
-$(VENV)/.test-ready: pyproject.toml hatch_build.py | $(BIN)/python
+$(VENV)/.test-ready: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,arxml,exact,cluster,riscv]'
 	@touch $@ $(VENV)/.demo-ready
 
-# An installation builds the libraries in C; after a change of their sources they are built again, in place.
-BUILD := $(BIN)/python build_native.py --stale
-
 demo: $(VENV)/.demo-ready
-	@$(BUILD)
 	$(BIN)/halpipe run $(DEMO)/pipeline.yaml
 	@command -v dot >/dev/null && $(BIN)/halpipe export graph $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml -o $(DEMO)/out/graph.svg || \
 	  echo "graph.svg skipped: the dot program is missing (Debian: apt-get install graphviz); graph.dot is there"
@@ -53,7 +47,6 @@ demo: $(VENV)/.demo-ready
 	@echo "  $(DEMO)/out/graph.dot      its dependencies; trace.json opens in ui.perfetto.dev, trace.btf in Trace Compass"
 
 lint: $(VENV)/.test-ready
-	@$(BUILD)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -62,23 +55,9 @@ test: lint
 	$(BIN)/pytest $(PARALLEL)
 
 test-fast: $(VENV)/.test-ready
-	@$(BUILD)
 	$(BIN)/pytest $(PARALLEL) -m "not slow"
 
-sanitize: $(VENV)/.test-ready
-	$(BIN)/python tests/sanitized.py -m "not slow" tests/properties/test_kernel_cost.py \
-	  tests/unit/pipeline/test_clusters.py tests/unit/pipeline/test_parts.py
-
-wheels: $(VENV)/.test-ready
-	rm -rf dist
-	for target in $$($(BIN)/python build_native.py --targets); do \
-	  HALPIPE_TARGET=$$target $(BIN)/python -m pip wheel --quiet --disable-pip-version-check \
-	    --no-build-isolation --no-deps --wheel-dir dist . || exit 1; \
-	done
-	WHEELS=dist $(BIN)/pytest -p no:xdist tests/unit/test_wheels.py
-
 docs: $(VENV)/.test-ready
-	@$(BUILD)
 	$(BIN)/python docs/generate.py
 
 clean:

@@ -1,6 +1,6 @@
-"""What is kept for the next run in the user's cache folder: programs only, which can always be made again.
+"""What is kept for the next run in the user's cache folder: compiled things only, which can always be made again.
 
-They are taken from there only if nobody but the user can have put them there.
+Programs and machine code are taken from there only if nobody but the user can have put them there.
 """
 
 from __future__ import annotations
@@ -49,8 +49,5 @@ def keep(place: Path, content: bytes, *, executable: bool = False) -> bool:
 
 
 def _is_private(path: Path) -> bool:
-    """Return whether only the user can write to it; Windows keeps a user's folder from others by itself."""
     facts = path.lstat()
-    if not hasattr(os, "getuid"):
-        return True
     return facts.st_uid == os.getuid() and not facts.st_mode & 0o022

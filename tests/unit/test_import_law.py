@@ -15,18 +15,7 @@ import halpipe
 
 SOURCE = Path(halpipe.__file__).parent
 
-FOUNDATION = {
-    "durations",
-    "quantities",
-    "diagnostics",
-    "suggest",
-    "files",
-    "settings",
-    "bundles",
-    "extent",
-    "caches",
-    "libraries",
-}
+FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "settings", "bundles", "extent", "caches"}
 
 # Part of the package -> the parts it may import besides itself. The longest matching name rules.
 MAY_IMPORT = {
@@ -38,7 +27,6 @@ MAY_IMPORT = {
     "settings": {"diagnostics", "files", "suggest"},
     "extent": set(),
     "caches": set(),
-    "libraries": {"diagnostics"},
     "bundles": {"diagnostics", "files"},
     "models": {"diagnostics", "durations", "quantities"},
     "schemas": {"diagnostics", "suggest"},
@@ -92,6 +80,7 @@ HEAVY = (
     "yaml",
     "xmlschema",
     "numpy",
+    "numba",
     "jinja2",
     "graphviz",
     "ortools",

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING, Any
 from halpipe.diagnostics import Findings, sort_diagnostics
 from halpipe.pipeline.verify import codes, reading
 from halpipe.pipeline.verify.assignment import UNIT, VERSION
+from halpipe.pipeline.verify.binding import BINDING, SYSTEM_BINDING, Tables
 from halpipe.pipeline.verify.chains import CHAIN
 from halpipe.pipeline.verify.complete import COMPLETE
 from halpipe.pipeline.verify.metrics import FIGURES
+from halpipe.pipeline.verify.nesting import NESTED
+from halpipe.pipeline.verify.parts import PARTS
 from halpipe.pipeline.verify.periodic import DEADLINE, PERIODIC
 from halpipe.pipeline.verify.precedence import PRECEDENCE
 from halpipe.pipeline.verify.rules import Rule
@@ -33,13 +36,16 @@ MODE_RULES: tuple[Rule[ModeTable], ...] = (
     UNIT,
     PERIODIC,
     DEADLINE,
+    PARTS,
     EXCLUSIVE,
+    NESTED,
     ACCESS,
     PRECEDENCE,
     CHAIN,
+    BINDING,
 )
 
-RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES)
+RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING)
 """Every rule with its sentence, in the order of checking; the manual's list is made from it."""
 
 
@@ -74,7 +80,10 @@ def _verify(model: TaskModel, schedule: Schedule, *, switches_only: bool) -> tup
             found.extend(violations)
             table.broken.update([rule.name] if violations else [])
         found.extend(() if switches_only else FIGURES.check(table))
+    switches = []
     for switch in reading.switches(model, schedule, tables, clock, found):
+        switches.append(switch)
         for switch_rule in SWITCH_RULES:
             found.extend(switch_rule.check(switch))
+    found.extend(SYSTEM_BINDING.check(Tables(model, tuple(tables.values()), tuple(switches))))
     return tuple(sort_diagnostics(found.items))

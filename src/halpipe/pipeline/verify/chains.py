@@ -72,7 +72,7 @@ def age(table: ModeTable, chain: Chain) -> Found:
 
 
 def _known(jobs: Sequence[Placed]) -> list[Placed]:
-    return [p for p in jobs if p.wcet is not None]
+    return [p for p in jobs if p.span is not None]
 
 
 def _worst(latencies: Iterator[tuple[int, Placed] | None]) -> Found:
@@ -91,16 +91,16 @@ def _follow(since: int, tasks: Sequence[str], first: Search) -> tuple[int, int] 
     start = end = since
     for task in tasks:
         found = first(task, end)
-        if found is None or found[1].wcet is None:
+        if found is None or found[1].span is None:
             return None
-        start, end = found[0], found[0] + found[1].wcet
+        start, end = found[0], found[0] + found[1].span
     return end, start
 
 
 def _age(placed: Placed, tasks: Sequence[str], last: Search) -> Found:
     """Trace the data that `placed` reads back through `tasks`, and return its age when `placed` ends."""
     start = _trace(placed, tasks, last)
-    return None if start is None else (placed.start + (placed.wcet or 0) - start, placed)
+    return None if start is None else (placed.end - start, placed)
 
 
 def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
@@ -110,7 +110,7 @@ def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
         found = last(task, start)
         if found is None:
             return None
-        start = found[0] - (found[1].wcet or 0)
+        start = found[0] - (found[1].span or 0)
     return start
 
 
@@ -178,7 +178,7 @@ class _Line:
             if placed.job.task == chain.tasks[-1]:
                 start = _trace(placed, chain.tasks[-2::-1], self._last)
                 if start is not None and start < self._switch.length:
-                    yield placed.start + (placed.wcet or 0) - start, placed
+                    yield placed.end - start, placed
 
 
 CHAIN = Rule(

@@ -70,7 +70,9 @@ BAD_START = error(
 WRONG_END = error(
     "HAL0313",
     "End is not start plus WCET",
-    "A job occupies its units from its start for the WCET of its version, also where that passes the hyperperiod.",
+    "A job in one piece occupies its units from its start for the WCET of its version, also where that passes the "
+    "hyperperiod. Where its units serve interrupts it is their reserved length: the least L with L = C + sum "
+    "ceil(L / distance) * c over the interrupts of all its units.",
 )
 
 # ---------------------------------------------------------------------------- the rules of a mode
@@ -127,6 +129,48 @@ CHAIN_LIMIT = error(
     "Chain exceeds its limit",
     "The worst reaction time or data age of a cause-effect chain is longer than the model allows.",
 )
+PARTS_DIFFER = error(
+    "HAL0331",
+    "Parts do not make up the job",
+    "The parts of a job execute its WCET from 0 to C, one after the other, with a gap between two of them. The first "
+    "starts when the job starts, the last ends when the job ends.",
+)
+WRONG_GAP = error(
+    "HAL0332",
+    "Job is interrupted where it must not be",
+    "Between two parts a job stands at a split point of its version or, where it may be split anywhere, at an instant "
+    "that is not inside an access phase and leaves parts of at least min-part. It has at most max-gaps gaps.",
+)
+WRONG_LENGTH = error(
+    "HAL0333",
+    "Part has not its reserved length",
+    "A part lasts L(x), the least L with L = x + sum ceil(L / distance) * c over the interrupts of all units of the "
+    "job, where x is what it executes and, after a gap, the resume of the version. Without interrupts L(x) = x.",
+)
+NOT_NESTED = error(
+    "HAL0334",
+    "Jobs are not nested",
+    "Of two jobs that share a unit one ends before the other starts, or lies in one gap of the other from start to "
+    "end. Jobs of one task that share a unit do not lie in each other's gaps.",
+)
+NOT_BOUND = error(
+    "HAL0335",
+    "Job is on other units than its task is bound to",
+    "The jobs of a task with binding mode use one set of units in all of the mode and in the tables into it; with "
+    "binding system the same set in all modes and tables. The set that most of them use is taken as meant.",
+)
+ARRIVAL_LATE = error(
+    "HAL0336",
+    "Arrival is served too late",
+    "An arrival may come just after a job of the task that polls has started. The next job must start within the "
+    "distance after that start, so that no second arrival waits, and end within the deadline.",
+)
+NO_LENGTH = error(
+    "HAL0337",
+    "Interrupts leave no time for a job",
+    "The interrupts of the job's units, together, take all of the time, or all but a sliver: no reserved length is "
+    "found within 100 000 steps. So no length is enough for the job.",
+)
 WRONG_FIGURE = error(
     "HAL0340",
     "Reported figure contradicts the jobs",
@@ -143,7 +187,8 @@ NOT_ALLOWED = error(
 TOO_LONG = error(
     "HAL0351",
     "Switch takes too long",
-    "The table of a switch must have a length of at least zero and at most the length that the model allows.",
+    "The table of a switch must have a length of at least zero and at most the length that the model allows. No job "
+    "that is split may last over so many cycles of the mode to come that they cannot be looked at (a million jobs).",
 )
 NO_TABLE = note(
     "HAL0352",

@@ -48,7 +48,7 @@ def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
     """Check F <= 0 iff valid, that a penalty is zero iff its rule holds, and the shares (MODEL 4).
 
     (D) The weights are the solver's own, so the sum itself is not checked. The precedence penalty also covers chains,
-    and may cover demands, releases and deadlines.
+    and may cover demands, releases, deadlines, parts, nesting and binding.
     """
     broken = ", ".join(sorted(table.broken))
     if cost.total <= 0 and broken:
@@ -60,7 +60,8 @@ def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
     for name, rules in _PENALTIES.items():
         yield from _penalty(table, name, getattr(cost, name), rules, rules)
     timing = frozenset({"precedence", "chain"})
-    yield from _penalty(table, "precedence", cost.precedence, timing, timing | {"complete", "periodic", "deadline"})
+    others = {"complete", "periodic", "deadline", "parts", "nested", "binding"}
+    yield from _penalty(table, "precedence", cost.precedence, timing, timing | others)
     units = [unit.name for unit in table.model.units]
     used = {unit for placed in table.jobs for unit in placed.job.units}
     empty = Fraction(sum(unit not in used for unit in units), len(units) or 1)
@@ -85,7 +86,8 @@ def _penalty(
 
 
 def _unit_loads(table: ModeTable) -> Iterator[Diagnostic]:
-    claims = unit_claims(table.jobs)
+    """A unit is busy for the sum of the lengths of the parts on it: the time reserved, with interrupts and resuming."""
+    claims = unit_claims(table.jobs) if table.schedule.unit_loads else {}
     units = {unit.name for unit in table.model.units}
     for load in table.schedule.unit_loads:
         if load.unit not in units:

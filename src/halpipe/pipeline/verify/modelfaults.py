@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.diagnostics import Diagnostic, Location
-    from halpipe.models import Access, Mode, Task, TaskModel, Version
+    from halpipe.models import Access, Interrupt, Mode, Task, TaskModel, Version
     from halpipe.pipeline.verify.tables import ActiveTask
 
 
@@ -68,13 +69,30 @@ def _mode_names(mode: Mode, versions: dict[str, set[str]]) -> Iterator[Diagnosti
             yield _fault(path, f'runs version "{name}" of task "{run.task}", which does not exist', run.at)
 
 
+def interrupts(model: TaskModel) -> Iterator[Diagnostic]:
+    """Interrupts come at most once in a positive distance, and take a time that is not negative."""
+    for unit in model.units:
+        for interrupt in unit.interrupts:
+            if not is_interrupt(interrupt):
+                text = f'has the interrupt "{interrupt.name}" of {interrupt.wcet} every {interrupt.distance}'
+                yield _fault(f'unit "{unit.name}"', f"{text}; its distance must be positive", interrupt.at)
+
+
+def is_interrupt(interrupt: Interrupt) -> bool:
+    """Tell whether T > 0 and c >= 0."""
+    return interrupt.distance > ZERO and interrupt.wcet >= ZERO
+
+
 def timing(task: Task) -> Iterator[Diagnostic]:
-    """A period is positive, a slack is a share."""
+    """A period is positive, a slack is a share; arrivals are polled, at least as often as they come."""
     path = f'task "{task.name}"'
     if task.period is not None and task.period <= ZERO:
         yield _fault(path, f"has the period {task.period}; it must be positive", task.at)
     if not 0 <= task.slack <= 1:
         yield _fault(path, f"has the slack {task.slack}; it must lie between 0 and 1", task.at)
+    if task.distance is not None and (task.period is None or not ZERO < task.period <= task.distance):
+        text = f"serves arrivals {task.distance} apart and is polled every {task.period or 'never'}"
+        yield _fault(path, f"{text}; its period must be at most the distance", task.at)
 
 
 def version(task: Task, version: Version) -> Iterator[Diagnostic]:
@@ -93,6 +111,24 @@ def version(task: Task, version: Version) -> Iterator[Diagnostic]:
         if not is_phase(access, version):
             text = f'has an access to "{access.resource}" from {access.start} to {access.end} with bound {access.bound}'
             yield _fault(path, f"{text}; it must lie within the WCET, with a bound above 0 and up to 1", access.at)
+    yield from _split(path, version)
+
+
+def _split(path: str, version: Version) -> Iterator[Diagnostic]:
+    """Split points ascend within (0, C) and cut no access phase; `anywhere` says how often."""
+    split, wcet = version.split, version.wcet
+    points = split.points
+    if any(a >= b for a, b in pairwise((ZERO, *points, *([wcet] if wcet is not None else [])))) and points:
+        yield _fault(path, "has split points that do not ascend between 0 and the WCET", version.at)
+    for access in version.accesses:
+        for point in points:
+            if access.start < point < access.end:
+                text = f'has the split point {point} within its access to "{access.resource}"'
+                yield _fault(path, text, version.at)
+    if split.anywhere and (points or split.max_gaps is None):
+        yield _fault(path, "may be split anywhere, but does not say how often at most (max-gaps)", version.at)
+    if split.resume < ZERO or (split.max_gaps or 0) < 0 or (split.min_part is not None and split.min_part < ZERO):
+        yield _fault(path, "has a negative resume, max-gaps or min-part", version.at)
 
 
 def is_phase(access: Access, version: Version) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from math import floor
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.pipeline.verify.tables import ActiveTask, ModeTable, Placed
+    from halpipe.models import Task
+    from halpipe.pipeline.verify.tables import ActiveTask, Clock, ModeTable, Placed
 
 
 def check_periodic(table: ModeTable) -> Iterator[Diagnostic]:
@@ -32,21 +33,57 @@ def check_deadline(table: ModeTable) -> Iterator[Diagnostic]:
     """Report the jobs that end after their deadline at the phase that suits most jobs of their task.
 
     (D) The phase is the same for both rules: s must satisfy them together. A job outside its slack has no release, so
-    of its deadline only C <= deadline can be said. Jobs on demand have no release; their deadline is not checked.
+    of its deadline only C <= deadline can be said. Jobs on demand have no release; their deadline is not checked. Of a
+    task that serves arrivals, each job is held against the one before instead (MODEL 8.2).
     """
-    clock = table.clock
     for name, active in table.mode.tasks.items():
-        releases = _Releases(table, name, active)
-        for placed, delay in releases.delays():
-            if placed.wcet is None:
-                continue
-            delay = delay if delay <= releases.slack else 0
-            excess = delay + placed.wcet - releases.deadline
-            if excess > 0:
-                text = f"ends {clock.text(delay + placed.wcet)} after its release, its deadline is "
-                text += f"{clock.text(releases.deadline)}: {clock.text(excess)} late, at {placed.job.end}"
-                help = f"start it earlier, or change the deadline of the task ({releases.phase_text()})"
-                yield codes.LATE(text, at=placed.job.at, path=table.path(placed), help=help)
+        if active.task.distance is None:
+            yield from _released(table, name, active)
+        else:
+            yield from _polled(table, name, active)
+
+
+def _released(table: ModeTable, name: str, active: ActiveTask) -> Iterator[Diagnostic]:
+    clock = table.clock
+    releases = _Releases(table, name, active)
+    for placed, delay in releases.delays():
+        if placed.span is None:
+            continue
+        delay = delay if delay <= releases.slack else 0
+        excess = delay + placed.span - releases.deadline
+        if excess > 0:
+            text = f"ends {clock.text(delay + placed.span)} after its release, its deadline is "
+            text += f"{clock.text(releases.deadline)}: {clock.text(excess)} late, at {placed.job.end}"
+            help = f"start it earlier, or change the deadline of the task ({releases.phase_text()})"
+            yield codes.LATE(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+def _polled(table: ModeTable, name: str, active: ActiveTask) -> Iterator[Diagnostic]:
+    jobs = sorted(table.by_task.get(name, ()), key=lambda p: (p.start, p.job.index))
+    if jobs:
+        first = jobs[-1].moved(-table.period, " of the cycle before")
+        for before, placed in pairwise((first, *jobs)):
+            for text in late_for_arrivals(active.task, before, placed, table.clock):
+                help = "start it earlier, start the job before it later, or poll more often"
+                yield codes.ARRIVAL_LATE(text, at=placed.job.at, path=table.path(placed), help=help)
+
+
+def late_for_arrivals(task: Task, before: Placed, placed: Placed, clock: Clock) -> Iterator[str]:
+    """Say in how far a job is too late for an arrival just after the start of the job `before` it.
+
+    It must start within the distance after that start, so that no second arrival comes, and end within the deadline.
+    """
+    if task.distance is None:
+        return
+    distance = clock.ticks(task.distance)
+    deadline = distance if task.deadline is None else clock.ticks(task.deadline)
+    for what, instant, limit in (("starts", placed.start, distance), ("ends", placed.end, deadline)):
+        if instant - before.start > limit:
+            text = f"{what} {clock.text(instant - before.start)} after the start of {before.label}; an arrival just "
+            text += (
+                f"after that start allows {clock.text(limit)}: {clock.text(instant - before.start - limit)} too late"
+            )
+            yield text
 
 
 class _Releases:
@@ -80,7 +117,7 @@ class _Releases:
         if offset is not None:
             return self._table.clock.ticks(offset) % period
         latest = self._latest_releases(period)
-        rooms = [self.slack if p.wcet is None else min(self.slack, self.deadline - p.wcet) for p in self.jobs]
+        rooms = [self.slack if p.span is None else min(self.slack, self._room(p.span)) for p in self.jobs]
         if latest.count(latest[0]) == len(latest):
             return latest[0]
         tried = sorted(set(latest))
@@ -88,6 +125,10 @@ class _Releases:
         by_both = self._suits(tried, latest, rooms)
         scores = zip(by_slack, by_both, (-s for s in tried), strict=True)
         return -max(scores)[2]
+
+    def _room(self, span: int) -> int:
+        """Return how late a job may start for its deadline, which of a task that serves arrivals is another rule's."""
+        return self.slack if self._active.task.distance is not None else self.deadline - span
 
     def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
         """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it.
@@ -133,6 +174,7 @@ PERIODIC = Rule(
 )
 DEADLINE = Rule(
     "deadline",
-    "Every periodic job ends within its deadline after its release, at the same phase.",
+    "Every periodic job ends within its deadline after its release, at the same phase. Of a task that serves arrivals, "
+    "every job starts within the distance and ends within the deadline after the start of the job before it.",
     check_deadline,
 )

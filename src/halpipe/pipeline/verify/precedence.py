@@ -1,7 +1,7 @@
 """Rule precedence: every constraint of a job's chosen version finds its job of the predecessor (MODEL 3; 5, rule 2).
 
 (D) Any present job of the predecessor may serve, also one that serves other jobs or an earlier hyperperiod's. An end
-counts where it falls, also beyond the hyperperiod: x = theta + C, not reduced.
+counts where it falls, also beyond the hyperperiod: x = t_n, not reduced.
 """
 
 from __future__ import annotations
@@ -93,15 +93,15 @@ class LineInstants:
         if (task, anchor) not in self._made:
             self._made[task, anchor] = self._parts(task, anchor)
         found = [f for f in (part.latest(until) for part in self._made[task, anchor]) if f is not None]
-        return max(found, key=lambda f: (f[0], -(f[1].wcet or 0))) if found else None
+        return max(found, key=lambda f: (f[0], -(f[1].span or 0))) if found else None
 
     def _parts(self, task: str, anchor: Anchor) -> tuple[Findable, ...]:
         switch = self._switch
-        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (-(p.wcet or 0), p.job.index))
+        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (-(p.span or 0), p.job.index))
         if anchor is Anchor.START:
             points = [(p.start, p) for p in listed]
         else:
-            points = [(p.start + p.wcet, p) for p in listed if p.wcet is not None]
+            points = [(p.end, p) for p in listed if p.span is not None]
         return (
             Past(switch.source.instants.of(task, anchor)),
             Listed(points),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Status
 from halpipe.pipeline.verify import codes, modelfaults
+from halpipe.pipeline.verify.reserved import Platform
 from halpipe.pipeline.verify.tables import (
     MAX_BITS,
     TABLE,
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic, Findings
     from halpipe.models import Job, Mode, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
+    from halpipe.pipeline.verify.reserved import Service
+    from halpipe.pipeline.verify.tables import Stretch
 
 
 def make_clock(model: TaskModel, schedule: Schedule) -> Clock | None:
@@ -40,9 +43,14 @@ def make_clock(model: TaskModel, schedule: Schedule) -> Clock | None:
 
 
 def _model_durations(model: TaskModel) -> Iterator[Duration]:
+    for unit in model.units:
+        for interrupt in unit.interrupts:
+            yield from (interrupt.distance, interrupt.wcet)
     for task in model.tasks:
-        yield from (d for d in (task.period, task.offset, task.deadline) if d is not None)
+        yield from (d for d in (task.period, task.offset, task.deadline, task.distance) if d is not None)
         for version in task.versions:
+            yield from version.split.points
+            yield from (d for d in (version.split.resume, version.split.min_part) if d is not None)
             if version.wcet is not None:
                 yield version.wcet
             for access in version.accesses:
@@ -55,12 +63,17 @@ def _model_durations(model: TaskModel) -> Iterator[Duration]:
 
 def _schedule_durations(schedule: Schedule) -> Iterator[Duration]:
     for mode in schedule.modes:
-        for job in mode.jobs:
-            yield from (job.start, job.end)
+        yield from _job_durations(mode.jobs)
     for table in schedule.transitions:
         yield table.length
-        for job in table.jobs:
-            yield from (job.start, job.end)
+        yield from _job_durations(table.jobs)
+
+
+def _job_durations(jobs: tuple[Job, ...]) -> Iterator[Duration]:
+    for job in jobs:
+        yield from (job.start, job.end)
+        for part in job.parts:
+            yield from (part.start, part.end, part.executed_from, part.executed_to)
 
 
 # ------------------------------------------------------------------------------------------------ the model
@@ -70,14 +83,24 @@ def active_modes(model: TaskModel, clock: Clock, found: Findings) -> dict[str, A
     """Return every mode of the model by name, with what its tasks need."""
     found.extend(modelfaults.repeated_names(model))
     found.extend(modelfaults.unknown_names(model))
+    found.extend(modelfaults.interrupts(model))
+    platform = _platform(model, clock)
     modes: dict[str, ActiveMode] = {}
     for mode in model.modes:
         if mode.name not in modes:
-            modes[mode.name] = _active_mode(model, mode, clock, found)
+            modes[mode.name] = _active_mode(model, mode, platform, clock, found)
     return modes
 
 
-def _active_mode(model: TaskModel, mode: Mode, clock: Clock, found: Findings) -> ActiveMode:
+def _platform(model: TaskModel, clock: Clock) -> Platform:
+    served = {unit.name: unit.interrupts for unit in reversed(model.units) if unit.interrupts}
+    usable = {name: tuple(i for i in rows if modelfaults.is_interrupt(i)) for name, rows in served.items()}
+    return Platform(
+        {name: tuple((clock.ticks(i.distance), clock.ticks(i.wcet)) for i in r) for name, r in usable.items()}
+    )
+
+
+def _active_mode(model: TaskModel, mode: Mode, platform: Platform, clock: Clock, found: Findings) -> ActiveMode:
     runs = {run.task: run.versions for run in reversed(mode.runs)}
     tasks: dict[str, ActiveTask] = {}
     for task in model.tasks:
@@ -95,8 +118,8 @@ def _active_mode(model: TaskModel, mode: Mode, clock: Clock, found: Findings) ->
     if fault:
         help = "correct the periods, or remove the mode"
         found.add(codes.MODEL_FAULT(fault, at=mode.at, path=f'mode "{mode.name}"', help=help))
-        return ActiveMode(mode.name, tasks, 0)
-    return ActiveMode(mode.name, tasks, period)
+        return ActiveMode(mode.name, tasks, 0, platform)
+    return ActiveMode(mode.name, tasks, period, platform)
 
 
 def _active_task(task: Task, available: tuple[str, ...], clock: Clock, found: Findings) -> ActiveTask:
@@ -188,14 +211,42 @@ def _placed_jobs(
             found.add(_no_task(job, job.task in names, path, mode.name))
             continue
         wcet = active.wcets.get(job.version)
-        version = active.versions.get(job.version)
+        service = mode.platform.service(job.units)
         start = clock.ticks(job.start)
-        if wcet is not None and clock.ticks(job.end) != start + wcet:
-            text = f"ends at {job.end}, but its start {job.start} and WCET {clock.text(wcet)} make"
-            text += f" {clock.text(start + wcet)}"
-            where = f"{path} {_job(job)}"
-            found.add(codes.WRONG_END(text, at=job.at, path=where, help="end = start + WCET, not reduced"))
-        yield Placed(job, active, version, wcet, start)
+        stretches = _stretches(job, start, wcet, service, clock)
+        if wcet is not None and not job.parts and clock.ticks(job.end) != start + stretches[0][1]:
+            found.add(_wrong_end(job, wcet, stretches[0][1], clock, path))
+        span = stretches[-1][1] if stretches else None
+        yield Placed(job, active, active.versions.get(job.version), span, start, stretches, service)
+
+
+def _stretches(job: Job, start: int, wcet: int | None, service: Service, clock: Clock) -> tuple[Stretch, ...]:
+    """Return the parts of a job, which count from its start.
+
+    (D) Of a job in one piece what the model says counts, of parts what the schedule says: rule parts judges them. Parts
+    without length are left out, and the order is that of time, so that the other rules can still be checked.
+    """
+    if wcet is None:
+        return ()
+    ticks = clock.ticks
+    given = (
+        (ticks(p.start) - start, ticks(p.end) - start, ticks(p.executed_from), ticks(p.executed_to)) for p in job.parts
+    )
+    ordered = tuple(sorted(part for part in given if 0 <= part[0] < part[1]))
+    if ordered:
+        return ordered
+    length = service.length(wcet)
+    return ((0, max(0, clock.ticks(job.end) - start) if length is None else length, 0, wcet),)
+
+
+def _wrong_end(job: Job, wcet: int, length: int, clock: Clock, path: str) -> Diagnostic:
+    text = f"ends at {job.end}, but its start {job.start} and WCET {clock.text(wcet)} make"
+    help = "end = start + WCET, not reduced"
+    if length != wcet:
+        text = f"ends at {job.end}, but its start {job.start}, its WCET {clock.text(wcet)} and the interrupts make"
+        help = "end = start + reserved length of the WCET, not reduced"
+    text += f" {clock.text(clock.ticks(job.start) + length)}"
+    return codes.WRONG_END(text, at=job.at, path=f"{path} {_job(job)}", help=help)
 
 
 def _job(job: Job) -> str:

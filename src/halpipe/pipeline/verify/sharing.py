@@ -60,13 +60,13 @@ def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
 
 
 def unit_claims(jobs: Iterable[Placed]) -> dict[str, list[Claim]]:
-    """Return, for every unit used, when which job holds it: [theta, theta + C). A job of length 0 holds nothing."""
+    """Return, for every unit used, when which job holds it: in its parts. A job of length 0 holds nothing."""
     claims: dict[str, list[Claim]] = {}
     for placed in jobs:
-        if placed.wcet:
-            claim = (placed.start, placed.start + placed.wcet, 1, placed)
+        held = [(placed.start + s, placed.start + t, 1, placed) for s, t, _, _ in placed.stretches if s < t]
+        if held:
             for unit in dict.fromkeys(placed.job.units):
-                claims.setdefault(unit, []).append(claim)
+                claims.setdefault(unit, []).extend(held)
     return claims
 
 
@@ -103,8 +103,25 @@ def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock)
     claims: list[Claim] = []
     for access, owners in phases:
         start, end, weight = clock.ticks(access.start), clock.ticks(access.end), int(access.bound * scale)
-        claims.extend((p.start + start, p.start + end, weight, p) for p in owners)
+        for placed in owners:
+            force = _in_force(placed, start, end, clock)
+            if force is not None:
+                claims.append((placed.start + force[0], placed.start + force[1], weight, placed))
     return claims
+
+
+def _in_force(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
+    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts)."""
+    stretches = placed.stretches
+    if len(stretches) <= 1:
+        return start, placed.service.length(end) or end
+    lost = 0
+    for begin, _, done_from, done_to in stretches:
+        if done_from <= start and end <= done_to:
+            work = lost + end - done_from
+            return begin + lost + start - done_from, begin + (placed.service.length(work) or work)
+        lost = clock.ticks(placed.version.split.resume) if placed.version else 0
+    return None
 
 
 def _meeting(switch: Switch) -> list[Placed]:
@@ -113,9 +130,9 @@ def _meeting(switch: Switch) -> list[Placed]:
     Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode m
     that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
     """
-    meeting = [p for p in switch.before(2) if p.start + (p.wcet or 0) > 0] + switch.jobs
-    horizon = max((p.start + (p.wcet or 0) for p in meeting), default=0)
-    return meeting + [p for p in switch.after(2) if p.start < horizon]
+    meeting = [p for p in switch.before(2) if p.end > 0] + switch.jobs
+    horizon = max((p.end for p in meeting), default=0)
+    return meeting + [p for p in switch.after(switch.cycles_of(meeting)) if p.start < horizon]
 
 
 def _across(found: Iterable[Excess]) -> Iterator[Excess]:
@@ -157,7 +174,8 @@ def _too_fine(resource: str, path: str, at: Location) -> Diagnostic:
 
 EXCLUSIVE = Rule(
     "exclusive",
-    "On every unit, the intervals from start to start plus WCET do not overlap, also round the end of the hyperperiod.",
+    "On every unit, the parts of all jobs do not overlap, also round the end of the hyperperiod; a job in one piece is "
+    "one part, from its start for the reserved length of its WCET.",
     check_exclusive,
 )
 ACCESS = Rule(

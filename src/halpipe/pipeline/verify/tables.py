@@ -9,19 +9,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from halpipe.durations import Duration
 from halpipe.models import Anchor
 from halpipe.pipeline.verify.recurrence import Recurring
+from halpipe.pipeline.verify.reserved import UNDISTURBED, Service
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.diagnostics import Location
     from halpipe.models import Chain, Job, ModeSchedule, Task, TaskModel, TransitionTable, Version
+    from halpipe.pipeline.verify.reserved import Platform
 
 MAX_BITS = 4096
+
+MAX_LINE = 1_000_000
+"""Jobs of the mode to come that are looked at for jobs in progress at a switch."""
 
 TABLE = " of the table"
 """The part of a switch's line between the two modes."""
@@ -70,26 +75,42 @@ class ActiveTask:
 
 @dataclass(frozen=True, slots=True)
 class ActiveMode:
-    """A mode of the model: its tasks T_n by name in model order, and its hyperperiod t_P in ticks (0: none)."""
+    """A mode of the model: its tasks T_n by name in model order, and its hyperperiod t_P in ticks (0: none).
+
+    `platform` tells the interrupts of the units.
+    """
 
     name: str
     tasks: dict[str, ActiveTask]
     period: int
+    platform: Platform
+
+
+Stretch: TypeAlias = "tuple[int, int, int, int]"
+"""A part k of a job: s_k and t_k from the job's start s_1, and what it executes, from a_k to b_k (MODEL 8.2)."""
 
 
 @dataclass(slots=True)
 class Placed:
-    """A job at its place: start in ticks, on the circle of its mode or on the line of a switch.
+    """A job at its place: start s_1 in ticks, on the circle of its mode or on the line of a switch.
 
-    `version` and `wcet` are None where the model does not tell them; `where` names the part of the line.
+    `version` is None where the model does not tell it, and so is `span`, the time from s_1 to the end t_n. `stretches`
+    are the job's parts, and `service` the interrupts of its units. `where` names the part of the line.
     """
 
     job: Job
     active: ActiveTask
     version: Version | None
-    wcet: int | None
+    span: int | None
     start: int
+    stretches: tuple[Stretch, ...] = ()
+    service: Service = UNDISTURBED
     where: str = ""
+
+    @property
+    def end(self) -> int:
+        """The end t_n; the start, where it is not known."""
+        return self.start + (self.span or 0)
 
     @property
     def label(self) -> str:
@@ -98,7 +119,8 @@ class Placed:
 
     def moved(self, by: int, where: str) -> Placed:
         """Return the same job `by` ticks later, as a part of a line."""
-        return Placed(self.job, self.active, self.version, self.wcet, self.start + by, where)
+        start = self.start + by
+        return Placed(self.job, self.active, self.version, self.span, start, self.stretches, self.service, where)
 
 
 class Instants:
@@ -120,8 +142,8 @@ class Instants:
             if anchor is Anchor.START:
                 points = [(p.start, p) for p in jobs]
             else:
-                known = sorted(((p.wcet, p) for p in jobs if p.wcet is not None), key=lambda pair: -pair[0])
-                points = [(p.start + wcet, p) for wcet, p in known]
+                known = sorted(((p.span, p) for p in jobs if p.span is not None), key=lambda pair: -pair[0])
+                points = [(p.start + span, p) for span, p in known]
             self._made[task, anchor] = Recurring(points, self._period)
         return self._made[task, anchor]
 
@@ -189,6 +211,18 @@ class Switch:
         """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
         period, where = self.target.period, f' of mode "{self.target.name}"'
         return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
+
+    def cycles_of(self, jobs: list[Placed]) -> int:
+        """Return how many cycles of mode m the line has: two, or as many as split ones of `jobs` last (MODEL 8.2).
+
+        No more than `MAX_LINE` jobs, though, which the rule of its length reports.
+        """
+        return min(self.cycles_needed(jobs), 2 + MAX_LINE // max(1, len(self.target.jobs)))
+
+    def cycles_needed(self, jobs: list[Placed]) -> int:
+        """Return how many cycles of mode m there would have to be."""
+        last = max((p.end for p in jobs if len(p.stretches) > 1), default=0)
+        return max(2, -(-(last - self.length) // self.target.period))
 
     def path(self, placed: Placed | None = None) -> str:
         """Name the switch, or a job on its line, for a diagnostic."""

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
+from halpipe.pipeline.verify.binding import check_binding_on_line
 from halpipe.pipeline.verify.chains import check_chain_on_line
+from halpipe.pipeline.verify.nesting import check_nested_on_line
+from halpipe.pipeline.verify.parts import check_parts_on_line
+from halpipe.pipeline.verify.periodic import late_for_arrivals
 from halpipe.pipeline.verify.precedence import check_precedence_on_line
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sharing import check_access_on_line, check_exclusive_on_line
@@ -36,6 +40,10 @@ def check_length(switch: Switch) -> Iterator[Diagnostic]:
     if given.worst_latency * switch.clock.scale != Duration(worst):
         text = f"worst latency {given.worst_latency}; hyperperiod and length make {switch.clock.text(worst)}"
         yield codes.WRONG_FIGURE(text, at=given.at, path=path, help="have the report made again from the jobs")
+    open_jobs = [p for p in switch.before(2) if p.end > 0] + switch.jobs
+    if switch.cycles_needed(open_jobs) > switch.cycles_of(open_jobs):
+        text = f"a job in progress lasts over {switch.cycles_needed(open_jobs)} cycles of the mode to come"
+        yield codes.TOO_LONG(text, at=given.at, path=path, help="split the job less, so that it ends earlier")
     seen: set[tuple[str, int]] = set()
     for placed in switch.jobs:
         key = (placed.job.task, placed.job.index)
@@ -73,10 +81,12 @@ def _neighbours(switch: Switch, active: ActiveTask, before: Placed, placed: Plac
             text = f"starts at {clock.text(placed.start)} after the switch, {clock.text(gap)} after {before.label}; "
             text += f"at most {clock.text(most)} is allowed: {clock.text(gap - most)} too late"
             yield codes.STARVED(text, at=at, path=path, help="start a job of the task in between")
-    if before.wcet is not None and gap < before.wcet:
+    if before.span is not None and gap < before.span:
         text = f"starts at {clock.text(placed.start)} after the switch, while {before.label} runs until "
-        text += f"{clock.text(before.start + before.wcet)}: {clock.text(before.wcet - gap)} too early"
+        text += f"{clock.text(before.end)}: {clock.text(before.span - gap)} too early"
         yield codes.AGAINST_ITSELF(text, at=at, path=path, help="start it after the end of the job before")
+    for text in late_for_arrivals(active.task, before, placed, clock):
+        yield codes.ARRIVAL_LATE(text, at=at, path=path, help="start a job of the task in between")
 
 
 def check_entering(switch: Switch) -> Iterator[Diagnostic]:
@@ -109,9 +119,8 @@ class _Needs:
 
     def covers(self, placed: Placed) -> bool:
         """Tell whether the start (or the end) of the job lies in a window."""
-        end = placed.start + (placed.wcet or 0)
         windows = self._windows.get(placed.job.task, ())
-        return any(low <= (end if from_end else placed.start) <= high for low, high, from_end in windows)
+        return any(low <= (placed.end if from_end else placed.start) <= high for low, high, from_end in windows)
 
 
 SWITCH_RULES: tuple[Rule[Switch], ...] = (
@@ -132,14 +141,30 @@ SWITCH_RULES: tuple[Rule[Switch], ...] = (
         check_unit_on_line,
     ),
     Rule(
+        "transition parts",
+        "The parts of every job of the table make up the job, with gaps where it may be interrupted.",
+        check_parts_on_line,
+    ),
+    Rule(
         "transition exclusive",
-        "On every unit, the jobs of the mode before, the table and the mode to come do not overlap.",
+        "On every unit, the parts of jobs of the mode before, the table and the mode to come do not overlap.",
         check_exclusive_on_line,
+    ),
+    Rule(
+        "transition nested",
+        "Of two jobs of the mode before, the table and the mode to come that share a unit, one ends before the other "
+        "starts or lies in one gap of the other; in each other's gaps lie no jobs of one task.",
+        check_nested_on_line,
     ),
     Rule(
         "transition access",
         "At every instant of the switch, the bounds of all access phases in force on a resource sum to at most 1.",
         check_access_on_line,
+    ),
+    Rule(
+        "transition binding",
+        "The jobs of the table use the units of the mode to come, where their tasks are bound.",
+        check_binding_on_line,
     ),
     Rule(
         "transition precedence",
@@ -150,7 +175,8 @@ SWITCH_RULES: tuple[Rule[Switch], ...] = (
     Rule(
         "transition continuity",
         "Across the switch, consecutive starts of a task that runs in both modes are at most (1 + slack) periods "
-        "apart, and no job starts before the one before has ended.",
+        "apart, and no job starts before the one before has ended. Those of a task that serves arrivals keep distance "
+        "and deadline across the switch.",
         check_continuity,
     ),
     Rule(
