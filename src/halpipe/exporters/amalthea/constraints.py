@@ -82,8 +82,8 @@ def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
 
 
 def _delay(parent: etree._Element, name: str, precedence: Precedence, target: str, events: Events) -> None:
+    """Append a window; without a mapping, since each target needs a source here, and all mappings want more."""
     element = named(parent, "timingConstraints", "DelayConstraint", name, typed=True)
-    element.set("mappingType", "Reaction")
     element.set(
         "source", events.process(precedence.task, "start" if precedence.anchor is Anchor.START else "terminate")
     )

@@ -19,9 +19,10 @@ from halpipe.importers.amalthea.modes import DEFAULT, read_modes
 from halpipe.importers.amalthea.names import Names, few, legal
 from halpipe.importers.amalthea.parts import make_drafts
 from halpipe.importers.amalthea.properties import text_of
+from halpipe.importers.amalthea.reactions import Reactions
 from halpipe.importers.amalthea.sniff import load
 from halpipe.importers.amalthea.tasks import TaskBuilder
-from halpipe.importers.amalthea.timing import read_timing
+from halpipe.importers.amalthea.timing import reactions_of, read_timing
 from halpipe.importers.amalthea.values import STATISTICS
 from halpipe.importers.amalthea.versions import MEMORY_CHOICES, UNIT, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest
@@ -54,6 +55,9 @@ def import_amalthea(paths: Sequence[str], options: ImportOptions) -> Imported:
     findings = Findings()
     try:
         imported = _import(paths, options, findings)
+        if options.overlay is None:
+            imported = imported.completed()
+            findings.extend(imported.diagnostics)
         findings.stop_on_errors()
     except HalpipeError as failure:
         found = sort_diagnostics((*findings.items, *failure.diagnostics))
@@ -83,17 +87,24 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     """Import one model, or one for each mode where the input is a list of modes."""
     coverage = Coverage()
     if not is_list(paths):
-        return Imported(model=_model(paths, options, findings, coverage), diagnostics=(), coverage=coverage)
+        model, reactions = _model(paths, options, findings, coverage)
+        return Imported(model=model, diagnostics=(), coverage=coverage, completion=reactions.complete)
     listed = read_list(paths, findings)
     coverage.mapped("file", sum(path.endswith((".modes", ".csv")) for path in paths))
-    modes = {found.mode: _model([found.file], options, findings, coverage) for found in listed.files}
+    modes = {}
+    for found in listed.files:
+        model, reactions = _model([found.file], options, findings, coverage)
+        modes[found.mode], said = reactions.complete(model)
+        findings.extend(said)
     merged = merge(modes, listed, findings)
     model = replace(merged, name=legal(options.name)) if options.name else merged
     return Imported(model=model, diagnostics=(), coverage=coverage)
 
 
-def _model(paths: Sequence[str], options: ImportOptions, findings: Findings, coverage: Coverage) -> TaskModel:
-    """Read files into a model; `coverage` accounts for every element."""
+def _model(
+    paths: Sequence[str], options: ImportOptions, findings: Findings, coverage: Coverage
+) -> tuple[TaskModel, Reactions]:
+    """Read files into a model, and what is added once an overlay is on it; `coverage` accounts for every element."""
     forest = Forest(load(paths, findings), findings)
     hardware = read_hardware(forest)
     units = _unit_names(forest, hardware)
@@ -124,7 +135,7 @@ def _model(paths: Sequence[str], options: ImportOptions, findings: Findings, cov
     memories.report()
     _report(forest, model, evaluator, coverage)
     account(forest, drafts, memories, evaluator.accesses, coverage)
-    return model
+    return model, Reactions(reactions_of(timing))
 
 
 def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,8 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from halpipe.durations import Duration
     from halpipe.importers.amalthea.entities import Entities
     from halpipe.importers.amalthea.parts import Draft
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
 
 _ITEM_TAGS = ("items", "segments", "strands")
 _MOST_LEVELS = 50
+_MOST_WAYS = 50
 _BEGINS = ("activate", "start")
 
 
@@ -45,6 +49,14 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     return chains
 
 
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """The events along one way through a chain; `broken` says where its parts contradict each other."""
+
+    events: tuple[Item, ...]
+    broken: str = ""
+
+
 class _Reader:
     def __init__(self, forest: Forest, entities: Entities) -> None:
         self.forest = forest
@@ -56,28 +68,67 @@ class _Reader:
 
     def chains(self, item: Item) -> list[Chained]:
         """Return the chain of tasks of an event chain, several where parts are parallel."""
-        found = self._sequences(item, 0)
-        paths = [path for events in found if (path := self._tasks(events)) is not None]
+        found = self._ways(item, 0)
+        broken = next((way.broken for way in found if way.broken), "")
+        if broken:
+            help = "let the parts begin, follow on each other and end as the chain does"
+            self.forest.report(codes.CONTRADICTION, f"is not imported: {broken}", item, help)
+            return []
+        paths = [(way, path) for way in found if (path := self._tasks(way.events)) is not None]
         if not paths or len(paths) < len(found):
             self.bad.append(item)
         if paths:
             item.use_all()
+        for way, _ in paths:
+            for event in way.events:
+                event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
-        return [Chained(name, path, item) for name, path in zip(names, paths, strict=True)]
+        return [Chained(name, path, item) for name, (_, path) in zip(names, paths, strict=True)]
 
-    def _sequences(self, item: Item, level: int) -> list[list[Item | None]]:
-        """Return the events along a chain, for each way through it."""
-        ends: list[Item | None] = [self.forest.ref(item, "stimulus"), self.forest.ref(item, "response")]
+    def _ways(self, item: Item, level: int) -> list[_Way]:
+        """Return each way through a chain."""
+        ends = [self.forest.ref(item, end) for end in ("stimulus", "response")]
         inner = [link for tag in _ITEM_TAGS for link in item.all(tag)]
         if not inner or level > _MOST_LEVELS:
-            return [ends]
-        links = [self._sequences(chain, level + 1) for link in inner if (chain := self._chain(link)) is not None]
+            return [_Way(tuple(event for event in ends if event is not None))]
+        links = [self._ways(chain, level + 1) for link in inner if (chain := self._chain(link)) is not None]
         if item.get("itemType") == "parallel" or all(link.tag == "strands" for link in inner):
-            return [[ends[0], *way, ends[1]] for ways in links for way in ways]
-        ways: list[list[Item | None]] = [[ends[0]]]
+            return [_with_ends(ends, way) for ways in links for way in ways]
+        ways = [_Way(())]
         for choices in links:
-            ways = [[*way, *choice] for way in ways for choice in choices][:_MOST_LEVELS]
-        return [[*way, ends[1]] for way in ways]
+            ways = [self._joined(way, choice) for way in ways for choice in choices]
+            if len(ways) > _MOST_WAYS:
+                return [_Way((), f"there are more than {_MOST_WAYS} ways through it")]
+        return [self._closed(ends, way) for way in ways]
+
+    def _joined(self, way: _Way, then: _Way) -> _Way:
+        """Return a way that goes on; where it goes on in another task, data must pass from one to the other."""
+        broken = way.broken or then.broken
+        if not broken and way.events and then.events and not self._meet(way.events[-1], then.events[0]):
+            broken = f'a part ends at "{way.events[-1].name}", the next one begins at "{then.events[0].name}"'
+        return _Way((*way.events, *then.events), broken)
+
+    def _closed(self, ends: Sequence[Item | None], way: _Way) -> _Way:
+        """Return a way through a sequence with the ends of the chain, which must be those of its parts."""
+        first, last = ends
+        broken = way.broken
+        if not broken and first is not None and way.events and not self._meet(first, way.events[0]):
+            broken = f'it begins at "{first.name}", its first part at "{way.events[0].name}"'
+        if not broken and last is not None and way.events and not self._meet(way.events[-1], last):
+            broken = f'it ends at "{last.name}", its last part at "{way.events[-1].name}"'
+        return _with_ends(ends, _Way(way.events, broken))
+
+    def _meet(self, one: Item, other: Item) -> bool:
+        """Return whether two events are one, happen in one task, or are accesses to one label."""
+        if one is other:
+            return True
+        places = [self.entities.place(event) for event in (one, other)]
+        if None in places:
+            return True  # an event in no task is told of elsewhere
+        first, second = (place for place in places if place is not None)
+        if first.label is not None and first.label is second.label:
+            return True
+        return bool({draft.task for draft in first.drafts} & {draft.task for draft in second.drafts})
 
     def _chain(self, link: Item) -> Item | None:
         """Return the chain that a link contains or refers to; until 0.8.0 the link is the chain."""
@@ -86,18 +137,42 @@ class _Reader:
             return self.forest.ref(link, "eventChain")
         return link.one("eventChain") or link
 
-    def _tasks(self, events: list[Item | None]) -> tuple[Draft, ...] | None:
+    def _tasks(self, events: Sequence[Item]) -> tuple[Draft, ...] | None:
         """Return the tasks in which events happen, each once where several events of one follow on each other."""
+        events = [event for event, _ in itertools.groupby(events)]
         groups: list[list[tuple[Item, Draft]]] = []
-        for event in events:
-            place = self.entities.place(event)
-            if event is None or place is None or len({draft.task for draft in place.drafts}) != 1:
+        for index, event in enumerate(events):
+            before = groups[-1][-1][1] if groups else None
+            draft = self._draft(event, before, events[index + 1 :])
+            if draft is None:
                 return None
-            if not groups or groups[-1][-1][1].task is not place.drafts[0].task:
+            if before is None or before.task is not draft.task:
                 groups.append([])
-            groups[-1].append((event, place.drafts[0]))
+            groups[-1].append((event, draft))
         found = [self._through(group, group is groups[-1]) for group in groups]
-        return tuple(draft for drafts in found for draft in drafts)
+        return tuple(draft for drafts in found for draft in drafts) or None
+
+    def _draft(self, event: Item, before: Draft | None, rest: Sequence[Item]) -> Draft | None:
+        """Return where an event happens; None if that is open.
+
+        Of several tasks that access a label the first on a chain is the one that writes it, the last the one that
+        reads it; between them the chain stays in its task where it can, else the next event says which.
+        """
+        place = self.entities.place(event)
+        if place is None:
+            return None
+        if place.label is None or len({draft.task for draft in place.drafts}) == 1:
+            return _only(place.drafts)
+        reading = [draft for draft in place.drafts if draft not in place.writers]
+        if before is None:
+            return _only(place.writers)
+        if not rest:
+            return _only(reading) or _only([draft for draft in place.drafts if draft.task is before.task])
+        following = self.entities.place(rest[0])
+        near = {draft.task for draft in following.drafts} if following is not None else set()
+        return _only([draft for draft in place.drafts if draft.task is before.task]) or _only(
+            [draft for draft in place.drafts if draft.task in near]
+        )
 
     def _through(self, group: list[tuple[Item, Draft]], is_last: bool) -> list[Draft]:
         """Return the parts of a task that data passes: all of them, unless the chain begins or ends inside."""
@@ -113,15 +188,12 @@ class _Reader:
         """Return the chains with their latency constraints."""
         limits: dict[Item, dict[str, Duration]] = {}
         for item in self.forest.kinds("EventChainLatencyConstraint", "AgeConstraint", "ReactionConstraint"):
-            scope = self.forest.ref(item, "scope")
-            kind = item.get("type") or item.kind.removesuffix("Constraint")
-            stated = item.one("maximum")
-            standard = None if stated is None else self.forest.time(stated)
-            exact = value_of(self.forest, item, "maximum", optional_duration)
-            time = exact if exact is not None and agrees(exact, standard) else standard
+            scope, kind = self.forest.ref(item, "scope"), item.get("type") or item.kind.removesuffix("Constraint")
+            time = self._maximum(item)
             minimum = item.one("minimum")
             least = None if minimum is None else self.forest.time(minimum)
-            if scope is None or time is None or kind not in ("Age", "Reaction"):
+            is_known = any(chain.item is scope for chain in chains)
+            if scope is None or time is None or kind not in ("Age", "Reaction") or not is_known:
                 self.unread.append(item)
                 continue
             if least:
@@ -136,30 +208,37 @@ class _Reader:
             for chain in chains
         ]
 
+    def _maximum(self, item: Item) -> Duration | None:
+        stated = item.one("maximum")
+        standard = None if stated is None else self.forest.time(stated)
+        exact = value_of(self.forest, item, "maximum", optional_duration)
+        return exact if exact is not None and agrees(exact, standard) else standard
+
     # ------------------------------------------------------------------------- processes and data ages
 
     def processes(self) -> list[Chained]:
         """Return chains of processes; an end-to-end limit counts from the first start to the last end."""
-        limits: dict[Item, Duration] = {}
+        found: dict[Item, Chained] = {}
+        for item in self.forest.kinds("ProcessChain"):
+            tasks = self.forest.refs(item, "processes")
+            parts = [self.entities.path(task) for task in tasks]
+            if parts and all(parts) and len(tasks) == len(item.get("processes").split()):
+                item.use_all()
+                found[item] = Chained(item.name, tuple(draft for drafts in parts for draft in drafts), item)
+            else:
+                self.bad.append(item)
         for item in self.forest.kinds("ProcessChainRequirement"):
             chain, limit = self.forest.ref(item, "processChain"), item.one("limit")
             stated = None if limit is None else limit.one("limitValue")
             time = None if stated is None else self.forest.time(stated)
             upper = limit is not None and limit.get("limitType") in ("UpperLimit", "")
-            if chain is None or time is None or limit is None or limit.get("metric") != "EndToEnd" or not upper:
+            known = found.get(chain) if chain is not None else None
+            if known is None or time is None or limit is None or limit.get("metric") != "EndToEnd" or not upper:
                 self.unread.append(item)
                 continue
             item.use_all()
-            limits[chain] = min(time, limits.get(chain, time))
-        found = []
-        for item in self.forest.kinds("ProcessChain"):
-            drafts = [draft for task in self.forest.refs(item, "processes") for draft in self.entities.of(task)[:1]]
-            if drafts:
-                item.use_all()
-                found.append(Chained(item.name, tuple(drafts), item, age=limits.get(item)))
-            else:
-                self.bad.append(item)
-        return found
+            found[known.item] = replace(known, age=time if known.age is None else min(time, known.age))
+        return list(found.values())
 
     def ages(self) -> list[Chained]:
         """Return a chain from each writer of a label to the tasks whose runnable must read it fresh."""
@@ -181,3 +260,14 @@ class _Reader:
             names = [item.name] if len(pairs) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(pairs, 1)]
             found += [Chained(name, pair, item, age=time) for name, pair in zip(names, pairs, strict=True)]
         return found
+
+
+def _only(drafts: Sequence[Draft]) -> Draft | None:
+    """Return the first of drafts that all belong to one task."""
+    return drafts[0] if len({draft.task for draft in drafts}) == 1 else None
+
+
+def _with_ends(ends: Sequence[Item | None], way: _Way) -> _Way:
+    """Return a way with the ends of its chain around it, as far as they are stated."""
+    events = (ends[0], *way.events, ends[1])
+    return _Way(tuple(event for event in events if event is not None), way.broken)

@@ -73,6 +73,24 @@ RECURSION = error(
     "A runnable that calls itself, directly or through others, has no execution time; neither have calls that nest "
     "deeper than 100.",
 )
+REACTION = warning(
+    "HAL1215",
+    "Mapping of a delay constraint is not wholly ensured",
+    "Reaction wants a target within the window for each source, UniqueReaction and OneToOne a target of its own. The "
+    "model ensures what the message says.",
+)
+NO_PARTNERS = error(
+    "HAL1216",
+    "Delay constraint that no schedule keeps",
+    "UniqueReaction wants at least as many targets as sources, OneToOne as many. Tasks of these periods do not have "
+    "them.",
+)
+CONTRADICTION = warning(
+    "HAL1217",
+    "Event chain contradicts its parts",
+    "The parts of a sequence begin where the chain begins, follow on each other, and end where it ends. Data does not "
+    "take the way of a chain that contradicts itself, so it is not imported.",
+)
 NO_TASKS = error(
     "HAL1220",
     "No task in the model",

@@ -16,11 +16,13 @@ _ENDS = ("terminate",)
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The drafts that an event happens in, and whether it is their end."""
+    """The drafts that an event happens in, whether it is their end, and which of them write the label of the event."""
 
     drafts: tuple[Draft, ...]
     is_end: bool
     runnable: Item | None = None
+    label: Item | None = None
+    writers: tuple[Draft, ...] = ()
 
 
 class Entities:
@@ -81,8 +83,10 @@ class Entities:
         runnable = entity if event.kind == "RunnableEvent" else None
         if not drafts:
             return None
-        event.use()
-        return Place(tuple(drafts), is_end, runnable)
+        if event.kind != "LabelEvent":
+            return Place(tuple(drafts), is_end, runnable)
+        writers = self.writers(entity) if event.get("eventType") != "read" else []
+        return Place(tuple(drafts), is_end, runnable, entity, tuple(draft for draft in drafts if draft in writers))
 
     def _last(self, draft: Draft) -> int:
         return max(other.part.index for other in self._by_task[draft.task])
@@ -94,7 +98,12 @@ class Entities:
         if event.kind == "RunnableEvent":
             found = self.callers(entity)
         elif event.kind == "LabelEvent":
-            found = list((self._readers if event.get("eventType") == "read" else self._writers).get(entity, ()))
+            by_type = {"read": (self._readers,), "write": (self._writers,)}  # without a type, any access
+            kept = by_type.get(event.get("eventType"), (self._writers, self._readers))
+            found = list(dict.fromkeys(draft for drafts in kept for draft in drafts.get(entity, ())))
+            runnable = self._forest.ref(event, "runnable")
+            if runnable is not None:
+                found = [draft for draft in found if draft in self.callers(runnable)]
         elif event.kind == "StimulusEvent":
             found = [
                 d for drafts in self._by_task.values() for d in drafts if _stimulus(d) is entity and not d.part.index

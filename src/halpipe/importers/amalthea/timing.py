@@ -10,8 +10,11 @@ from halpipe.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place
+from halpipe.importers.amalthea.names import legal
+from halpipe.importers.amalthea.own_export import is_carried
 from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
-from halpipe.models import Anchor
+from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
+from halpipe.models import Anchor, Origin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,6 +55,8 @@ class Timing:
     deadlines: dict[Item, Duration] = field(default_factory=dict)
     most_between_starts: dict[Item, Duration] = field(default_factory=dict)
     windows: list[Window] = field(default_factory=list)
+    reactions: list[tuple[str, Window]] = field(default_factory=list)
+    """Windows by which each `earlier` job needs a later one, with their mapping."""
     chains: list[Chained] = field(default_factory=list)
 
 
@@ -137,13 +142,52 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             bad.append(item)
             continue
         item.use_all()
+        _use_events(forest, item)
         anchor = Anchor.END if source.is_end else Anchor.START
         runnable = target.runnable if target.runnable is not None and not target.is_end else None
-        timing.windows += [
+        windows = [
             Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable) for earlier, later in pairs
         ]
+        mapping = item.get("mappingType")
+        if mapping not in MAPPINGS or any(is_carried(draft.task) for draft in target.drafts):
+            timing.windows += windows
+        elif high is None:
+            continue  # some later target always comes
+        elif len(target.drafts) > 1:
+            help = "let the target be an event of one task"
+            text = "each target gets a source, not each source a target: the target event happens in several tasks"
+            forest.report(codes.REACTION, text, item, help)
+            timing.windows += windows
+        else:
+            timing.reactions += [(mapping, window) for window in windows]
     help = "let it connect events of tasks"
     forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two tasks", bad, help)
+
+
+def _use_events(forest: Forest, item: Item) -> None:
+    for end in ("source", "target"):
+        if (event := forest.ref(item, end)) is not None:
+            event.use()
+
+
+def reactions_of(timing: Timing) -> list[Reaction]:
+    """Return the delay constraints whose sources need targets, by the names of the tasks."""
+    found = []
+    for mapping, window in timing.reactions:
+        at, name = window.cause.at, legal(window.cause.name or window.cause.kind)
+        assert window.high is not None
+        reaction = Reaction(
+            mapping=mapping,
+            source=window.earlier.name,
+            target=window.later.name,
+            low=window.low,
+            high=window.high,
+            source_ends=window.anchor is Anchor.END,
+            target_ends=window.shifted,
+            origin=Origin(at.file, at.line, name),
+        )
+        found.append(reaction)
+    return found
 
 
 def _pairs(source: Place | None, target: Place | None) -> list[tuple[Draft, Draft]]:
@@ -161,9 +205,10 @@ def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
         if len(callers) < 2 or not all(callers):
             bad.append(item)
             continue
-        item.use_all()
-        for earlier, later in itertools.pairwise(callers):
-            timing.windows += _ordered(earlier, later, item)
+        windows = [w for earlier, later in itertools.pairwise(callers) for w in _ordered(earlier, later, item)]
+        if windows:
+            item.use_all()
+        timing.windows += windows
     help = "let it name runnables that tasks call"
     forest.report_each(codes.BAD_CHAIN, "sequencing constraints order no tasks", bad, help)
 

@@ -84,7 +84,7 @@ def read(folder, *, overlay=None, strict=False, wcet="upper", memory="within", b
     version = models.pop("version", "1.0.0")
     models = {"hw": HARDWARE, "stimuli": PLAIN_STIMULI} | models
     options = ImportOptions(overlay=overlay, strict=strict, wcet=wcet, memory=memory, mapping=bind)
-    return FORMAT.read([write(folder, document(version, **models))], options)
+    return FORMAT.read([write(folder, document(version, **models))], options).completed()
 
 
 def refusal(function, *arguments, **options):

@@ -152,6 +152,63 @@ def test_older_chains_have_segments_and_strands(tmp_path):
     assert [(c.name, c.tasks) for c in imported.model.chains] == [("c.1", ("T", "U", "V")), ("c.2", ("T", "V"))]
 
 
+@pytest.mark.parametrize(
+    ("ends", "links"),
+    [
+        (("U0", "V0"), (("T0", "U0"), ("U0", "V0"))),  # begins elsewhere
+        (("T0", "U0"), (("T0", "U0"), ("U0", "V0"))),  # ends elsewhere
+        (("T0", "V0"), (("T0", "T1"), ("U0", "V0"))),  # its parts do not follow on each other
+    ],
+)
+def test_a_chain_that_contradicts_its_parts_is_not_imported_but_told(tmp_path, ends, links):
+    stated = chain(*(link(*one) for one in links), ends=ends) + latency("Age", 20)
+    imported = given(tmp_path, stated)
+    assert imported.model.chains == ()
+    (warning,) = found(imported.diagnostics, codes.CONTRADICTION)
+    assert warning.path.endswith('"c"') or "c" in warning.path
+    rows = {kind: (mapped, ignored) for kind, _, mapped, ignored in imported.coverage.rows()}
+    assert rows["EventChainLatencyConstraint"] == (0, 1)
+    assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
+
+
+def test_data_may_pass_from_one_part_to_the_next_by_a_label(tmp_path):
+    events = EVENTS + event("Lw", "L", "LabelEvent", "write")
+    KINDS["Lw"] = "LabelEvent"
+    links = chain(link("T0", "Lw"), link("Lr", "U1"), ends=("T0", "U1"))
+    assert chains(read(tmp_path, sw=SW, events=events, constraints=links))["c"][0] == ("T", "U")
+
+
+@pytest.mark.parametrize(
+    ("links", "ends", "tasks"),
+    [
+        ([("T0", "La"), ("La", "U0")], ("T0", "U0"), ("T", "U")),
+        ([("La", "U0")], ("La", "U0"), ("T", "U")),
+        ([("La", "U0"), ("U0", "V0")], ("La", "V0"), ("T", "U", "V")),
+        ([("T0", "La")], ("T0", "La"), ("T", "U")),
+    ],
+)
+def test_an_event_of_a_label_without_a_type_is_any_access(tmp_path, links, ends, tasks):
+    """T writes L, U reads it: the neighbours on the chain say which of the two is meant."""
+    events = EVENTS + event("La", "L", "LabelEvent").replace(' eventType="start"', "")
+    KINDS["La"] = "LabelEvent"
+    stated = chain(*(link(*one) for one in links), ends=ends)
+    assert chains(read(tmp_path, sw=SW, events=events, constraints=stated))["c"][0] == tasks
+
+
+def test_a_chain_of_processes_of_which_one_is_no_task_is_told(tmp_path):
+    sw = (
+        SW
+        + task("Z", ticks(1), stimuli="")
+        + '<processChains name="p" processes="T?type=Task Z?type=Task V?type=Task"/>'
+    )
+    end = limit("EndToEnd", 50).replace("ProcessRequirement", "ProcessChainRequirement")
+    end = end.replace('process="T?type=Task"', 'processChain="p?type=ProcessChain"')
+    imported = read(tmp_path, sw=sw, constraints=end)
+    assert imported.model.chains == ()
+    assert len(found(imported.diagnostics, codes.BAD_CHAIN)) == 1
+    assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
+
+
 def test_chains_may_refer_to_chains(tmp_path):
     inner = chain(link("T0", "U0"), name="inner", ends=("T0", "U0"))
     outer = chain('<items xsi:type="am:EventChainReference" eventChain="inner?type=EventChain"/>', link("U0", "V0"))
