@@ -20,15 +20,19 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || \
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
-$(VENV)/.demo-ready: pyproject.toml | $(BIN)/python
+$(VENV)/.demo-ready: pyproject.toml hatch_build.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[riscv]'
 	@touch $@
 
-$(VENV)/.test-ready: pyproject.toml | $(BIN)/python
+$(VENV)/.test-ready: pyproject.toml hatch_build.py | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,arxml,exact,cluster,riscv]'
 	@touch $@ $(VENV)/.demo-ready
 
+# An installation builds the libraries in C; after a change of their sources they are built again, in place.
+BUILD := $(BIN)/python build_native.py --stale
+
 demo: $(VENV)/.demo-ready
+	@$(BUILD)
 	$(BIN)/halpipe run $(DEMO)/pipeline.yaml
 	@command -v dot >/dev/null && $(BIN)/halpipe export graph $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml -o $(DEMO)/out/graph.svg || \
 	  echo "graph.svg skipped: the dot program is missing (Debian: apt-get install graphviz); graph.dot is there"
@@ -47,6 +51,7 @@ demo: $(VENV)/.demo-ready
 	@echo "  $(DEMO)/out/graph.dot      its dependencies; trace.json opens in ui.perfetto.dev, trace.btf in Trace Compass"
 
 lint: $(VENV)/.test-ready
+	@$(BUILD)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -55,9 +60,11 @@ test: lint
 	$(BIN)/pytest $(PARALLEL)
 
 test-fast: $(VENV)/.test-ready
+	@$(BUILD)
 	$(BIN)/pytest $(PARALLEL) -m "not slow"
 
 docs: $(VENV)/.test-ready
+	@$(BUILD)
 	$(BIN)/python docs/generate.py
 
 clean:

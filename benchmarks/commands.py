@@ -187,7 +187,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
             arguments = prepared(row, folder)
-            run(arguments, folder)  # what every later run finds in its caches: bytecode, the compiled kernel
+            run(arguments, folder)  # what every later run finds in its caches
             found = [run(arguments, folder) for _ in range(options.runs)]
         walls = [figures.wall for figures in found]
         processor = statistics.median(figures.processor for figures in found)

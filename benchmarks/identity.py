@@ -257,10 +257,10 @@ def main() -> int:
     if chosen.verb == "models":
         write_models(chosen.folder)
         return 0
-    compiled_at = time.process_time()
+    began = time.process_time()
     found = run(chosen.folder, chosen.only)
     chosen.results.write_text(json.dumps(found, indent=1, sort_keys=True))
-    print(f"{summary(found)}; {time.process_time() - compiled_at:.0f} s")
+    print(f"{summary(found)}; {time.process_time() - began:.0f} s")
     if chosen.against is None:
         return 0
     old = {name: results for name, results in json.loads(chosen.against.read_text()).items() if chosen.only in name}

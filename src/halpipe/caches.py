@@ -1,6 +1,6 @@
-"""What is kept for the next run in the user's cache folder: compiled things only, which can always be made again.
+"""What is kept for the next run in the user's cache folder: programs only, which can always be made again.
 
-Programs and machine code are taken from there only if nobody but the user can have put them there.
+They are taken from there only if nobody but the user can have put them there.
 """
 
 from __future__ import annotations

@@ -15,7 +15,18 @@ import halpipe
 
 SOURCE = Path(halpipe.__file__).parent
 
-FOUNDATION = {"durations", "quantities", "diagnostics", "suggest", "files", "settings", "bundles", "extent", "caches"}
+FOUNDATION = {
+    "durations",
+    "quantities",
+    "diagnostics",
+    "suggest",
+    "files",
+    "settings",
+    "bundles",
+    "extent",
+    "caches",
+    "libraries",
+}
 
 # Part of the package -> the parts it may import besides itself. The longest matching name rules.
 MAY_IMPORT = {
@@ -27,6 +38,7 @@ MAY_IMPORT = {
     "settings": {"diagnostics", "files", "suggest"},
     "extent": set(),
     "caches": set(),
+    "libraries": {"diagnostics"},
     "bundles": {"diagnostics", "files"},
     "models": {"diagnostics", "durations", "quantities"},
     "schemas": {"diagnostics", "suggest"},
@@ -80,7 +92,6 @@ HEAVY = (
     "yaml",
     "xmlschema",
     "numpy",
-    "numba",
     "jinja2",
     "graphviz",
     "ortools",

@@ -96,7 +96,7 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
 
 @contextmanager
 def _kernel_watch() -> Iterator[list[int]]:
-    """Add up the nanoseconds spent in the compiled kernel.
+    """Add up the nanoseconds spent in the kernel.
 
     The search itself must not look at a clock, so the watch is put around the kernel's entry from outside, in every
     module that has it.
@@ -127,7 +127,7 @@ def _kernel_watch() -> Iterator[list[int]]:
 
 @cache
 def _warm_up() -> None:
-    """Compile the kernel, or load it, once in each process: that is not what is measured."""
+    """Load the kernel and all that a search imports, once in each process: that is not what is measured."""
     model = generate(SetParameters(tasks=4, units=2), 1)
     schedule_model(model, SearchOptions(budget=10), lambda *_: True)
 

@@ -10,7 +10,7 @@ from halpipe import __version__
 from halpipe.cli import output
 from halpipe.diagnostics import Exit
 
-PACKAGES = ("lxml", "xmlschema", "numpy", "numba", "pyyaml", "jinja2", "typer", "rich", "graphviz")
+PACKAGES = ("lxml", "xmlschema", "numpy", "pyyaml", "jinja2", "typer", "rich", "graphviz")
 EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
 
-SLOW_START = 1.5
-"""Seconds without a sign of the kernel after which its compilation is announced."""
-
 
 class Watch:
     """Watches one search: shows its progress and stops it on Ctrl-C or at the time limit."""
@@ -43,15 +40,11 @@ class Watch:
         self._deadline = self._began + time_limit if time_limit else None
         self._progress: Progress | None = None
         self._bars: dict[str, int] = {}
-        self._announcement = threading.Timer(SLOW_START, self._announce)
-        self._announcement.daemon = True
 
     def __enter__(self) -> Watch:
-        self._announcement.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._announcement.cancel()
         if self._progress is not None:
             self._progress.stop()
 
@@ -64,14 +57,10 @@ class Watch:
 
     def on_progress(self, mode: str, moves: int, budget: int, best: int) -> bool:
         """Show how far the search is; return whether it may go on."""
-        self._announcement.cancel()
         if not output.Settings.quiet and sys.stderr.isatty():
             with self._lock:
                 self._show(mode, moves, budget, best)
         return not self.interrupted and (self._deadline is None or time.monotonic() < self._deadline)
-
-    def _announce(self) -> None:
-        output.inform("compiling the search kernel; this happens once per installation and takes about 10 s")
 
     def _show(self, mode: str, moves: int, budget: int, best: int) -> None:
         from rich.console import Console

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.kernel.clusters import gather_cluster, move_cluster
-from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
+from halpipe.pipeline.solve.kernel.kernel import anneal, gather_cluster, move_cluster, total_cost
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import CLUSTER, COST, FROZEN_HINT, INSERTED, new_state
 from halpipe.pipeline.solve.problem import build_problem

@@ -12,9 +12,9 @@ from itertools import islice, pairwise
 from operator import and_
 from typing import TYPE_CHECKING, Any, Protocol
 
-from halpipe.deploy.riscv import csr, native
+from halpipe.deploy.riscv import block_hook, csr
 from halpipe.deploy.riscv.memory import PAGE
-from halpipe.deploy.riscv.native import Slot
+from halpipe.deploy.riscv.block_hook import Slot
 from halpipe.deploy.riscv.pmp import ADDRESS, Protection, Right
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class Hart:
         self._map(Right.ALL)
         for device in devices:
             self._attach(device)
-        native.install(self.engine, memory.host + number * native.HEADER)
+        block_hook.install(self.engine, memory.host + number * block_hook.HEADER)
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._refused)
 
@@ -282,7 +282,7 @@ class Hart:
     def watch(self, addresses: Iterable[int]) -> None:
         """Report to the machine whenever one of these `addresses`, and no other, is about to be executed."""
         number = 0
-        for number, address in enumerate(islice(addresses, native.MAX_WATCHED), 1):
+        for number, address in enumerate(islice(addresses, block_hook.MAX_WATCHED), 1):
             self._page[Slot.FIRST_WATCHED + number - 1] = address
         self._page[Slot.WATCHED] = number
 
@@ -346,13 +346,13 @@ class Hart:
     def forget_code(self, address: int, size: int) -> None:
         """Drop what the emulator has translated of memory that changed."""
         self.engine.ctl_remove_cache(address, address + size)
-        for place in range(Slot.FIRST_KNOWN, Slot.FIRST_KNOWN + 2 * native.KNOWN, 2):
+        for place in range(Slot.FIRST_KNOWN, Slot.FIRST_KNOWN + 2 * block_hook.KNOWN, 2):
             self._page[place] = -1
 
     def _fill_page(self) -> None:
         page = self._page
         page[Slot.BLOCK] = page[Slot.PASS] = page[Slot.HIT] = -1
-        start = self.number * native.HEADER
+        start = self.number * block_hook.HEADER
         page[Slot.SPAN] = self._memory.size - start
         placed = self._memory.placed()
         page[Slot.REGIONS] = len(placed)

@@ -7,7 +7,7 @@ import mmap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.deploy.riscv.native import HEADER
+from halpipe.deploy.riscv.block_hook import HEADER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,7 @@ class Region:
 
 
 class Memory:
-    """All memories, by address; a page of integers for each of `harts` stands before them (see `native`)."""
+    """All memories, by address; a page of integers for each of `harts` stands before them (see `block_hook`)."""
 
     def __init__(self, regions: Sequence[Region], harts: int) -> None:
         self.regions = tuple(regions)

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from halpipe.pipeline.solve.kernel.kernel import total_cost
-from halpipe.pipeline.solve.kernel.placement import put
+from halpipe.pipeline.solve.kernel.kernel import put, total_cost
 from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, State
 
 if TYPE_CHECKING:

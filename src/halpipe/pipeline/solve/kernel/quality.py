@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
-from halpipe.pipeline.solve.kernel.kernel import load
-from halpipe.pipeline.solve.kernel.profile import NEVER
+from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
-from halpipe.pipeline.solve.kernel.side_costs import worst_age, worst_reaction
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, State, new_state
+from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -181,7 +179,7 @@ def _cost_wishes(best: _Best) -> Wishes:
 def _latency(best: _Best, chain: int, measure: Callable[..., int]) -> int:
     arrays, state = best.problem.arrays, best.state
     first, last = int(arrays.chain_first[chain]), int(arrays.chain_first[chain + 1])
-    return int(measure(arrays, state.best_start, state.best_option, state.phase, first, last))
+    return int(measure(arrays, state, first, last))
 
 
 def _margin_wishes(best: _Best) -> Wishes:

@@ -12,10 +12,9 @@ from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.profile import NEVER
 from halpipe.pipeline.solve.kernel.quality import Polish, improve
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, State, new_state
+from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers

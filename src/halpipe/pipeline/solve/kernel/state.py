@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from enum import IntFlag
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from halpipe.pipeline.solve.kernel.profile import NEVER
-from halpipe.pipeline.solve.kernel.registry import as_table, compiled
-from halpipe.pipeline.solve.problem import Arrays
-
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from halpipe.pipeline.solve.problem import Arrays
+
     Ints = NDArray[np.int64]
+
+NEVER = 1 << 60
+"""A cost that nothing reaches."""
 
 # Registers of the search (State.register).
 COST = 0
@@ -32,14 +34,38 @@ REGISTERS = 11
 START_HEAT, START_HEAT_WITH_WINDOWS = 24, 40
 """T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
 
-NOISE_SHIFT = 20
-"""Fraction bits of a temperature times an entry of the table of noise: 10 each."""
-
 CLUSTER = 8
 """Tasks that may move together."""
 
 FROZEN_HINT = -2
 """Mark of an entry that never moves."""
+
+
+class Part(IntFlag):
+    """What of the search can be switched off, to measure what it is worth; schedules are found with all of it."""
+
+    # Rules. Without one of them, what the search calls valid is not.
+    LANES = 1 << 0  # the capacity of units and resources
+    WINDOWS = 1 << 1
+    DEMANDS = 1 << 2
+    CHAINS = 1 << 3
+    # Moves other than that of a whole entry.
+    MOVE_JOB = 1 << 4
+    MOVE_CLUSTER = 1 << 5
+    # Places to try other than anywhere.
+    AIM_AT_WINDOW = 1 << 6
+    AIM_AT_GAP = 1 << 7
+    AIM_AT_STEP = 1 << 8
+    AIM_NEARBY = 1 << 9
+    TRY_HINT = 1 << 10  # where an earlier mode, or an earlier construction, put the task
+    SLIDE = 1 << 11  # from a place that is taken to the next that is free
+    # Choice of what to move, and how the temperature goes.
+    PICK_CONFLICTS = 1 << 12
+    HOT_CYCLES = 1 << 13
+    RESTARTS = 1 << 14
+
+
+ALL_PARTS = Part(-1)
 
 
 class State(NamedTuple):
@@ -67,10 +93,11 @@ class State(NamedTuple):
     random: NDArray[np.uint64]
     max_rects: int
     heat: int  # T at the start of a full cycle, 10 fraction bits
+    enabled: int  # parts of the search that are on
 
 
-def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
-    """Return the empty schedule, ready to construct."""
+def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PARTS) -> State:
+    """Return the empty schedule, ready to construct with the parts of the search that are enabled."""
     jobs, entries = len(arrays.job_task), len(arrays.entry_offset)
     lanes = len(arrays.lane_capacity)
     rects = np.diff(arrays.rect_first)
@@ -104,6 +131,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int) -> State:
         random=seeded(seed),
         max_rects=max_rects,
         heat=heat,
+        enabled=enabled,
     )
 
 
@@ -111,20 +139,3 @@ def seeded(seed: int) -> NDArray[np.uint64]:
     """Return a xorshift64 state for a seed, never zero."""
     mixed = (seed + 1) * 0x9E3779B97F4A7C15 & (2**64 - 1)
     return np.array([mixed or 1], np.uint64)
-
-
-@compiled
-def draw(random, below):
-    """Return a pseudo-random integer in [0, below) from xorshift64."""
-    x = random[0]
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    random[0] = x
-    if below < 4294967296:
-        return np.int64(((x >> np.uint64(32)) * np.uint64(below)) >> np.uint64(32))
-    return np.int64(x % np.uint64(below))
-
-
-as_table(State)
-as_table(Arrays, fixed=True)

@@ -1,0 +1,52 @@
+"""Builds the libraries in C when halpipe is installed or made into a wheel: hatchling calls it.
+
+For a wheel of another system, set HALPIPE_TARGET to a name in `build_native.TARGETS`, as ``make wheels`` does.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import build_native  # noqa: E402 - the folder of the project is not on the path of builds
+
+
+class Libraries(BuildHookInterface[Any]):
+    """Puts the libraries into the wheel, and the name of the system into that of the wheel."""
+
+    _made: Path | None = None
+
+    def dependencies(self) -> list[str]:
+        """Return what must be installed to build: nothing where there is a compiler that works."""
+        needs_zig = self.target_name == "wheel" and (_target() or not build_native.own_compiler())
+        return [build_native.ZIG] if needs_zig else []
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Build for a wheel, or in place for an editable installation."""
+        if self.target_name != "wheel":
+            return
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{build_native.tag(_target())}"
+        if version == "editable":
+            build_native.in_place()
+            return
+        self._made = Path(tempfile.mkdtemp())
+        libraries = build_native.build(self._made, _target())
+        build_data["force_include"].update({str(path): place for place, path in libraries.items()})
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what the wheel has a copy of."""
+        if self._made is not None:
+            shutil.rmtree(self._made, ignore_errors=True)
+
+
+def _target() -> str:
+    return os.environ.get("HALPIPE_TARGET", "")

@@ -1,0 +1,66 @@
+"""The border between Python and the kernel, which is C: how its functions are called, and what they are given.
+
+The kernel sees `Arrays` and `State` as structs of addresses and integers, field by field; a test holds both sides
+together. It allocates nothing, and is called without the interpreter's lock.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from halpipe.libraries import library
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from halpipe.pipeline.solve.kernel.state import State
+    from halpipe.pipeline.solve.problem import Arrays
+
+SOURCES = Path(__file__).parent / "native"
+
+COUNTED = {
+    "lanes": "lane_capacity", "jobs": "job_task", "entries": "entry_offset", "rows": "row", "chains": "chain_limit",
+}  # fmt: skip
+"""Lengths that follow the fields of `Arrays`, and the arrays whose they are."""
+
+INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
+
+
+def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: NDArray[np.int64] | None = None) -> int:
+    """Call a function that takes a problem, a state, the table of noise if it is given, and integers."""
+    lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
+    pointers: list[Any] = [words([*arrays, *lengths]), words(state)]
+    if noise is not None:
+        pointers.append(POINTER(address(noise)))
+    return int(function(name)(*pointers, *map(INTEGER, numbers)))
+
+
+def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: NDArray[np.int64] | None = None) -> None:
+    """Do the same with a function that returns nothing."""
+    ask(name, arrays, state, *numbers, noise=noise)
+
+
+def function(name: str) -> Any:
+    """Return a function of the library; its answer, where there is one, is an integer."""
+    native = library(SOURCES, "kernel")[f"halpipe_{name}"]
+    native.restype = INTEGER
+    return native
+
+
+def words(fields: Sequence[Any]) -> ctypes.Array[ctypes.c_int64]:
+    """Return a struct: the addresses of arrays, and integers. It is good as long as the arrays live."""
+    return (INTEGER * len(fields))(*(address(f) if isinstance(f, np.ndarray) else int(f) for f in fields))
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where an array begins; the kernel takes for granted that it is one piece of 64 bit integers."""
+    if array.dtype.kind not in "iu" or array.itemsize != 8 or not array.flags.c_contiguous:
+        raise TypeError("the kernel takes arrays of 64 bit integers in one piece")
+    found: int = array.__array_interface__["data"][0]
+    return found
