@@ -56,7 +56,7 @@ TARGETS = {
 class System:
     """How a family of systems calls a library, and what it is linked with.
 
-    Of the C library, the sources use memmove alone, which every process on Linux has, whichever C library is its own: so
+    Of the C library, the sources use memmove alone, which every process on Linux has, whichever C library it uses: so
     nothing is linked, and one file serves all. On Windows it comes from the system without what mingw puts around it.
     """
 

@@ -16,7 +16,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import build_native  # noqa: E402 - the folder of the project is not on the path of builds
+import build_native
 
 
 class Libraries(BuildHookInterface[Any]):

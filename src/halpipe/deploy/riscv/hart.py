@@ -13,8 +13,8 @@ from operator import and_
 from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.deploy.riscv import block_hook, csr
-from halpipe.deploy.riscv.memory import PAGE
 from halpipe.deploy.riscv.block_hook import Slot
+from halpipe.deploy.riscv.memory import PAGE
 from halpipe.deploy.riscv.pmp import ADDRESS, Protection, Right
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from halpipe.pipeline.solve.kernel.state import State
-    from halpipe.pipeline.problem import Arrays
+    from halpipe.pipeline.solve.problem import Arrays
 
     Ints = NDArray[np.int64]
 
