@@ -6,12 +6,14 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: demo test test-fast lint docs clean help
+.PHONY: demo test test-fast lint sanitize wheels docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
 	@echo "make test       set up, then run the linters and all tests"
 	@echo "make test-fast  the tests without the slow ones"
+	@echo "make sanitize   tests of the search with its library under the sanitizers of addresses and undefined behaviour"
+	@echo "make wheels     wheels for Linux, macOS and Windows in dist/, made and checked on this machine"
 	@echo "make docs       regenerate the reference pages from the code"
 
 $(BIN)/python:
@@ -62,6 +64,18 @@ test: lint
 test-fast: $(VENV)/.test-ready
 	@$(BUILD)
 	$(BIN)/pytest $(PARALLEL) -m "not slow"
+
+sanitize: $(VENV)/.test-ready
+	$(BIN)/python tests/sanitized.py -m "not slow" tests/properties/test_kernel_cost.py \
+	  tests/unit/pipeline/test_clusters.py tests/unit/pipeline/test_parts.py
+
+wheels: $(VENV)/.test-ready
+	rm -rf dist
+	for target in $$($(BIN)/python build_native.py --targets); do \
+	  HALPIPE_TARGET=$$target $(BIN)/python -m pip wheel --quiet --disable-pip-version-check \
+	    --no-build-isolation --no-deps --wheel-dir dist . || exit 1; \
+	done
+	WHEELS=dist $(BIN)/pytest -p no:xdist tests/unit/test_wheels.py
 
 docs: $(VENV)/.test-ready
 	@$(BUILD)

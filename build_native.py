@@ -177,12 +177,16 @@ def _zig(target: str) -> list[str]:
 def main() -> int:
     """Build in place, or for a target into a folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--targets", action="store_true", help="list the systems that can be built for")
     parser.add_argument("--stale", action="store_true", help="do nothing if what is in place is up to date")
     parser.add_argument("--target", choices=TARGETS, default="", help="with a FOLDER: build for this system")
     parser.add_argument("folder", type=Path, nargs="?", help="put the libraries there (default: beside their sources)")
     chosen = parser.parse_args()
     if chosen.target and not chosen.folder:
         parser.error("--target needs a FOLDER")
+    if chosen.targets:
+        print(*TARGETS, sep="\n")
+        return 0
     if chosen.stale and not chosen.folder and not is_stale():
         return 0
     try:
