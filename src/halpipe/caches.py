@@ -49,5 +49,8 @@ def keep(place: Path, content: bytes, *, executable: bool = False) -> bool:
 
 
 def _is_private(path: Path) -> bool:
+    """Return whether only the user can write to it; Windows keeps a user's folder from others by itself."""
     facts = path.lstat()
+    if not hasattr(os, "getuid"):
+        return True
     return facts.st_uid == os.getuid() and not facts.st_mode & 0o022

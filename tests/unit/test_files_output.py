@@ -271,7 +271,7 @@ class FullDisk(io.RawIOBase):
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EACCES, errno.EIO, errno.EROFS])
-@pytest.mark.parametrize("site", ["makedirs", "listdir", "open", "fdopen", "fchmod", "fsync", "replace"])
+@pytest.mark.parametrize("site", ["makedirs", "listdir", "open", "fdopen", "chmod", "fsync", "replace"])
 def test_a_fault_anywhere_leaves_the_old_file_and_nothing_else(target, monkeypatch, site, code):
     calls = fail(monkeypatch, site, code)
     found = refusal(write_output, target, b"new")

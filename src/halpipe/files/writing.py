@@ -98,13 +98,13 @@ def _stage(target: str, content: bytes) -> tuple[str, str]:
     sweep(directory, base)
     temporary = temporary_beside(target)
     mode = os.stat(target).st_mode & 0o777 if os.path.exists(target) else None
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o666)
     try:
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)
             stream.flush()
             if mode is not None:
-                os.fchmod(stream.fileno(), mode)
+                os.chmod(temporary, mode)
             os.fsync(stream.fileno())
     except BaseException:
         with contextlib.suppress(OSError):
@@ -135,6 +135,8 @@ def temporary_beside(target: str) -> str:
 
 
 _SUFFIX = ".halpipe-tmp"
+_BINARY: int = getattr(os, "O_BINARY", 0)
+"""Has Windows leave the ends of lines alone; other systems know no such thing."""
 
 
 def _prefix(base: str) -> str:
@@ -143,6 +145,9 @@ def _prefix(base: str) -> str:
 
 
 def _is_alive(process: int) -> bool:
+    """Return whether a process may still be at work; where the system cannot be asked without harm, it may."""
+    if os.name == "nt":  # there, to send signal 0 ends a process
+        return True
     try:
         os.kill(process, 0)
     except ProcessLookupError:
