@@ -6,7 +6,9 @@ import pytest
 import xmlschema
 from lxml import etree
 
-from halpipe.schemas import SCHEDULE, TASK_MODEL, _schema_bytes, check, line_of, namespace
+from growth import growth
+from halpipe import schemas
+from halpipe.schemas import MAX_REPORTED, SCHEDULE, TASK_MODEL, _schema_bytes, check, line_of, namespace
 
 
 @cache
@@ -100,3 +102,59 @@ def test_lines_are_exact_in_indented_files_of_any_length(blank, body):
         expected.append(text.count("\n", 0, text.index(">", at)) + 1)
     root = etree.fromstring(text)
     assert [line_of(element) for element in root.iter("b")] == expected
+
+
+# ------------------------------------------------------------------------------------------------ cost
+
+
+def in_tasks(lines):
+    text = f'<task-model xmlns="{namespace(TASK_MODEL)}" name="m">\n<platform><unit name="u"/></platform>\n<tasks>\n'
+    return etree.fromstring(f"{text}{lines}</tasks>\n<modes/></task-model>".encode())
+
+
+BAD = '<task name="a" period="soon"/>\n'
+WORST = {
+    "attributes": lambda n: in_tasks("<task " + " ".join(f'a{i}="1"' for i in range(n)) + "/>"),
+    "elements": lambda n: in_tasks("<zz/>" * n),
+    "values": lambda n: in_tasks(BAD * n),
+    "nested": lambda n: in_tasks(('<task name="a">' + '<version wcet="x"/>' * 40 + "</task>\n") * (n // 40)),
+    "at the end": lambda n: in_tasks('<task name="a"/>\n' * n + BAD * (n // 4)),
+}
+
+
+@pytest.mark.parametrize("kind", WORST)
+def test_many_violations_are_told_in_time_that_grows_with_the_document(monkeypatch, kind):
+    def prepare(size):
+        root = WORST[kind](size)
+        return lambda: check(root, TASK_MODEL, "m.xml")
+
+    monkeypatch.setattr(schemas, "MAX_STEPS", 100_000)
+    assert growth(prepare, 1_000, 8_000) < 20, "eight times the size"
+    found = check(WORST[kind](4_000), TASK_MODEL, "m.xml")
+    assert 1 <= len(found) <= MAX_REPORTED + 2
+    assert all(len(d.message) < 500 for d in found)
+
+
+def test_violations_far_down_have_their_lines(monkeypatch):
+    monkeypatch.setattr(schemas, "MAX_STEPS", 100_000)
+    good = '<task name="a"/>\n' * 1_000
+    root = in_tasks("\n" * 69_000 + good + BAD * 5 + good)
+    assert [d.at.line for d in check(root, TASK_MODEL, "m.xml")] == list(range(70_004, 70_009))
+    many = in_tasks("\n" * 69_000 + good + BAD * 2000 + good)
+    found = check(many, TASK_MODEL, "m.xml")
+    assert found[0].at.line >= 70_004
+    assert "in part" in found[-1].message
+
+
+def test_a_long_document_without_fault_is_accepted(monkeypatch):
+    monkeypatch.setattr(schemas, "MAX_STEPS", 100_000)
+    assert check(in_tasks('<task name="a"/>\n' * 3_000), TASK_MODEL, "m.xml") == []
+
+
+@pytest.mark.parametrize("value", ["x" * 64_000, "x' \"" * 16_000, "'" * 64_000, '"x ' * 20_000])
+def test_long_values_do_not_hide_the_message(value):
+    for attribute in ("period", "name"):
+        (found,) = check(document(TASK_MODEL, attribute, value), TASK_MODEL, "m.xml")
+        assert attribute in found.message
+        assert len(found.message) < 500
+        assert len(found.help) < 500

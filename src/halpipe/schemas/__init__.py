@@ -17,6 +17,8 @@ from halpipe.diagnostics import Diagnostic, Location, error
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
     from lxml import etree
 
 TASK_MODEL = "task-model"
@@ -39,8 +41,28 @@ SCHEMA_VIOLATION = error(
 # state them too; libxml2 would spend two thirds of its time on them.
 _IDENTITY_CONSTRAINTS = ("key", "keyref", "unique")
 _XSD = "{http://www.w3.org/2001/XMLSchema}"
-_MAX_EXPLAINED = 50
 _LAST_EXACT_LINE = 65535
+
+MAX_REPORTED = 1000
+"""Violations that are listed before the rest is counted."""
+
+MAX_EXPLAINED = 50
+"""Violations for which xmlschema is asked too."""
+
+MAX_EXPLAINED_ELEMENTS = 20_000
+"""Elements of a document that it is given as a whole; of larger ones, the first in each list."""
+
+MAX_ATTRIBUTES = 100
+"""Attributes of one element up to which it is asked at all: for each one that is wrong, it prints them all."""
+
+MAX_STEPS = 200_000_000
+"""Siblings that may be passed by to say where the elements are: that is done for each violation, and takes seconds."""
+
+LEAST_PART, LARGEST_PART = 20, 10_000
+"""Children of each element that are looked at at once where it could take longer."""
+
+MANY = 100
+"""Violations of which libxml2 tells no more while it parses."""
 
 
 def namespace(kind: str) -> str:
@@ -56,12 +78,96 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
         found = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
         help = f'expected <{kind} xmlns="{namespace(kind)}">'
         return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=help)]
+    many = _in_bulk(root, kind) if _could_be_slow(root) else []
+    return _placed(many, root, kind, name) if many else _violations(root, kind, name)
+
+
+def _could_be_slow(root: etree._Element) -> bool:
+    """Return whether naming the place of every element would pass more siblings by than there is time for."""
+    if float(root.xpath("count(//*)")) ** 2 <= MAX_STEPS:
+        return False
+    steps, waiting = 0, [(root, 0)]
+    while waiting and steps <= MAX_STEPS:
+        element, so_far = waiting.pop()
+        for index, child in enumerate(element, so_far + 1):
+            steps += index
+            waiting.append((child, index))
+    return steps > MAX_STEPS
+
+
+def _in_bulk(root: etree._Element, kind: str) -> list[str]:
+    """Return messages without places if there are many: found while parsing, which takes as long as the file is."""
+    from lxml import etree
+
+    etree.clear_error_log()  # it holds the last messages of this thread, of other documents too
+    parser = etree.XMLParser(schema=_libxml2_schema(kind), resolve_entities=False, no_network=True, load_dtd=False)
+    try:
+        etree.fromstring(etree.tostring(root), parser)
+    except etree.XMLSyntaxError as failure:
+        if len(failure.error_log) >= MANY:
+            return list(dict.fromkeys(_plain(entry.message, kind) for entry in failure.error_log))
+    return []
+
+
+def _placed(messages: Sequence[str], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
+    """Return those of many violations that are found in a part of the document, with their places if one is found."""
+    remark = "there may be more of them further down; correct these first"
+    for part in _parts(root):
+        found = [] if _could_be_slow(part.root) else _violations(part.root, kind, name, part.original)
+        if found:
+            return [*found, SCHEMA_VIOLATION("was looked at in part", at=Location(name), help=remark)]
+    return [SCHEMA_VIOLATION(message, at=Location(name), help=remark) for message in messages]
+
+
+def _parts(root: etree._Element) -> Iterator[_Part]:
+    """Yield copies in which long lists are cut to a stretch, from their beginnings on."""
+    longest = max(len(element) for element in root.iter())
+    start, width = 0, LEAST_PART
+    while start < longest:
+        yield _Part(root, start, start + width)
+        start, width = start + width, min(2 * width, LARGEST_PART)
+
+
+class _Part:
+    """A copy with the children from `start` to `stop` of each element; the outer ones stay, they may be required."""
+
+    def __init__(self, whole: etree._Element, start: int, stop: int) -> None:
+        from copy import deepcopy
+
+        self._whole = whole
+        self._kept: dict[etree._Element, list[int]] = {}
+        self.root = deepcopy(whole)
+        for element in [element for element in self.root.iter() if len(element) > 2 * LEAST_PART]:
+            count, outer = len(element), len(element) - LEAST_PART
+            inside = range(max(start, LEAST_PART), min(stop, outer))
+            self._kept[element] = [*range(LEAST_PART), *inside, *range(outer, count)]
+            del element[inside.stop if inside else LEAST_PART : outer]
+            del element[LEAST_PART : inside.start if inside else LEAST_PART]
+
+    def original(self, element: etree._Element) -> etree._Element:
+        """Return what `element` is a copy of: a copy does not know the lines of long files."""
+        parent = element.getparent()
+        if parent is None:
+            return self._whole
+        index = parent.index(element)
+        return self.original(parent)[self._kept[parent][index] if parent in self._kept else index]
+
+
+def _violations(
+    root: etree._Element, kind: str, name: str, original: Callable[[etree._Element], etree._Element] = lambda e: e
+) -> list[Diagnostic]:
+    """Return the violations that libxml2 finds, each with its line: that of the `original` of an element."""
     schema = _libxml2_schema(kind)
     if schema.validate(root):
         return []
-    entries = reversed(list(schema.error_log))
-    violations = {_subject(e): (_line(root, e), _plain(e.message, kind)) for e in entries}
-    return _reported(list(reversed(violations.values())), root, kind, name)
+    entries = list(schema.error_log)
+    listed = entries[: MAX_REPORTED * 2]  # a bad value is reported twice
+    violations = {_subject(e): (_line(root, e, original), _plain(e.message, kind)) for e in reversed(listed)}
+    found = _reported(list(reversed(violations.values()))[:MAX_REPORTED], root, kind, name)
+    if len(entries) > len(listed):
+        text = f"has further violations, {len(entries) - len(listed)} messages in all, which are not listed"
+        found.append(SCHEMA_VIOLATION(text, at=Location(name), help="correct those that are listed first"))
+    return found
 
 
 def _reported(violations: list[tuple[int, str]], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
@@ -100,12 +206,17 @@ def line_of(element: etree._Element) -> int:
     return line - (element.tail or "").count("\n")
 
 
-def _line(root: etree._Element, entry: Any) -> int:
+def _line(root: etree._Element, entry: Any, original: Callable[[etree._Element], etree._Element]) -> int:
     """Return the line of a violation; libxml2 does not know lines beyond 65534 exactly."""
-    if entry.line < _LAST_EXACT_LINE or not entry.path:
+    if 0 < entry.line < _LAST_EXACT_LINE or not entry.path:
         return int(entry.line)
-    found = root.getroottree().xpath(entry.path)
-    return line_of(found[0]) if found else int(entry.line)
+    from lxml import etree
+
+    try:
+        found = root.getroottree().xpath(entry.path)
+    except etree.XPathEvalError:  # the path has prefixes that only the document knows
+        found = []
+    return line_of(original(found[0])) if found else int(entry.line)
 
 
 @cache
@@ -135,11 +246,15 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
     import xmlschema
     from lxml import etree
 
+    if any(len(element.attrib) > MAX_ATTRIBUTES for element in root.iter()):
+        return {}
+    if root.xpath("count(//*)") > MAX_EXPLAINED_ELEMENTS:
+        root = _Part(root, 0, LARGEST_PART // 20).root
     schema = xmlschema.XMLSchema10(etree.tostring(_grammar(kind), encoding="unicode"))
     reasons: dict[int, str] = {}
     # What xmlschema cannot digest, such as an unknown xsi:type, stays without its explanation.
     with suppress(xmlschema.XMLSchemaException):
-        for failure in islice(schema.iter_errors(root), _MAX_EXPLAINED):
+        for failure in islice(schema.iter_errors(root), MAX_EXPLAINED):
             if failure.reason and failure.sourceline and "match any pattern" not in failure.reason:
                 reason = _shortened(" ".join(str(failure.reason).split()))
                 reasons.setdefault(failure.sourceline, reason.replace(f"{{{namespace(kind)}}}", "").replace("'t:", "'"))
@@ -148,20 +263,28 @@ def _explain(root: etree._Element, kind: str) -> dict[int, str]:
 
 _UNKNOWN_ATTRIBUTE = re.compile(r"The attribute '(?P<name>[^']*)' is not allowed")
 _LONG_VALUE = re.compile(r"(['\"])([^'\"]{60})[^'\"]{60,}(?:\1|$)")
+_MOST_SHOWN, _END_SHOWN = 400, 150
 
 
 def _shortened(text: str) -> str:
-    """Cut quoted values that are so long that they would hide the message."""
-    return _LONG_VALUE.sub(r"\1\2...\1", text)
+    """Cut quoted values that are so long that they would hide the message, whatever quotes are in them."""
+    if len(text) > _MOST_SHOWN * 4:
+        text = f"{text[: _MOST_SHOWN * 2]}...{text[-_MOST_SHOWN * 2 :]}"
+    text = _LONG_VALUE.sub(r"\1\2...\1", text)
+    return text if len(text) <= _MOST_SHOWN else f"{text[: _MOST_SHOWN - _END_SHOWN]}...{text[-_END_SHOWN:]}"
+
+
+def _meant(attribute: str, kind: str) -> str:
+    """Return which attribute of the schema was probably meant."""
+    return did_you_mean(attribute, _attributes(kind), "remove it")
 
 
 @cache
-def _meant(attribute: str, kind: str) -> str:
-    """Return which attribute of the schema was probably meant."""
+def _attributes(kind: str) -> tuple[str, ...]:
     from lxml import etree
 
     names = etree.fromstring(_schema_bytes(kind)).xpath("//*[local-name() = 'attribute']/@name")
-    return did_you_mean(attribute, sorted(set(map(str, names))), "remove it")
+    return tuple(sorted(set(map(str, names))))
 
 
 _PATTERN_FACET = re.compile(
@@ -188,8 +311,8 @@ def _forms(kind: str) -> dict[str, str]:
 
 def _plain(message: str, kind: str) -> str:
     """Take the namespace braces out of a libxml2 message, and say in words which form a value should have."""
-    message = message.replace(f"{{{namespace(kind)}}}", "")
+    message = _shortened(message.replace(f"{{{namespace(kind)}}}", ""))
     facet = _PATTERN_FACET.search(message)
     if facet and facet["pattern"] in _forms(kind):
         message = message[: facet.start()] + f"the value '{facet['value']}' is not {_forms(kind)[facet['pattern']]}"
-    return _shortened(_FACET.sub("", message))
+    return _FACET.sub("", message)
