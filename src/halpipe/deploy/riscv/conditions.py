@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.observation import Outcome
-from halpipe.deploy.riscv.pmp import TOP, Right
+from halpipe.deploy.riscv.pmp import TOP, Level, Right
 from halpipe.deploy.riscv.recording import Flag, Kind
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ _STATES = {
 }
 FINISHED, TRAPPED = 2, 4
 _CAUSE, _EPC = 16, 17
+_CLINT_SIZE = 0x10000
 _STEPS = 150
 """Instructions between an event and the runtime's look at the clock that it records for it."""
 
@@ -57,23 +58,29 @@ def is_confined(run: Run) -> Iterator[Diagnostic]:
             message = "never armed its physical memory protection"
             yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
             continue
-        for low, high, right in _open(run.site, unit, protection):
-            message = f"may {_verbs(right)} at {low:#x} to {high:#x}"
-            yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+        for level, who in ((Level.MACHINE, "its monitor"), (Level.USER, "a job")):
+            for low, high, right in _open(run.site, unit, protection, level):
+                message = f"{who} may {_verbs(right)} at {low:#x} to {high:#x}"
+                yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+    for hart in sorted({e.hart for e in run.executions if e.level is not Level.USER}):
+        message = "executes jobs in machine mode, in which they may change its interrupts and its protection"
+        help = "the monitor has to enter jobs in user mode; export the bundle again"
+        yield codes.OPEN_CORE(message, path=f'unit "{run.site.unit_of(hart).name}"', help=help)
 
 
-def _open(site: Site, unit: UnitSite, protection: Protection) -> Iterator[tuple[int, int, Right]]:
+def _open(
+    site: Site, unit: UnitSite, protection: Protection, level: Level
+) -> Iterator[tuple[int, int, Right]]:
     own = [
         (unit.ispm.base, unit.ispm.end, Right.READ | Right.EXECUTE),
-        (unit.dspm.base, unit.dspm.end, Right.READ | Right.WRITE),
-        (site.clint + 0xBFF8, site.clint + 0xC000, Right.READ),
-        (site.clint + 4 * unit.hart, site.clint + 4 * unit.hart + 4, Right.READ | Right.WRITE),
-        (site.clint + 0x4000 + 8 * unit.hart, site.clint + 0x4008 + 8 * unit.hart, Right.READ | Right.WRITE),
+        (unit.dspm.base, unit.reserved, Right.READ | Right.WRITE),
     ]
+    if level is Level.MACHINE:
+        own += [(unit.reserved, unit.dspm.end, Right.ALL), (site.clint, site.clint + _CLINT_SIZE, Right.ALL)]
     edges = sorted({0, TOP, *(edge for low, high, _ in own for edge in (low, high))})
     for low, high in pairwise(edges):
         allowed = next((right for start, end, right in own if start <= low < end), Right.NONE)
-        for start, end, right in protection.pieces(low, high):
+        for start, end, right in protection.pieces(low, high, level):
             if right & ~allowed:
                 yield start, end, right & ~allowed
 
@@ -105,7 +112,7 @@ def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
         return  # what was overwritten cannot be compared
     slack = 1 + math.ceil(Fraction(_STEPS * run.rate, run.site.clock * run.tick))
     executions = [
-        (_tick(run, e.begin), _tick(run, e.end if run.is_modelled else e.left))
+        (_tick(run, e.begin), _tick(run, e.left))
         for e in run.executions
         if e.outcome is Outcome.RETURNED
     ]

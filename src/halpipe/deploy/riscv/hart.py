@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from halpipe.deploy.riscv import block_hook, csr
 from halpipe.deploy.riscv.block_hook import Slot
 from halpipe.deploy.riscv.memory import PAGE
-from halpipe.deploy.riscv.pmp import ADDRESS, Protection, Right
+from halpipe.deploy.riscv.pmp import ADDRESS, Level, Protection, Right
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -71,6 +71,7 @@ class Hart:
         self.number = number
         self.world: World | None = None
         self.protection = Protection()
+        self.level = Level.MACHINE
         self.asleep = False
         self.software = False  # the software interrupt of the CLINT
         self.software_at = 0
@@ -81,6 +82,8 @@ class Hart:
         self._memory = memory
         self._enabled = 0  # mie, as it was when the hart went to sleep
         self._raised: tuple[int, int] | None = None
+        self._mapped: dict[tuple[int, int], tuple[Right, int]] = {}  # low, high: what may be done, and where in the host
+        self._wanted: dict[Level, dict[tuple[int, int], tuple[Right, int]]] = {}  # the same, since protection changed
         self._remap = False
         self._paused = False
         self._hooked: set[int] = set()
@@ -183,7 +186,7 @@ class Hart:
     def _interrupts(self) -> int:
         """Take an interrupt that is due and enabled, and return the instant of the next that could come."""
         status, enabled = self._register("MSTATUS"), self._register("MIE")
-        if not status & _ENABLED:
+        if not status & _ENABLED and self.level is Level.MACHINE:
             return NEVER
         due = enabled & self.pending()
         for number in (SOFTWARE, TIMER):
@@ -230,6 +233,7 @@ class Hart:
         """Enter the handler as the privileged architecture says (section 3.1): to machine mode, interrupts off."""
         level = self._register("PRIV")
         self._set("PRIV", 3)
+        self._change_level(Level.MACHINE)
         status = self._register("MSTATUS")
         entered = status & ~(_ENABLED | _WAS_ENABLED | 3 << 11) | level << 11
         self._set("MSTATUS", entered | (_WAS_ENABLED if status & _ENABLED else 0))
@@ -298,8 +302,14 @@ class Hart:
     def _on_register(self, engine: Any, address: int, size: int, _: Any) -> None:
         word = int.from_bytes(self._memory.read(address, 4), "little")
         access = csr.decode(word)
-        if word == csr.MRET or (access is not None and access.csr in csr.INTERRUPTS):
+        if self.level is Level.USER and access is not None and access.csr in csr.OURS:
+            self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
+            self.pc = address
+            engine.emu_stop()
+        elif word == csr.MRET or (access is not None and access.csr in csr.INTERRUPTS):
             self.look_up()
+            if word == csr.MRET and self.level is Level.MACHINE:
+                self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
         elif access is not None and access.csr in csr.OURS:
             self._on_own_register(access)
             self._rewind(address + 4)
@@ -311,7 +321,9 @@ class Hart:
         if access.writes and access.csr in csr.PROTECTION:
             self.protection.write(access.csr, access.result(old, operand))
             self._allowed.clear()
-            self._remap = self._remap or access.csr < ADDRESS
+            if access.csr < ADDRESS:
+                self._wanted.clear()
+                self._remap = True
             self.look_up()
         if access.target:
             self._set(f"X{access.target}", old)
@@ -362,19 +374,41 @@ class Hart:
 
     def _map(self, right: Right) -> None:
         for region, offset in self._memory.placed():
-            self.engine.mem_map_ptr(region.base, region.extent, int(right), self._memory.host + offset)
+            host = self._memory.host + offset
+            self.engine.mem_map_ptr(region.base, region.extent, int(right), host)
+            self._mapped[region.base, region.base + region.extent] = (right, host)
+
+    def _change_level(self, level: Level) -> None:
+        if level is not self.level:
+            self.level = level
+            self._allowed.clear()
+            self._remap = self._remap or self.number > 0
 
     def _apply_protection(self) -> None:
-        """Keep of the memories what the locked entries allow; a page that they cut keeps what all its parts have."""
+        """Keep of the memories what the level may do, changing as little as possible."""
         self._remap = False
-        if not self.protection.is_locked:
-            return
+        if self.level not in self._wanted:
+            self._wanted[self.level] = self._reachable(self.level)
+        wanted = self._wanted[self.level]
+        for (low, high), (right, _) in self._mapped.items():
+            if right and wanted.get((low, high), (Right.NONE, 0))[0] != right:
+                self.engine.mem_unmap(low, high - low)
+        for (low, high), (right, host) in wanted.items():
+            if right and self._mapped.get((low, high), (Right.NONE, 0))[0] != right:
+                self.engine.mem_map_ptr(low, high - low, int(right), host)
+        self._mapped = wanted
+
+    def _reachable(self, level: Level) -> dict[tuple[int, int], tuple[Right, int]]:
+        """Return the rights and the place in the host of every part of the memories, cut where any level's change."""
+        found = {}
         for region, offset in self._memory.placed():
-            self.engine.mem_unmap(region.base, region.extent)
-            for low, high, right in _whole_pages(self.protection.pieces(region.base, region.base + region.extent)):
-                if right:
-                    host = self._memory.host + offset + low - region.base
-                    self.engine.mem_map_ptr(low, high - low, int(right), host)
+            low, high = region.base, region.base + region.extent
+            pieces = self.protection.pieces(low, high, level)
+            others = [self.protection.pieces(low, high, other) for other in Level]
+            edges = {edge for parts in others for start, end, _ in parts for edge in (start, end)}
+            for start, end, right in _whole_pages(pieces, edges):
+                found[start, end] = (right, self._memory.host + offset + start - region.base)
+        return found
 
     def _attach(self, device: Device) -> None:
         reading, writing = int(Right.READ), int(Right.WRITE)
@@ -394,7 +428,7 @@ class Hart:
         key = (address, size, right)
         allowed = self._allowed.get(key)
         if allowed is None:
-            allowed = self._allowed[key] = bool(self.protection.rights(address, size) & right)
+            allowed = self._allowed[key] = bool(self.protection.rights(address, size, self.level) & right)
         if allowed:
             return False
         self._raised = self._raised or (cause, address)  # of eight bytes, two halves are denied
@@ -411,10 +445,11 @@ def _numbers() -> dict[str, int]:
     return {name.removeprefix(prefix): value for name, value in vars(riscv_const).items() if name.startswith(prefix)}
 
 
-def _whole_pages(pieces: Iterable[tuple[int, int, Right]]) -> Iterator[tuple[int, int, Right]]:
-    """Round pieces to pages; a page in several pieces has only the rights that all of them have."""
+def _whole_pages(
+    pieces: Iterable[tuple[int, int, Right]], edges: Iterable[int]
+) -> Iterator[tuple[int, int, Right]]:
+    """Cut pieces to pages, at `edges` at least; a page in several pieces has only the rights that all of them have."""
     found = list(pieces)
-    edges = {edge for low, high, _ in found for edge in (low, high)}
     cuts = sorted({page for edge in edges for page in (edge // PAGE, -(-edge // PAGE))})
     for first, last in pairwise(cuts):
         low, high = first * PAGE, last * PAGE

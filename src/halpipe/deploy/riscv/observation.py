@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.hart import TIMER
+from halpipe.deploy.riscv.pmp import Level
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -44,6 +45,10 @@ class Execution:
     end: int = 0
     outcome: Outcome = Outcome.OPEN
     wrong: list[tuple[int, int]] = field(default_factory=list)
+    level: Level = Level.USER
+    rank: int = 0
+    ranks: int = 1
+    stack: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +120,8 @@ class Recorder:
             back = core.x(1)
             core.watch([back])  # its own beginning may be that of a loop
             execution = Execution(hart, address, self._loaded.get(hart), core.woken, now, back)
+            execution.level = core.level
+            execution.rank, execution.ranks, execution.stack = core.x(10), core.x(11), core.x(2)
             self._compare(execution)
             self._running[hart] = execution
             self.executions.append(execution)
@@ -131,6 +138,8 @@ class Recorder:
         """A core takes an exception, or the interrupt of its timer."""
         execution = self._running.get(hart)
         is_interrupt = bool(cause >> 63)
+        if execution is not None and execution.outcome is Outcome.RETURNED and pc == execution.back:
+            return  # back in user mode, it calls its monitor
         if execution is not None:
             execution.outcome = Outcome.OVERRUN if is_interrupt else Outcome.FAULT
             execution.left = now

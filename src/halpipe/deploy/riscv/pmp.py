@@ -6,7 +6,7 @@ and what the entries allow decides which memory and which devices the hart keeps
 
 from __future__ import annotations
 
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from itertools import pairwise
 
 ENTRIES = 16
@@ -26,8 +26,18 @@ class Right(IntFlag):
     ALL = 7
 
 
+class Level(IntEnum):
+    """The privilege with which a hart executes."""
+
+    USER = 0
+    MACHINE = 3
+
+
 class Protection:
-    """The registers ``pmpcfg`` and ``pmpaddr`` of one hart; only locked entries bind machine mode."""
+    """The registers ``pmpcfg`` and ``pmpaddr`` of one hart.
+
+    Only locked entries bind machine mode; user mode has nothing that no entry gives it.
+    """
 
     def __init__(self) -> None:
         self._config = [0] * ENTRIES
@@ -38,10 +48,17 @@ class Protection:
         """Whether any entry binds machine mode."""
         return any(config & _LOCK for config in self._config)
 
+    @property
+    def is_armed(self) -> bool:
+        """Whether any entry is in force."""
+        return any(config >> 3 & 3 for config in self._config)
+
     def read(self, csr: int) -> int:
-        """Return the value of a register of the 64-bit architecture, which has only even ``pmpcfg``."""
+        """Return the value of a register; of the 64-bit architecture only even ``pmpcfg`` are there, the others 0."""
         if csr >= ADDRESS:
             return self._address[csr - ADDRESS]
+        if csr % 2:
+            return 0
         first = (csr - CONFIG) * 4
         return sum(config << 8 * i for i, config in enumerate(self._config[first : first + 8]))
 
@@ -54,18 +71,21 @@ class Protection:
             if not (self._config[entry] & _LOCK or bound_by_next):
                 self._address[entry] = value & (1 << 54) - 1
             return
+        if csr % 2:
+            return
         for i in range(8):
             entry = (csr - CONFIG) * 4 + i
             if entry < ENTRIES and not self._config[entry] & _LOCK:
                 self._config[entry] = value >> 8 * i & 0x9F
 
-    def areas(self) -> list[tuple[int, int, Right]]:
-        """Return the areas of the locked entries, [low, high) and what they allow; the first that matches rules."""
+    def areas(self, level: Level = Level.MACHINE) -> list[tuple[int, int, Right]]:
+        """Return the areas of the entries, [low, high) and what they allow; the first that matches rules."""
         found = []
         for entry, config in enumerate(self._config):
             kind = config >> 3 & 3
-            if not config & _LOCK or kind == _OFF:
+            if kind == _OFF:
                 continue
+            binds = config & _LOCK or level is Level.USER
             address = self._address[entry]
             if kind == _TOR:
                 low, high = (self._address[entry - 1] << 2 if entry else 0), address << 2
@@ -76,25 +96,25 @@ class Protection:
                 size = 8 << ones
                 low = (address >> ones << ones) << 2
                 high = low + size
-            found.append((low, high, Right(config & 7)))
+            found.append((low, high, Right(config & 7) if binds else Right.ALL))
         return found
 
-    def rights(self, address: int, size: int = 1) -> Right:
-        """Return what machine mode may do with all of `size` bytes at `address`; all where no entry matches."""
-        for low, high, right in self.areas():
+    def rights(self, address: int, size: int = 1, level: Level = Level.MACHINE) -> Right:
+        """Return what a level may do with all of `size` bytes at `address`."""
+        for low, high, right in self.areas(level):
             if low < address + size and address < high:
                 return right if low <= address and address + size <= high else Right.NONE
-        return Right.ALL
+        return Right.ALL if level is Level.MACHINE else Right.NONE
 
-    def pieces(self, low: int, high: int) -> list[tuple[int, int, Right]]:
+    def pieces(self, low: int, high: int, level: Level = Level.MACHINE) -> list[tuple[int, int, Right]]:
         """Cut [low, high) where rights change, and return the pieces with their rights."""
         cuts = {low, high}
-        for start, end, _ in self.areas():
+        for start, end, _ in self.areas(level):
             cuts |= {cut for cut in (start, end) if low < cut < high}
         edges = sorted(cuts)
         merged: list[tuple[int, int, Right]] = []
         for start, end in pairwise(edges):
-            right = self.rights(start)
+            right = self.rights(start, level=level)
             if merged and merged[-1][2] == right:
                 merged[-1] = (merged[-1][0], end, right)
             else:

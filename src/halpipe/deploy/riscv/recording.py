@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.target import Ring
     from halpipe.diagnostics import HalpipeError
 
-_RECORD = struct.Struct("<QQQIHHHBBI")
-_FAULT = struct.Struct("<QQQQIHHIHBB16x")
+_RECORD = struct.Struct("<QQQIIIIIBBBx")
+_FAULT = struct.Struct("<QQQQIIIIIBBH8x")
 _WORDS, _STATE, _TRACED, _FAULTS = 16, 9, 13, 14  # of the control block
 
 
@@ -37,6 +37,7 @@ class Flag(IntFlag):
     SKIPPED = 8
     STUCK = 16
     REFUSED = 32
+    ERROR = 64
 
 
 MEANING = {
@@ -44,6 +45,7 @@ MEANING = {
     Flag.OVERRUN: "execution not over in time",
     Flag.FAULT: "the job trapped",
     Flag.STUCK: "the core did not answer",
+    Flag.ERROR: "the DMA engine reported an error",
 }
 
 
@@ -61,6 +63,7 @@ class Record:
     kind: int
     flags: Flag
     program: int
+    hart: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +102,12 @@ def read_recording(
 
 
 def _record(raw: bytes) -> Record:
-    time, begin, end, cycle, table, release, operation, kind, flags, program = _RECORD.unpack(raw)
-    return Record(time, begin, end, cycle, table, release, operation, kind, Flag(flags), program)
+    time, begin, end, cycle, table, release, program, operation, kind, flags, unit = _RECORD.unpack(raw)
+    return Record(time, begin, end, cycle, table, release, operation, kind, Flag(flags), program, unit + 1)
 
 
 def _abandoned(raw: bytes) -> Abandoned:
-    time, cause, epc, tval, cycle, table, release, program, hart, flags, _ = _FAULT.unpack(raw)
+    time, cause, epc, tval, cycle, table, release, program, _, _, flags, hart = _FAULT.unpack(raw)
     return Abandoned(time, cause, epc, tval, cycle, table, release, program, hart, Flag(flags))
 
 

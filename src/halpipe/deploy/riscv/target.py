@@ -38,13 +38,17 @@ class Area:
 
 @dataclass(frozen=True, slots=True)
 class UnitSite:
-    """An application core: its hart, its two scratchpads, and the mailbox through which it is given work."""
+    """An application core: its hart, its two scratchpads, and the mailbox through which it is given work.
+
+    From `reserved` to the end of its data scratchpad it belongs to its monitor.
+    """
 
     name: str
     hart: int
     ispm: Area
     dspm: Area
     mailbox: int
+    reserved: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +95,7 @@ class ImageSite:
     entries: tuple[int, ...]
     load: tuple[tuple[int, int, int], ...]
     symbols: dict[str, Area]
+    bss: Area
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +110,7 @@ class Site:
     uart: int
     dma: DmaSite
     finisher: int | None
+    stack: int
     entry: int
     units: tuple[UnitSite, ...]
     channels: dict[str, int]
@@ -254,7 +260,7 @@ def _shown(value: Any) -> str:
 
 
 def _site(top: _Reader) -> Site:
-    top.number("halpipe-target", 1, 1)
+    top.number("halpipe-target", 2, 2)
     dma = top.object("dma")
     return Site(
         profile=top.text("profile"),
@@ -265,11 +271,12 @@ def _site(top: _Reader) -> Site:
         uart=top.object("uart").address("base"),
         dma=_dma(dma),
         finisher=top.address("finisher") if top.text("finisher") else None,
+        stack=top.number("stack", 16, MAX_MEMORY),
         entry=top.address("entry"),
         units=tuple(_unit(unit) for unit in top.objects("units")),
         channels={r.text("name"): r.number("channel", 0, 15) for r in top.objects("resources")},
         control=top.address("control"),
-        trace=_ring(top.object("trace"), 40),
+        trace=_ring(top.object("trace"), 48),
         faults=_ring(top.object("faults"), 64),
         tables=tuple(_table(table) for table in top.objects("tables")),
         buffers={buffer.text("name"): buffer.as_area("address") for buffer in top.objects("buffers")},
@@ -295,7 +302,8 @@ def _dma(dma: _Reader) -> DmaSite:
 
 def _unit(unit: _Reader) -> UnitSite:
     hart = unit.number("hart", 1, MAX_UNITS)
-    return UnitSite(unit.text("name"), hart, unit.area("ispm"), unit.area("dspm"), unit.address("mailbox"))
+    ispm, dspm = unit.area("ispm"), unit.area("dspm")
+    return UnitSite(unit.text("name"), hart, ispm, dspm, unit.address("mailbox"), unit.address("reserved"))
 
 
 def _ring(ring: _Reader, size: int) -> Ring:
@@ -315,6 +323,7 @@ def _image(image: _Reader) -> ImageSite:
         image.addresses("entries"),
         tuple((p.address("source"), p.address("target"), p.number("size")) for p in image.objects("load")),
         {name: symbol.as_area("address") for name, symbol in image.named("symbols")},
+        image.area("bss"),
     )
 
 

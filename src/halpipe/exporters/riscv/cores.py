@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.exporters.riscv.codes import MAIN_MEMORY_FULL, OUTSIDE_BUFFER, TOO_MANY_RESOURCES, TOO_MANY_UNITS
 from halpipe.exporters.riscv.phases import moves_data
-from halpipe.exporters.riscv.profile import MAILBOX, Region
+from halpipe.exporters.riscv.profile import MAILBOX, RESERVED, Region
 from halpipe.models import AccessKind
 from halpipe.quantities import format_size
 
@@ -23,7 +23,7 @@ PROGRAM = 2 * 2**20
 
 PAGE = 4096
 TRACE_RECORDS = 65536
-TRACE_RECORD = 40
+TRACE_RECORD = 48
 FAULT_RECORDS = 256
 FAULT_RECORD = 64
 LINE = 64
@@ -48,6 +48,11 @@ class Core:
     def hart(self) -> int:
         """The hart id of the core."""
         return self.index + 1
+
+    @property
+    def job_end(self) -> int:
+        """The first address of the data scratchpad that jobs must not touch."""
+        return self.dspm.end - RESERVED
 
     @property
     def mailbox(self) -> int:

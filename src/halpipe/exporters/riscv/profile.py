@@ -32,8 +32,11 @@ MONITOR = 4096
 MAILBOX = 256
 """Bytes at the end of a data scratchpad: what the management core and the monitor tell each other."""
 
-RESERVED = 1024
+RESERVED = 4096
 """Bytes at the end of a data scratchpad that jobs do not have: mailbox and monitor stack."""
+
+CLINT_SIZE = 0x10000
+"""Bytes of the CLINT, which one entry of the memory protection keeps from jobs."""
 
 _KEYS = (
     "halpipe-profile",
@@ -241,6 +244,8 @@ def _faults(p: Profile) -> Iterator[str]:
         if region.end > 2**40:
             yield f"{name} ends beyond 2^40"
         yield from (f"{name} and {other} overlap" for other, its in known[i + 1 :] if region.meets(its))
+    if p.clint % CLINT_SIZE:
+        yield f"clint does not begin at a multiple of {CLINT_SIZE:#x}"
     if p.code_room <= 0:
         yield f"ispm has no room beside the monitor's {MONITOR} bytes"
     if p.data_room <= 0 or p.stack % 16:

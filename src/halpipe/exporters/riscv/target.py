@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.operations import Operation, Program, Table
     from halpipe.exporters.riscv.profile import Profile, Region
 
-VERSION = 1
+VERSION = 2
 
 
 def target_json(
@@ -39,6 +39,7 @@ def target_json(
             "profile": profile.name,
             "toolchain": toolchain,
             **_board(profile),
+            "stack": profile.stack,
             "entry": hex(memory.base),
             "units": [_unit(core) for core in cores],
             "resources": [{"name": name, "channel": channel} for name, channel in channels.items()],
@@ -84,6 +85,7 @@ def _unit(core: Core) -> dict[str, Any]:
         "dspm": _region(core.dspm),
         "monitor": hex(core.ispm.base),
         "mailbox": hex(core.mailbox),
+        "reserved": hex(core.job_end),
     }
 
 
@@ -118,7 +120,7 @@ def operations_json(programs: Sequence[Program], tables: Sequence[Table], cores:
     units = [core.unit for core in cores]
     return _json(
         {
-            "halpipe-operations": VERSION,
+            "halpipe-operations": 1,
             "programs": [
                 {
                     "task": program.task,

@@ -1,63 +1,80 @@
 /* What an emulator or a terminal sees at the end of a run. Nothing here is used while a schedule is played. */
 #include "halpipe.h"
 
+#define SEMIHOSTING 1U
+#define FINISHER 2U
+#define EXIT_EXTENDED 0x20UL
+#define APPLICATION_EXIT 0x20026UL
+
 static void put(char c) {
 #if HP_UART_KIND == HP_UART_NS16550
     *(volatile uint8_t *)HP_UART = (uint8_t)c;
 #else /* SiFive */
     volatile uint32_t *transmit = (volatile uint32_t *)HP_UART;
-    while (*transmit & 0x80000000u) {
+    while ((*transmit & 0x80000000U) != 0U) {
     }
     *transmit = (uint8_t)c;
 #endif
 }
 
 static void put_text(const char *text) {
-    while (*text) put(*text++);
+    for (uint32_t i = 0U; text[i] != '\0'; i++) {
+        put(text[i]);
+    }
 }
 
 static void put_number(uint64_t value) {
-    int shift = 60;
-    while (shift > 0 && !(value >> shift)) shift -= 4;
-    for (; shift >= 0; shift -= 4) put("0123456789abcdef"[value >> shift & 15]);
+    uint32_t shift = 64U;
+    do {
+        shift -= 4U;
+    } while ((shift > 0U) && ((value >> shift) == 0U));
+    for (uint32_t left = (shift / 4U) + 1U; left > 0U; left--) {
+        put("0123456789abcdef"[(value >> ((left - 1U) * 4U)) & 15U]);
+    }
 }
 
-static void put_words(const char *name, const volatile uint64_t *words, unsigned count) {
+static void put_words(const char *name, const volatile uint64_t *words, uint64_t count) {
     put_text(name);
-    for (unsigned i = 0; i < count; i++) {
+    for (uint64_t i = 0U; i < count; i++) {
         put(' ');
         put_number(words[i]);
     }
     put('\n');
 }
 
+static uint64_t first_of(uint64_t count, uint64_t capacity) { return (count > capacity) ? (count - capacity) : 0U; }
+
 /* Prints the control block, the trace and the faults that are still in their rings: hexadecimal words, one record a line. */
 void report(void) {
-    put_words("control", (const volatile uint64_t *)CONTROL, sizeof(hp_control) / 8);
+    put_words("control", (const volatile uint64_t *)HP_CONTROL, sizeof(hp_control) / 8U);
     uint64_t count = CONTROL->traced;
-    for (uint64_t i = count > HP_TRACE_CAPACITY ? count - HP_TRACE_CAPACITY : 0; i < count; i++) {
-        put_words("trace", (const volatile uint64_t *)&TRACE[i % HP_TRACE_CAPACITY], sizeof(hp_record) / 8);
+    for (uint64_t i = first_of(count, HP_TRACE_CAPACITY); i < count; i++) {
+        put_words("trace", (const volatile uint64_t *)&TRACE[i % HP_TRACE_CAPACITY], sizeof(hp_record) / 8U);
     }
     count = CONTROL->faults;
-    for (uint64_t i = count > HP_FAULT_CAPACITY ? count - HP_FAULT_CAPACITY : 0; i < count; i++) {
-        put_words("fault", (const volatile uint64_t *)&FAULTS[i % HP_FAULT_CAPACITY], sizeof(hp_fault) / 8);
+    for (uint64_t i = first_of(count, HP_FAULT_CAPACITY); i < count; i++) {
+        put_words("fault", (const volatile uint64_t *)&FAULTS[i % HP_FAULT_CAPACITY], sizeof(hp_fault) / 8U);
     }
     put_text("end\n");
 }
 
 /* Ends the emulation where the control block asks for it; otherwise the core sleeps. */
-void leave(int is_clean) {
-    if (CONTROL->exit == 1) { /* semihosting SYS_EXIT_EXTENDED */
-        volatile uint64_t reason[2] = {0x20026, is_clean ? 0 : 1};
-        register uint64_t a0 __asm__("a0") = 0x20;
+void leave(uint64_t status) {
+    if (CONTROL->exit == SEMIHOSTING) {
+        volatile uint64_t reason[2] = {APPLICATION_EXIT, status};
+        register uint64_t a0 __asm__("a0") = EXIT_EXTENDED;
         register volatile uint64_t *a1 __asm__("a1") = reason;
         __asm__ volatile(".option push\n.option norvc\n.balign 16\n"
                          " slli x0, x0, 0x1f\n ebreak\n srai x0, x0, 7\n.option pop"
                          : "+r"(a0) : "r"(a1) : "memory");
     }
 #ifdef HP_FINISHER
-    if (CONTROL->exit == 2) *(volatile uint32_t *)HP_FINISHER = is_clean ? 0x5555 : 1 << 16 | 0x3333;
+    if (CONTROL->exit == FINISHER) {
+        *(volatile uint32_t *)HP_FINISHER = (status == 0U) ? 0x5555U : 0x13333U;
+    }
 #endif
-    MTIMECMP(0) = ~0ull;
-    for (;;) WFI();
+    MTIMECMP(0U) = NEVER;
+    for (;;) {
+        wait_for_interrupt();
+    }
 }

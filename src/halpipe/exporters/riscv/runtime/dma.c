@@ -3,79 +3,107 @@
 
 #if HP_DMA_KIND == HP_DMA_PDMA /* SiFive PDMA, as in FU540, FU740 and PolarFire SoC */
 
-enum { CLAIM = 1u, RUN = 2u, DONE = 1u << 30, TRANSACTIONS_OF_64 = 6u << 24 | 6u << 28 };
+#define CLAIM 1U
+#define RUN 2U
+#define DONE 0x40000000U
+#define FAILED 0x80000000U
+#define TRANSACTIONS_OF_64 0x66000000U
 
 typedef struct {
     uint32_t control, config;
     uint64_t bytes, target, source;
 } pdma_channel;
 
-#define CHANNEL(n) ((volatile pdma_channel *)(HP_DMA + (n) * HP_DMA_STRIDE))
+static uint64_t owners[HP_CHANNELS]; /* of what is under way, 0: nothing */
 
-static uint8_t busy[HP_CHANNELS];
+static inline volatile pdma_channel *registers_of(uint32_t channel) {
+    return (volatile pdma_channel *)(HP_DMA + ((uint64_t)channel * HP_DMA_STRIDE));
+}
 
-void dma_start(unsigned channel, uint64_t source, uint64_t target, uint64_t size) {
-    volatile pdma_channel *c = CHANNEL(channel);
+void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
+    volatile pdma_channel *c = registers_of(channel);
     c->control = CLAIM; /* resets what was set before */
     c->config = TRANSACTIONS_OF_64;
-    c->bytes = size;
-    c->target = target;
-    c->source = source;
-    FENCE();
+    c->bytes = o->size;
+    c->target = o->target;
+    c->source = o->source;
+    fence();
     c->control = CLAIM | RUN;
-    busy[channel] = 1;
+    owners[channel] = owner;
 }
 
-int dma_is_complete(unsigned channel) {
-    if (!busy[channel]) return 1;
-    volatile pdma_channel *c = CHANNEL(channel);
-    if (!(c->control & DONE)) return 0;
-    c->control = 0;
-    busy[channel] = 0;
-    return 1;
+uint32_t dma_state(uint32_t channel, uint64_t owner) {
+    uint32_t state = DMA_IDLE;
+    if (owners[channel] != 0U) {
+        volatile pdma_channel *c = registers_of(channel);
+        uint32_t control = c->control;
+        if ((control & (DONE | FAILED)) == 0U) {
+            state = DMA_BUSY;
+        } else {
+            if (((control & FAILED) != 0U) && (owners[channel] == owner)) {
+                state = DMA_FAILED;
+            }
+            c->control = 0U;
+            owners[channel] = 0U;
+            fence(); /* what arrived is there before anyone is told */
+        }
+    }
+    return state;
 }
 
-int dma_work(void) { return 0; }
+uint32_t dma_work(void) { return 0U; }
 
 #else /* none: the management core copies while it would wait */
 
-enum { PIECE = 64 };
+#define PIECE 64U
+#define WORD 8U
 
 static struct {
     uint64_t source, target, size;
 } pending[HP_CHANNELS];
 
-void dma_start(unsigned channel, uint64_t source, uint64_t target, uint64_t size) {
-    pending[channel].source = source;
-    pending[channel].target = target;
-    pending[channel].size = size;
+void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
+    (void)owner;
+    pending[channel].source = o->source;
+    pending[channel].target = o->target;
+    pending[channel].size = o->size;
 }
 
-int dma_is_complete(unsigned channel) { return pending[channel].size == 0; }
+uint32_t dma_state(uint32_t channel, uint64_t owner) {
+    (void)owner;
+    return (pending[channel].size == 0U) ? DMA_IDLE : DMA_BUSY;
+}
 
-int dma_work(void) {
-    for (unsigned channel = 0; channel < HP_CHANNELS; channel++) {
-        uint64_t size = pending[channel].size;
-        if (!size) continue;
-        if (size > PIECE) size = PIECE;
-        uint64_t done = 0;
-        if (((pending[channel].source | pending[channel].target) & 7) == 0) {
-            for (; done + 8 <= size; done += 8) {
-                *(volatile uint64_t *)(pending[channel].target + done) =
-                    *(volatile uint64_t *)(pending[channel].source + done);
-            }
+/* Copies at most PIECE bytes. */
+static void copy(uint64_t source, uint64_t target, uint64_t size) {
+    uint64_t done = 0U;
+    if (((source | target) & (WORD - 1U)) == 0U) {
+        while ((done + WORD) <= size) {
+            *(volatile uint64_t *)(target + done) = *(volatile const uint64_t *)(source + done);
+            done += WORD;
         }
-        for (; done < size; done++) {
-            *(volatile uint8_t *)(pending[channel].target + done) =
-                *(volatile uint8_t *)(pending[channel].source + done);
-        }
-        pending[channel].source += size;
-        pending[channel].target += size;
-        pending[channel].size -= size;
-        FENCE();
-        return 1;
     }
-    return 0;
+    while (done < size) {
+        *(volatile uint8_t *)(target + done) = *(volatile const uint8_t *)(source + done);
+        done++;
+    }
+    fence();
+}
+
+uint32_t dma_work(void) {
+    uint32_t worked = 0U;
+    for (uint32_t channel = 0U; (channel < HP_CHANNELS) && (worked == 0U); channel++) {
+        uint64_t size = pending[channel].size;
+        if (size != 0U) {
+            size = (size > PIECE) ? PIECE : size;
+            copy(pending[channel].source, pending[channel].target, size);
+            pending[channel].source += size;
+            pending[channel].target += size;
+            pending[channel].size -= size;
+            worked = 1U;
+        }
+    }
+    return worked;
 }
 
 #endif

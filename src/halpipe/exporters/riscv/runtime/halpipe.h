@@ -1,5 +1,5 @@
 /* What the management core, the monitors and the generated tables share. Layouts are part of the bundle's interface:
- * docs/reference/riscv-bundle.md. */
+ * docs/reference/riscv-bundle.md. Deviations from MISRA C:2012: docs/reference/misra.md. */
 #ifndef HALPIPE_H
 #define HALPIPE_H
 
@@ -47,14 +47,16 @@ typedef struct {
     uint64_t ispm, dspm, monitor, monitor_size;
 } hp_unit;
 
+#define HP_NO_TABLE 0xffffffffU
+
 extern const hp_program hp_programs[];
-extern const hp_table hp_tables[]; /* modes, then transitions */
-extern const int16_t hp_switches[HP_MODES][HP_MODES]; /* index of the transition table, -1 where there is none */
+extern const hp_table hp_tables[];                     /* modes, then transitions */
+extern const uint32_t hp_switches[HP_MODES][HP_MODES]; /* index of the transition table, or HP_NO_TABLE */
 extern const hp_unit hp_units[HP_UNITS];
 
 /* ---- memory shared with simulators, debuggers and board software ---- */
 
-#define HP_MAGIC 0x48414c5049504531ull
+#define HP_MAGIC 0x48414c5049504531UL
 
 typedef struct {
     uint64_t magic, cycles, execution, first, report, exit, offset, reserved;
@@ -63,27 +65,29 @@ typedef struct {
 
 enum { STATE_BOOTING, STATE_RUNNING, STATE_FINISHED, STATE_NO_CORE, STATE_TRAPPED };
 
-enum { FLAG_LATE = 1, FLAG_OVERRUN = 2, FLAG_FAULT = 4, FLAG_SKIPPED = 8, FLAG_STUCK = 16, FLAG_REFUSED = 32 };
+#define FLAG_LATE 1U
+#define FLAG_OVERRUN 2U
+#define FLAG_FAULT 4U
+#define FLAG_SKIPPED 8U
+#define FLAG_STUCK 16U
+#define FLAG_REFUSED 32U
+#define FLAG_ERROR 64U
 
 typedef struct {
     uint64_t time, begin, end; /* ticks from the beginning of the run */
-    uint32_t cycle;
-    uint16_t table, release, operation;
-    uint8_t kind, flags;
-    uint32_t program;
+    uint32_t cycle, table, release, program, operation;
+    uint8_t kind, flags, unit, reserved;
 } hp_record;
 
 typedef struct {
     uint64_t time, cause, epc, tval;
-    uint32_t cycle;
-    uint16_t table, release;
-    uint32_t program;
+    uint32_t cycle, table, release, program, operation;
+    uint8_t kind, flags;
     uint16_t hart;
-    uint8_t flags, kind;
-    uint64_t reserved[2];
+    uint64_t reserved;
 } hp_fault;
 
-_Static_assert(sizeof(hp_operation) == 48 && sizeof(hp_record) == 40 && sizeof(hp_fault) == 64, "layouts");
+_Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (sizeof(hp_fault) == 64U), "layouts");
 
 #define CONTROL ((volatile hp_control *)HP_CONTROL)
 #define TRACE ((hp_record *)HP_TRACE)
@@ -92,34 +96,45 @@ _Static_assert(sizeof(hp_operation) == 48 && sizeof(hp_record) == 40 && sizeof(h
 /* ---- the mailbox of a core: the top of its data scratchpad ---- */
 
 typedef struct {
-    volatile uint64_t request, done; /* equal: the core is idle */
-    volatile uint64_t entry, bss, bss_end;
-    volatile uint64_t deadline, finish; /* mtime; finish 0: the execution ends when the function returns */
-    volatile uint64_t ranks;            /* rank | size << 32 */
-    volatile uint64_t begin, end, status, cause, epc, tval, ready;
+    uint64_t request, done; /* equal: the core is idle */
+    uint64_t entry, bss, bss_end;
+    uint64_t deadline, finish; /* mtime; finish 0: the execution ends when the function returns */
+    uint64_t ranks;            /* rank | size << 32 */
+    uint64_t begin, end, status, cause, epc, tval, ready;
 } hp_mailbox;
 
-#define MAILBOX_SIZE 256
+#define MAILBOX_SIZE 256U
 
 /* ---- clock and interrupts (CLINT) ---- */
 
-#define MTIME (*(volatile uint64_t *)(HP_CLINT + 0xbff8))
-#define MTIMECMP(hart) (*(volatile uint64_t *)(HP_CLINT + 0x4000 + 8 * (hart)))
-#define MSIP(hart) (*(volatile uint32_t *)(HP_CLINT + 4 * (hart)))
+#define MTIME (*(volatile uint64_t *)(HP_CLINT + 0xbff8UL))
+#define MTIMECMP(hart) (*(volatile uint64_t *)(HP_CLINT + 0x4000UL + (8UL * (uint64_t)(hart))))
+#define MSIP(hart) (*(volatile uint32_t *)(HP_CLINT + (4UL * (uint64_t)(hart))))
 
-#define MIE_SOFTWARE 0x08
-#define MIE_TIMER 0x80
-#define READ_CSR(name) ({ uint64_t value_; __asm__ volatile("csrr %0, " #name : "=r"(value_)); value_; })
+#define NEVER 0xffffffffffffffffUL
+#define MIE_SOFTWARE 0x08UL
+#define MIE_TIMER 0x80UL
+
 #define WRITE_CSR(name, value) __asm__ volatile("csrw " #name ", %0" ::"r"((uint64_t)(value)) : "memory")
-#define FENCE() __asm__ volatile("fence" ::: "memory")
-#define WFI() __asm__ volatile("wfi" ::: "memory")
+#define READ_CSR(name, into) __asm__ volatile("csrr %0, " #name : "=r"(into)::"memory")
+
+static inline void fence(void) { __asm__ volatile("fence" ::: "memory"); }
+static inline void wait_for_interrupt(void) { __asm__ volatile("wfi" ::: "memory"); }
 
 /* ---- parts of the runtime on the management core ---- */
 
-void dma_start(unsigned channel, uint64_t source, uint64_t target, uint64_t size);
-int dma_is_complete(unsigned channel); /* also true where nothing was started */
-int dma_work(void);                    /* does a part of what the hardware does not; 0: nothing to do */
+enum { DMA_IDLE, DMA_BUSY, DMA_FAILED };
+
+/* A transfer has an owner, any number but 0: an error is that of the job whose transfer it was. */
+void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner);
+/* How the last transfer of a channel stands; an error that is another owner's is forgotten. */
+uint32_t dma_state(uint32_t channel, uint64_t owner);
+/* Does a part of what the hardware does not; 0: nothing to do. */
+uint32_t dma_work(void);
 void report(void);
-void leave(int is_clean) __attribute__((noreturn));
+void leave(uint64_t status) __attribute__((noreturn));
+void runtime(void) __attribute__((noreturn));
+
+extern uint64_t hp_monitors[HP_UNITS + 1]; /* where the cores are sent to, by hart; read by start.S */
 
 #endif

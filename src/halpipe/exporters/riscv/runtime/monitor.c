@@ -1,100 +1,128 @@
-/* The monitor of an application core. It and the jobs it calls run from the core's own scratchpads only, which the PMP
+/* The monitor of an application core. Jobs run in user mode, from the core's own scratchpads only, which the PMP
  * enforces: what a job does wrong ends in a trap here, or at its deadline. */
 #include "halpipe.h"
 
-enum { HART, ISPM, ISPM_END, DSPM, DSPM_END, BOX, JOB_STACK };
+enum { HART, ISPM, ISPM_END, DSPM, DSPM_END, BOX, JOB_STACK, JOB_END };
 extern const uint64_t hp_site[];
-extern char monitor_trap[];
-void call_job(uint64_t entry, uint64_t rank, uint64_t ranks, uint64_t stack);
+extern const char monitor_trap[];
+extern const char job_return[];
+void start_job(uint64_t entry, uint64_t rank, uint64_t ranks, uint64_t stack) __attribute__((noreturn));
+void monitor(void) __attribute__((noreturn));
+void trapped(void) __attribute__((noreturn));
+static void serve(void) __attribute__((noreturn));
 
-#define MAILBOX ((hp_mailbox *)hp_site[BOX])
+#define PMP_R 1UL
+#define PMP_W 2UL
+#define PMP_X 4UL
+#define PMP_TOR 8UL
+#define PMP_NAPOT 24UL
+#define PMP_LOCKED 128UL
+#define CLINT_SIZE 0x10000UL
 
-enum { R = 1, W = 2, X = 4, TOR = 1 << 3, NA4 = 2 << 3, NAPOT = 3 << 3, LOCKED = 0x80 };
-#define EIGHT_BYTES(address) ((uint64_t)(address) >> 2)
+#define MSTATUS_MIE 8UL
+#define MSTATUS_MPP 0x1800UL
+#define CALL_FROM_USER 8UL
+#define IS_INTERRUPT 0x8000000000000000UL
 
-/* Locked entries bind machine mode too. 0-1: own code; 2-3: own data; 4: mtime; 5: own msip; 6: own mtimecmp; 7: the rest,
- * forbidden. A store to the configuration arms them all at once. */
+static inline volatile hp_mailbox *mailbox(void) { return (volatile hp_mailbox *)hp_site[BOX]; }
+
+/* What a job may do: 0-1: execute and read its code; 2-3: read and write its data. Locked, so that they bind the monitor,
+ * too. 4: mailbox and stack of the monitor; 5: clock and interrupts: both are the monitor's alone. 7: the rest, forbidden
+ * for both. A store to the configuration arms them all at once. */
 static void lock(void) {
-    uint64_t hart = hp_site[HART];
-    WRITE_CSR(pmpaddr0, hp_site[ISPM] >> 2);
-    WRITE_CSR(pmpaddr1, hp_site[ISPM_END] >> 2);
-    WRITE_CSR(pmpaddr2, hp_site[DSPM] >> 2);
-    WRITE_CSR(pmpaddr3, hp_site[DSPM_END] >> 2);
-    WRITE_CSR(pmpaddr4, EIGHT_BYTES(HP_CLINT + 0xbff8));
-    WRITE_CSR(pmpaddr5, (HP_CLINT + 4 * hart) >> 2);
-    WRITE_CSR(pmpaddr6, EIGHT_BYTES(HP_CLINT + 0x4000 + 8 * hart));
-    WRITE_CSR(pmpaddr7, ~0ull >> 10);
-    uint64_t entries = 0;
-    entries |= (uint64_t)(TOR | R | X | LOCKED) << 8;
-    entries |= (uint64_t)(TOR | R | W | LOCKED) << 24;
-    entries |= (uint64_t)(NAPOT | R | LOCKED) << 32;
-    entries |= (uint64_t)(NA4 | R | W | LOCKED) << 40;
-    entries |= (uint64_t)(NAPOT | R | W | LOCKED) << 48;
-    entries |= (uint64_t)(NAPOT | LOCKED) << 56;
+    WRITE_CSR(pmpaddr0, hp_site[ISPM] >> 2U);
+    WRITE_CSR(pmpaddr1, hp_site[ISPM_END] >> 2U);
+    WRITE_CSR(pmpaddr2, hp_site[DSPM] >> 2U);
+    WRITE_CSR(pmpaddr3, hp_site[JOB_END] >> 2U);
+    WRITE_CSR(pmpaddr4, hp_site[DSPM_END] >> 2U);
+    WRITE_CSR(pmpaddr5, (HP_CLINT >> 2U) | ((CLINT_SIZE / 8U) - 1U));
+    WRITE_CSR(pmpaddr7, NEVER >> 10U);
+    uint64_t entries = (PMP_TOR | PMP_R | PMP_X | PMP_LOCKED) << 8U;
+    entries |= (PMP_TOR | PMP_R | PMP_W | PMP_LOCKED) << 24U;
+    entries |= PMP_TOR << 32U;
+    entries |= PMP_NAPOT << 40U;
+    entries |= (PMP_NAPOT | PMP_LOCKED) << 56U;
     WRITE_CSR(pmpcfg0, entries);
     __asm__ volatile("fence\n fence.i" ::: "memory");
 }
 
 /* Lets nothing but a software interrupt end the next WFI. */
 static void idle(void) {
-    __asm__ volatile("csrci mstatus, 8");
-    MTIMECMP(hp_site[HART]) = ~0ull;
+    __asm__ volatile("csrci mstatus, 8" ::: "memory");
+    MTIMECMP(hp_site[HART]) = NEVER;
     WRITE_CSR(mie, MIE_SOFTWARE);
 }
 
-static void finish(hp_mailbox *box, uint64_t status) {
-    box->end = MTIME;
-    box->status = status;
-    idle();
-    FENCE();
-    box->done = box->request;
-}
-
-static void execute(hp_mailbox *box) {
-    uint64_t hart = hp_site[HART];
-    box->begin = MTIME;
-    MTIMECMP(hart) = box->deadline;
+/* Bounded by the deadline: its interrupt ends the clearing, too. */
+static void execute(const volatile hp_mailbox *box) {
     WRITE_CSR(mie, MIE_TIMER);
     __asm__ volatile("fence\n fence.i\n csrsi mstatus, 8" ::: "memory");
-    for (uint64_t *word = (uint64_t *)box->bss; word < (uint64_t *)box->bss_end; word++) *(volatile uint64_t *)word = 0;
-    call_job(box->entry, (uint32_t)box->ranks, box->ranks >> 32, hp_site[JOB_STACK]);
-    __asm__ volatile("csrci mstatus, 8" ::: "memory");
-    if (box->finish) { /* modelled execution: the core is busy until then */
-        MTIMECMP(hart) = box->finish;
-        while (MTIME < box->finish) WFI();
+    uint64_t end = box->bss_end;
+    for (uint64_t word = box->bss; word < end; word += 8U) {
+        *(volatile uint64_t *)word = 0U;
     }
-    finish(box, 0);
+    uint64_t ranks = box->ranks;
+    start_job(box->entry, ranks & 0xffffffffU, ranks >> 32U, hp_site[JOB_STACK]);
 }
 
-static void serve(void) __attribute__((noreturn));
+/* Waits for requests; each ends in a trap. */
 static void serve(void) {
-    hp_mailbox *box = MAILBOX;
-    for (;;) {
-        WRITE_CSR(mtvec, (uint64_t)monitor_trap);
-        while (box->request == box->done) {
-            WFI();
-            MSIP(hp_site[HART]) = 0;
-        }
-        execute(box);
+    volatile hp_mailbox *box = mailbox();
+    while (box->request == box->done) {
+        wait_for_interrupt();
+        MSIP(hp_site[HART]) = 0U;
+        fence(); /* a request that comes now raises the interrupt again */
     }
+    fence(); /* what is asked for was written before */
+    box->begin = MTIME;
+    MTIMECMP(hp_site[HART]) = box->deadline;
+    execute(box);
+}
+
+static uint32_t has_user_mode(void) {
+    uint64_t status;
+    __asm__ volatile("csrc mstatus, %0" ::"r"(MSTATUS_MPP) : "memory");
+    READ_CSR(mstatus, status);
+    return ((status & MSTATUS_MPP) == 0U) ? 1U : 0U;
 }
 
 void monitor(void) {
-    hp_mailbox *box = MAILBOX;
     WRITE_CSR(mtvec, (uint64_t)monitor_trap);
+    WRITE_CSR(mcounteren, 0U);
     lock();
-    MSIP(hp_site[HART]) = 0;
+    MSIP(hp_site[HART]) = 0U;
     idle();
-    box->ready = 1;
+    mailbox()->ready = has_user_mode();
     serve();
 }
 
-void abandon(void) {
-    hp_mailbox *box = MAILBOX;
-    uint64_t cause = READ_CSR(mcause);
+/* A job is over, whichever way. */
+void trapped(void) {
+    volatile hp_mailbox *box = mailbox();
+    uint64_t cause;
+    uint64_t epc;
+    uint64_t value;
+    READ_CSR(mcause, cause);
+    READ_CSR(mepc, epc);
+    READ_CSR(mtval, value);
+    box->end = MTIME;
     box->cause = cause;
-    box->epc = READ_CSR(mepc);
-    box->tval = READ_CSR(mtval);
-    finish(box, (int64_t)cause < 0 ? FLAG_OVERRUN : FLAG_FAULT);
+    box->epc = epc;
+    box->tval = value;
+    if ((cause & IS_INTERRUPT) != 0U) {
+        box->status = FLAG_OVERRUN;
+    } else if ((cause != CALL_FROM_USER) || (epc != (uint64_t)job_return)) {
+        box->status = FLAG_FAULT;
+    } else {
+        box->status = 0U;
+        uint64_t finish = box->finish; /* of a modelled execution: the core is busy until then */
+        MTIMECMP(hp_site[HART]) = finish;
+        while (MTIME < finish) {
+            wait_for_interrupt();
+        }
+    }
+    idle();
+    fence();
+    box->done = box->request;
     serve();
 }

@@ -1,134 +1,187 @@
 /* The management core: plays the tables. Every operation has its instant; between them the core sleeps in WFI.
  *
  * A table releases jobs. A job is a program of operations, in progress in the slot of its first unit, from the tick at
- * which it was released. Units are exclusive, so one slot for each is enough; and since a program goes on by itself, it does not
- * matter whether the table that released it has ended meanwhile. */
+ * which it was released. Units are exclusive, so one slot for each is enough; and since a program goes on by itself, it
+ * does not matter whether the table that released it has ended meanwhile.
+ *
+ * Every loop is bounded: by HP_UNITS, HP_CHANNELS, a number of attempts, or an instant of the timer. The one in play()
+ * ends with the run. */
 #include "halpipe.h"
 
-#define IDLE (~0ull)
+#define IDLE NEVER
 #define TABLE_SLOT HP_UNITS
-#define SECOND 1 /* order in a key: after checks, before transfers */
-#define LAST 3
+#define SECOND 1UL /* order in a key: after checks, before transfers */
+#define LAST 3UL
+#define ORDER 3UL
+#define ATTEMPTS 1000U
 
 typedef struct {
     const hp_operation *operation, *end;
-    uint64_t base;  /* mtime of the job's start */
-    uint64_t job;   /* cycle | table << 32 | release << 48, as in a trace record */
-    uint64_t place; /* position of the operation | program << 32 */
-    uint64_t is_abandoned;
+    uint64_t base;    /* mtime of the job's start */
+    uint64_t number;  /* of the release: the owner of its transfers */
+    uint64_t where;   /* cycle | table << 32, as in a trace record */
+    uint64_t who;     /* release | program << 32 */
+    uint64_t place;   /* position of the operation */
+    uint64_t is_over; /* abandoned */
 } slot;
 
 static slot slots[HP_UNITS];
-static uint64_t keys[HP_UNITS + 1]; /* next instant of every slot, and of the table: mtime << 2 | order */
-static hp_mailbox *boxes[HP_UNITS];
-uint64_t hp_monitors[HP_UNITS + 1]; /* by hart */
+static uint64_t keys[HP_UNITS + 1U]; /* next instant of every slot, and of the table: mtime << 2 | order */
+static volatile hp_mailbox *boxes[HP_UNITS];
+uint64_t hp_monitors[HP_UNITS + 1U];
 
 static struct {
     uint64_t start; /* mtime */
-    uint32_t index, row, next, cycle, mode;
-    uint8_t is_decided;
+    uint32_t index, row, next, cycle, mode, is_decided;
 } current;
 
-static uint64_t base, traced;
+static uint64_t base, traced, releases;
 static hp_record *cursor;
 
 static inline void wait_until(uint64_t instant) {
-    if (MTIME >= instant) return;
-    MTIMECMP(0) = instant;
-    while (MTIME < instant) {
-        if (!dma_work()) WFI();
+    if (MTIME < instant) {
+        MTIMECMP(0U) = instant;
+        while (MTIME < instant) {
+            if (dma_work() == 0U) {
+                wait_for_interrupt();
+            }
+        }
     }
 }
 
 /* ---- the trace ---- */
 
-static inline void record(uint64_t time, uint64_t begin, uint64_t end, uint64_t job, uint64_t what) {
-    uint64_t *word = (uint64_t *)cursor;
-    word[0] = time;
-    word[1] = begin;
-    word[2] = end;
-    word[3] = job;
-    word[4] = what;
-    if (++cursor == TRACE + HP_TRACE_CAPACITY) cursor = TRACE;
-    CONTROL->traced = ++traced;
+static inline uint64_t what(uint64_t place, uint64_t kind, uint64_t flags, uint64_t unit) {
+    return place | (kind << 32U) | (flags << 40U) | (unit << 48U);
 }
 
-static inline uint64_t what(uint64_t place, uint64_t kind, uint64_t flags) { return place | kind << 16 | flags << 24; }
+typedef struct {
+    uint64_t time, begin, end;
+} instants;
+
+static inline void record(const instants *at, uint64_t where, uint64_t who, uint64_t which) {
+    uint64_t *word = (uint64_t *)cursor; /* whole words: half as many stores */
+    word[0] = at->time;
+    word[1] = at->begin;
+    word[2] = at->end;
+    word[3] = where;
+    word[4] = who;
+    word[5] = which;
+    cursor++;
+    if (cursor == &TRACE[HP_TRACE_CAPACITY]) {
+        cursor = TRACE;
+    }
+    traced++;
+    CONTROL->traced = traced;
+}
 
 static void abandon(slot *s, const hp_operation *o, uint64_t flags, uint64_t now) {
-    s->is_abandoned = 1;
-    hp_fault *f = &FAULTS[CONTROL->faults % HP_FAULT_CAPACITY];
-    hp_mailbox *box = boxes[o->unit];
+    uint64_t count = CONTROL->faults;
+    hp_fault *f = &FAULTS[count % HP_FAULT_CAPACITY];
+    const volatile hp_mailbox *box = boxes[o->unit];
+    uint64_t is_trap = (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) ? 1U : 0U;
+    s->is_over = 1U;
     f->time = now - base;
-    f->cycle = (uint32_t)s->job;
-    f->table = (uint16_t)(s->job >> 32);
-    f->release = (uint16_t)(s->job >> 48);
-    f->program = (uint32_t)(s->place >> 32);
-    f->hart = o->unit + 1;
-    f->flags = (uint8_t)flags;
+    f->cycle = (uint32_t)s->where;
+    f->table = (uint32_t)(s->where >> 32U);
+    f->release = (uint32_t)s->who;
+    f->program = (uint32_t)(s->who >> 32U);
+    f->operation = (uint32_t)s->place;
     f->kind = o->kind;
-    int is_trap = (flags & (FLAG_FAULT | FLAG_OVERRUN)) && box->done == box->request;
-    f->cause = is_trap ? box->cause : 0;
-    f->epc = is_trap ? box->epc : 0;
-    f->tval = is_trap ? box->tval : 0;
-    f->reserved[0] = f->reserved[1] = 0;
-    CONTROL->faults++;
+    f->flags = (uint8_t)flags;
+    f->hart = (uint16_t)(o->unit + 1U);
+    f->cause = (is_trap != 0U) ? box->cause : 0U;
+    f->epc = (is_trap != 0U) ? box->epc : 0U;
+    f->tval = (is_trap != 0U) ? box->tval : 0U;
+    f->reserved = 0U;
+    CONTROL->faults = count + 1U;
 }
 
 /* ---- operations; each returns its flags ---- */
 
 static inline uint64_t run(const slot *s, const hp_operation *o) {
-    hp_mailbox *box = boxes[o->unit];
-    if (box->done != box->request) return FLAG_STUCK;
-    uint64_t deadline = s->base + (o->key >> 2) + o->limit;
-    box->entry = o->source;
-    box->bss = o->target;
-    box->bss_end = o->target + o->size;
-    box->ranks = o->rank | (uint64_t)o->ranks << 32;
-    box->deadline = deadline;
-    box->finish = CONTROL->execution ? deadline - HP_MARGIN : 0;
-    box->request++;
-    FENCE();
-    MSIP(o->unit + 1) = 1;
-    return 0;
+    volatile hp_mailbox *box = boxes[o->unit];
+    uint64_t flags = FLAG_STUCK;
+    if (box->done == box->request) {
+        uint64_t deadline = s->base + (o->key >> 2U) + o->limit;
+        box->entry = o->source;
+        box->bss = o->target;
+        box->bss_end = o->target + o->size;
+        box->ranks = o->rank | ((uint64_t)o->ranks << 32U);
+        box->deadline = deadline;
+        box->finish = (CONTROL->execution != 0U) ? (deadline - HP_MARGIN) : 0U;
+        fence(); /* all of it is there before the request is */
+        box->request = box->request + 1U;
+        fence();
+        MSIP(o->unit + 1U) = 1U;
+        flags = 0U;
+    }
+    return flags;
+}
+
+static inline uint64_t stop(const hp_operation *o, instants *at) {
+    const volatile hp_mailbox *box = boxes[o->unit];
+    uint64_t flags = FLAG_OVERRUN;
+    if (box->done == box->request) {
+        fence();
+        at->begin = box->begin - base;
+        at->end = box->end - base;
+        flags = box->status;
+    }
+    return flags;
+}
+
+static inline uint64_t failure_of(uint32_t state) {
+    return (state == DMA_FAILED) ? FLAG_ERROR : ((state == DMA_BUSY) ? FLAG_LATE : 0U);
+}
+
+/* Returns the tick at which a transfer is tried again that has to wait for the one before it, 0 if it need not. The last
+ * try is the check that its phase is not over. */
+static inline uint64_t again(const slot *s, const hp_operation *o, uint64_t now) {
+    uint64_t end = s->base + (o->key >> 2U) + o->limit;
+    uint64_t next = ((now + 1U) < end) ? (((now + 1U) << 2U) | (o->key & ORDER)) : (end << 2U);
+    return (now < end) ? next : 0U;
 }
 
 /* Does what is due in a slot, then writes it down. */
-static inline void step(unsigned unit) {
+static inline void step(uint32_t unit) {
     slot *s = &slots[unit];
     const hp_operation *o = s->operation;
-    uint64_t now = MTIME, flags = 0, begin = 0, end = 0;
-    if (s->is_abandoned) {
+    instants at = {MTIME, 0U, 0U};
+    uint64_t now = at.time;
+    uint64_t flags = 0U;
+    uint64_t retry = 0U;
+    if (s->is_over != 0U) {
         flags = FLAG_SKIPPED;
-    } else if (o->kind == OP_COPY) {
-        if (dma_is_complete(o->channel)) {
-            dma_start(o->channel, o->source, o->target, o->size);
-        } else {
-            uint64_t end = s->base + (o->key >> 2) + o->limit;
-            if (now < end) { /* the transfer before it is still under way: again at the next tick, the last time as a check */
-                keys[unit] = now + 1 < end ? (now + 1) << 2 | (o->key & 3) : end << 2;
-                return;
-            }
-            flags = FLAG_LATE; /* and its phase is over */
-        }
-    } else if (o->kind == OP_DONE) {
-        if (!dma_is_complete(o->channel)) flags = FLAG_LATE;
-    } else if (o->kind == OP_RUN) {
+    } else if (o->kind == (uint8_t)OP_RUN) {
         flags = run(s, o);
+    } else if (o->kind == (uint8_t)OP_STOP) {
+        flags = stop(o, &at);
     } else {
-        hp_mailbox *box = boxes[o->unit];
-        if (box->done == box->request) {
-            begin = box->begin - base;
-            end = box->end - base;
-            flags = box->status;
-        } else {
-            flags = FLAG_OVERRUN;
+        uint32_t state = dma_state(o->channel, s->number);
+        flags = failure_of(state);
+        if (o->kind == (uint8_t)OP_COPY) {
+            if (state == DMA_IDLE) {
+                dma_start(o->channel, o, s->number);
+            } else if (state == DMA_BUSY) {
+                retry = again(s, o, now);
+            } else {
+                /* failed: its job is abandoned */
+            }
         }
     }
-    if (flags & ~FLAG_SKIPPED) abandon(s, o, flags, now);
-    s->operation = o + 1;
-    keys[unit] = o + 1 == s->end ? IDLE : (s->base << 2) + o[1].key;
-    record(now - base, begin, end, s->job, what(s->place++, o->kind, flags));
+    if (retry != 0U) {
+        keys[unit] = retry;
+    } else {
+        if ((flags & ~(uint64_t)FLAG_SKIPPED) != 0U) {
+            abandon(s, o, flags, now);
+        }
+        s->operation = &o[1];
+        keys[unit] = (s->operation == s->end) ? IDLE : ((s->base << 2U) + s->operation->key);
+        at.time = now - base;
+        record(&at, s->where, s->who, what(s->place, o->kind, flags, o->unit));
+        s->place++;
+    }
 }
 
 /* ---- tables ---- */
@@ -137,52 +190,77 @@ static inline void release(const hp_release *job) {
     const hp_program *program = &hp_programs[job->program];
     slot *s = &slots[program->unit];
     s->operation = program->operations;
-    s->end = program->operations + program->count;
+    s->end = &program->operations[program->count];
     s->base = current.start + job->time;
-    s->job = current.cycle | (uint64_t)current.index << 32 | (uint64_t)current.row << 48;
-    s->place = (uint64_t)job->program << 32;
-    s->is_abandoned = 0;
-    keys[program->unit] = (s->base << 2) + s->operation->key;
+    releases++;
+    s->number = releases;
+    s->where = current.cycle | ((uint64_t)current.index << 32U);
+    s->who = current.row | ((uint64_t)job->program << 32U);
+    s->place = 0U;
+    s->is_over = 0U;
+    keys[program->unit] = (s->base << 2U) + s->operation->key;
 }
 
 static void record_table(uint64_t begin, uint64_t end, uint64_t flags) {
     uint64_t now = MTIME; /* the first table is begun a little before the run */
-    record(now > base ? now - base : 0, begin, end, current.cycle | (uint64_t)current.index << 32, what(0, OP_TABLE, flags));
+    instants at = {(now > base) ? (now - base) : 0U, begin, end};
+    record(&at, current.cycle | ((uint64_t)current.index << 32U), 0U, what(0U, OP_TABLE, flags, 0U));
 }
 
 static uint64_t table_key(void) {
     const hp_table *table = &hp_tables[current.index];
     uint64_t end = current.start + table->length;
-    if (current.row < table->count) return (current.start + table->releases[current.row].time) << 2 | SECOND;
-    if (!current.is_decided) return (end - HP_DECISION) << 2 | LAST;
-    return end << 2 | SECOND;
+    uint64_t key = (end << 2U) | SECOND;
+    if (current.row < table->count) {
+        key = ((current.start + table->releases[current.row].time) << 2U) | SECOND;
+    } else if (current.is_decided == 0U) {
+        key = ((end - HP_DECISION) << 2U) | LAST;
+    } else {
+        /* the end of the table is next */
+    }
+    return key;
 }
 
 static void begin_table(uint32_t index, uint64_t start) {
-    int is_mode = index < HP_MODES;
+    uint32_t is_mode = (index < HP_MODES) ? 1U : 0U;
     current.index = index;
     current.start = start;
-    current.row = 0;
+    current.row = 0U;
     current.next = hp_tables[index].next;
-    current.is_decided = !is_mode;
-    if (is_mode) current.mode = index;
+    current.is_decided = 1U - is_mode;
+    if (is_mode != 0U) {
+        current.mode = index;
+    }
     CONTROL->table = index;
     keys[TABLE_SLOT] = table_key();
-    record_table(start - base, start - base + hp_tables[index].length, 0);
+    record_table(start - base, (start - base) + hp_tables[index].length, 0U);
 }
 
-/* Takes a request for another mode, if there is one, a little before the end of the hyperperiod. */
+/* Takes a request for another mode, if there is one, a little before the end of the hyperperiod. In one access, so that
+ * none is lost that comes between reading and clearing. */
 static void decide(void) {
-    uint64_t wanted = CONTROL->request;
-    current.is_decided = 1;
-    if (!wanted) return;
-    CONTROL->request = 0;
-    int index = wanted <= HP_MODES && wanted - 1 != current.mode ? hp_switches[current.mode][wanted - 1] : -1;
-    if (index >= 0) {
-        current.next = (uint32_t)index;
-    } else if (wanted - 1 != current.mode) {
-        CONTROL->refused++;
-        record_table(wanted, wanted, FLAG_REFUSED);
+    uint64_t wanted = 0U;
+    __asm__ volatile("amoswap.d %0, zero, (%1)" : "=r"(wanted) : "r"(&CONTROL->request) : "memory");
+    current.is_decided = 1U;
+    if ((wanted != 0U) && ((wanted - 1U) != current.mode)) {
+        uint32_t index = (wanted <= HP_MODES) ? hp_switches[current.mode][wanted - 1U] : HP_NO_TABLE;
+        if (index != HP_NO_TABLE) {
+            current.next = index;
+        } else {
+            CONTROL->refused = CONTROL->refused + 1U;
+            record_table(wanted, wanted, FLAG_REFUSED);
+        }
+    }
+}
+
+static void end_table(void) {
+    uint64_t end = current.start + hp_tables[current.index].length;
+    current.cycle++;
+    CONTROL->played = current.cycle;
+    if ((CONTROL->cycles != 0U) && (current.cycle >= CONTROL->cycles)) {
+        keys[TABLE_SLOT] = IDLE; /* what is in progress goes on to its end */
+    } else {
+        begin_table(current.next, end);
     }
 }
 
@@ -191,85 +269,92 @@ static void advance(void) {
     if (current.row < table->count) {
         release(&table->releases[current.row]);
         current.row++;
-    } else if (!current.is_decided) {
+        keys[TABLE_SLOT] = table_key();
+    } else if (current.is_decided == 0U) {
         decide();
+        keys[TABLE_SLOT] = table_key();
     } else {
-        current.cycle++;
-        CONTROL->played = current.cycle;
-        if (CONTROL->cycles && current.cycle >= CONTROL->cycles) {
-            keys[TABLE_SLOT] = IDLE; /* what is in progress goes on to its end */
-            return;
-        }
-        begin_table(current.next, current.start + table->length);
-        return;
+        end_table();
     }
-    keys[TABLE_SLOT] = table_key();
 }
 
 static void play(void) {
-    for (;;) {
-        unsigned next = 0;
-        uint64_t key = keys[0];
+    uint64_t key = 0U;
+    while (key != IDLE) {
+        uint32_t next = 0U;
+        key = keys[0];
 #pragma GCC unroll 16
-        for (unsigned i = 1; i <= TABLE_SLOT; i++) {
-            if (keys[i] < key) key = keys[next = i];
+        for (uint32_t i = 1U; i <= TABLE_SLOT; i++) {
+            if (keys[i] < key) {
+                key = keys[i];
+                next = i;
+            }
         }
-        if (key == IDLE) return;
-        wait_until(key >> 2);
-        if (next == TABLE_SLOT) {
-            advance();
-        } else {
-            step(next);
+        if (key != IDLE) {
+            wait_until(key >> 2U);
+            if (next == TABLE_SLOT) {
+                advance();
+            } else {
+                step(next);
+            }
         }
     }
 }
 
 /* ---- start ---- */
 
+static void clear(uint64_t begin, uint64_t end) {
+    for (uint64_t word = begin; word < end; word += 8U) {
+        *(volatile uint64_t *)word = 0U;
+    }
+}
+
 static void prepare_memory(void) {
     if (CONTROL->magic != HP_MAGIC) { /* nobody did */
-        for (size_t i = 1; i < offsetof(hp_control, state) / 8; i++) ((volatile uint64_t *)CONTROL)[i] = 0;
+        clear(HP_CONTROL + 8U, HP_CONTROL + offsetof(hp_control, state));
         CONTROL->offset = HP_TICKS_PER_MS;
-        for (uint64_t at = HP_BUFFERS; at < HP_BUFFERS_END; at += 8) *(volatile uint64_t *)at = 0;
+        clear(HP_BUFFERS, HP_BUFFERS_END);
     }
-    CONTROL->played = CONTROL->table = CONTROL->traced = CONTROL->faults = CONTROL->refused = 0;
+    clear(HP_CONTROL + offsetof(hp_control, base), HP_CONTROL + sizeof(hp_control));
     CONTROL->state = STATE_BOOTING;
 }
 
-static int start_core(unsigned unit) {
+static uint32_t start_core(uint32_t unit) {
     const hp_unit *u = &hp_units[unit];
-    hp_mailbox *box = boxes[unit] = (hp_mailbox *)(u->dspm + HP_DSPM_SIZE - MAILBOX_SIZE);
-    for (unsigned i = 0; i < sizeof *box / 8; i++) ((volatile uint64_t *)box)[i] = 0;
-    for (uint64_t i = 0; i < u->monitor_size; i += 8) {
-        *(volatile uint64_t *)(u->ispm + i) = *(const uint64_t *)(u->monitor + i);
+    uint64_t box = (u->dspm + HP_DSPM_SIZE) - MAILBOX_SIZE;
+    boxes[unit] = (volatile hp_mailbox *)box;
+    clear(box, box + MAILBOX_SIZE);
+    for (uint64_t at = 0U; at < u->monitor_size; at += 8U) {
+        *(volatile uint64_t *)(u->ispm + at) = *(const uint64_t *)(u->monitor + at);
     }
-    hp_monitors[unit + 1] = u->ispm;
-    FENCE();
-    MSIP(unit + 1) = 1;
-    for (int attempts = 0; attempts < 1000; attempts++) {
-        if (box->ready) return 1;
-        wait_until(MTIME + 1 + HP_TICKS_PER_MS / 100);
+    hp_monitors[unit + 1U] = u->ispm;
+    fence();
+    MSIP(unit + 1U) = 1U;
+    for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {
+        wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));
     }
-    return 0;
+    return (boxes[unit]->ready != 0U) ? 1U : 0U;
 }
 
 void runtime(void) {
     prepare_memory();
     WRITE_CSR(mie, MIE_TIMER);
-    for (unsigned unit = 0; unit < HP_UNITS; unit++) {
+    for (uint32_t unit = 0U; unit < HP_UNITS; unit++) {
         keys[unit] = IDLE;
-        if (!start_core(unit)) {
+        if (start_core(unit) == 0U) {
             CONTROL->state = STATE_NO_CORE;
-            leave(0);
+            leave(1U);
         }
     }
     cursor = TRACE;
     base = MTIME + CONTROL->offset;
     CONTROL->base = base;
     CONTROL->state = STATE_RUNNING;
-    begin_table(CONTROL->first < HP_MODES ? (uint32_t)CONTROL->first : 0, base);
+    begin_table((CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U, base);
     play();
     CONTROL->state = STATE_FINISHED;
-    if (CONTROL->report) report();
-    leave(CONTROL->faults == 0);
+    if (CONTROL->report != 0U) {
+        report();
+    }
+    leave((CONTROL->faults == 0U) ? 0U : 1U);
 }

@@ -2,35 +2,35 @@
 #ifndef PLATFORM_H
 #define PLATFORM_H
 
-#define HP_UNITS {{ cores | length }}
-#define HP_MODES {{ modes }}
-#define HP_CLINT {{ profile.clint | hex }}ull
-#define HP_TICKS_PER_MS {{ [profile.timebase // 1000, 1] | max }}
-#define HP_DECISION {{ decision }} /* ticks before the end of a hyperperiod at which mode requests are read */
-#define HP_MARGIN {{ margin }} /* ticks that a modelled execution ends before its deadline */
-#define HP_ISPM_SIZE {{ profile.ispm.size | hex }}ull
-#define HP_DSPM_SIZE {{ profile.dspm.size | hex }}ull
+#define HP_UNITS {{ cores | length }}U
+#define HP_MODES {{ modes }}U
+#define HP_CLINT {{ profile.clint | hex }}UL
+#define HP_TICKS_PER_MS {{ [profile.timebase // 1000, 1] | max }}U
+#define HP_DECISION {{ decision }}U /* ticks before the end of a hyperperiod at which mode requests are read */
+#define HP_MARGIN {{ margin }}U /* ticks that a modelled execution ends before its deadline */
+#define HP_ISPM_SIZE {{ profile.ispm.size | hex }}UL
+#define HP_DSPM_SIZE {{ profile.dspm.size | hex }}UL
 
 #define HP_UART_NS16550 0
 #define HP_UART_SIFIVE 1
 #define HP_UART_KIND HP_UART_{{ profile.uart_kind | upper }}
-#define HP_UART {{ profile.uart | hex }}ull
+#define HP_UART {{ profile.uart | hex }}UL
 
 #define HP_DMA_COPY 0
 #define HP_DMA_PDMA 1
 #define HP_DMA_KIND HP_DMA_{{ profile.dma.kind | upper }}
-#define HP_DMA {{ profile.dma.base | hex }}ull
-#define HP_DMA_STRIDE {{ profile.dma.stride | hex }}ull
-#define HP_CHANNELS {{ profile.dma.channels }}
+#define HP_DMA {{ profile.dma.base | hex }}UL
+#define HP_DMA_STRIDE {{ profile.dma.stride | hex }}UL
+#define HP_CHANNELS {{ profile.dma.channels }}U
 {% if profile.finisher %}
-#define HP_FINISHER {{ profile.finisher | hex }}ull
+#define HP_FINISHER {{ profile.finisher | hex }}UL
 {% endif %}
-#define HP_CONTROL {{ memory.control | hex }}ull
-#define HP_BUFFERS {{ memory.buffers_base | hex }}ull
-#define HP_BUFFERS_END {{ memory.buffers_end | hex }}ull
-#define HP_TRACE {{ memory.trace | hex }}ull
-#define HP_TRACE_CAPACITY {{ trace }}
-#define HP_FAULTS {{ memory.faults | hex }}ull
-#define HP_FAULT_CAPACITY {{ faults }}
+#define HP_CONTROL {{ memory.control | hex }}UL
+#define HP_BUFFERS {{ memory.buffers_base | hex }}UL
+#define HP_BUFFERS_END {{ memory.buffers_end | hex }}UL
+#define HP_TRACE {{ memory.trace | hex }}UL
+#define HP_TRACE_CAPACITY {{ trace }}U
+#define HP_FAULTS {{ memory.faults | hex }}UL
+#define HP_FAULT_CAPACITY {{ faults }}U
 
 #endif

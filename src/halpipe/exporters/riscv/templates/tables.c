@@ -1,20 +1,20 @@
 /* The operation tables of {{ model }}: what the management core does, and when. Ticks of {{ tick }}. */
 #include "halpipe.h"
 
-#define AT(tick, order) ((uint64_t)(tick) << 2 | (order))
+#define AT(tick, order) (((uint64_t)(tick) << 2U) | (order))
 {% for program in programs %}
 
 /* {{ loop.index0 }}: {{ program.task }}, version {{ program.version }}, on {{ units(program) }} */
 static const hp_operation program_{{ loop.index0 }}[] = {
 {%- for o in program.operations %}
-    {AT({{ o.at }}, {{ o.key[1] }}), {{ o.source | hex }}, {{ o.target | hex }}, {{ o.size }}, {{ o.limit }}, OP_{{ o.kind | upper }}, {{ o.channel }}, {{ o.unit }}, 0, {{ o.rank }}, {{ o.ranks }}}, /* {{ o.what }} */
+    {AT({{ o.at }}U, {{ o.key[1] }}U), {{ o.source | hex }}U, {{ o.target | hex }}U, {{ o.size }}U, {{ o.limit }}U, (uint8_t)OP_{{ o.kind | upper }}, {{ o.channel }}U, {{ o.unit }}U, 0U, {{ o.rank }}U, {{ o.ranks }}U}, /* {{ o.what }} */
 {%- endfor %}
 };
 {%- endfor %}
 
 const hp_program hp_programs[] = {
 {%- for program in programs %}
-    {program_{{ loop.index0 }}, {{ program.operations | length }}, {{ program.units[0] }}},
+    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.units[0] }}U},
 {%- endfor %}
 };
 {% for table in tables if table.releases %}
@@ -22,25 +22,25 @@ const hp_program hp_programs[] = {
 /* {{ table.name }} */
 static const hp_release table_{{ tables.index(table) }}[] = {
 {%- for r in table.releases %}
-    {{ "{" }}{{ r.tick }}, {{ r.program }}, 0}, /* {{ r.job.task }} {{ r.job.index }} */
+    {{ "{" }}{{ r.tick }}U, {{ r.program }}U, 0U}, /* {{ r.job.task }} {{ r.job.index }} */
 {%- endfor %}
 };
 {%- endfor %}
 
 const hp_table hp_tables[] = {
 {%- for table in tables %}
-    {{ "{" }}{% if table.releases %}table_{{ loop.index0 }}{% else %}0{% endif %}, {{ table.length }}, {{ table.releases | length }}, {{ table.target }}}, /* {{ table.name }} */
+    {{ "{" }}{% if table.releases %}table_{{ loop.index0 }}{% else %}NULL{% endif %}, {{ table.length }}U, {{ table.releases | length }}U, {{ table.target }}U}, /* {{ table.name }} */
 {%- endfor %}
 };
 
-const int16_t hp_switches[HP_MODES][HP_MODES] = {
+const uint32_t hp_switches[HP_MODES][HP_MODES] = {
 {%- for row in switches %}
-    {{ "{" }}{{ row | join(", ") }}},
+    {{ "{" }}{% for index in row %}{{ "%dU" % index if index >= 0 else "HP_NO_TABLE" }}{% if not loop.last %}, {% endif %}{% endfor %}},
 {%- endfor %}
 };
 
 const hp_unit hp_units[HP_UNITS] = {
 {%- for core, (address, size) in monitors %}
-    {{ "{" }}{{ core.ispm.base | hex }}, {{ core.dspm.base | hex }}, {{ address | hex }}, {{ size }}}, /* {{ core.unit }} */
+    {{ "{" }}{{ core.ispm.base | hex }}U, {{ core.dspm.base | hex }}U, {{ address | hex }}U, {{ size }}U}, /* {{ core.unit }} */
 {%- endfor %}
 };
