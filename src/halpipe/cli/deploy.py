@@ -73,6 +73,14 @@ def check(
     modelled: Annotated[
         bool, typer.Option("--modelled", help="Let every job take its scheduled time, whatever it computes.")
     ] = False,
+    inject: Annotated[
+        bool | None,
+        typer.Option(
+            "--inject/--no-inject",
+            help="Let jobs fail on purpose in every way: those of all tables, or none; else of the first mode.",
+            show_default=False,
+        ),
+    ] = None,
     seed: Seed = 1,
     trace: Annotated[str, typer.Option(metavar="FILE", help="Write the executions that were seen (CSV).")] = "",
     format: DiagnosticFormat = None,
@@ -85,7 +93,9 @@ def check(
 
     output.choose(format, quiet=quiet, verbose=verbose)
     execution = "modelled" if modelled else "real"
-    checked = check_bundle(bundle, CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution))
+    faults = {None: "some", True: "all", False: "none"}[inject]
+    options = CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution, inject=faults)
+    checked = check_bundle(bundle, options)
     for line in checked.lines:
         output.result(line)
     if trace:

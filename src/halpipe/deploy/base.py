@@ -18,13 +18,15 @@ class CheckOptions:
     """What the user may choose: the `engine` that plays the bundle, the `seed` of what it draws, and how long.
 
     `cycles` is the number of hyperperiods of every mode, 0 for what the engine thinks enough. `execution` is ``real``,
-    or ``modelled``: every job lasts as long as its schedule says, whatever it computes.
+    or ``modelled``: every job lasts as long as its schedule says, whatever it computes. `inject` says into how many
+    jobs faults are put on purpose: ``none``, ``some`` or ``all``.
     """
 
     engine: str = "auto"
     seed: int = 1
     cycles: int = 0
     execution: str = "real"
+    inject: str = "some"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,6 +38,14 @@ class Program:
         at = self._offset(address)
         self.data[at : at + size] = value.to_bytes(size, "little")
 
+    def flat(self):
+        """The program as it lies in main memory."""
+        base = min(address for address, _, _ in self.parts)
+        content = bytearray(max(address + size for address, size, _ in self.parts) - base)
+        for address, size, offset in self.parts:
+            content[address - base : address - base + size] = self.data[offset : offset + size]
+        return bytes(content)
+
     def operations(self, kind):
         """The addresses of all operations of a kind, in the order of programs."""
         programs = sorted(name for name in self.symbols if name.startswith("program_"))
@@ -60,4 +68,4 @@ def tampered(target, path, change):
     """Return the target with a changed program; `change` gets the `Program`."""
     program = Program(target)
     change(program)
-    return resealed(target, path, {"bundle.elf": bytes(program.data)})
+    return resealed(target, path, {"bundle.elf": bytes(program.data), "bundle.bin": program.flat()})

@@ -175,8 +175,8 @@ def test_a_job_that_is_released_twice(sound, play, tmp_path):
 def test_a_switch_that_leads_to_the_wrong_table(sound, play, tmp_path):
     def change(program):
         base, size = program.symbols["hp_switches"]
-        assert size == 18  # 3 modes: 9 numbers of 16 bits
-        program.put(base + 2, 4, 2)  # full to calm: calm->full
+        assert size == 36  # 3 modes: 9 numbers of 32 bits
+        program.put(base + 4, 4, 4)  # full to calm: calm->full
 
     outcomes = play(tampered(sound, tmp_path / "b", change))
     wrong = find(outcomes, declared.WRONG_TABLE)[0]
@@ -257,7 +257,7 @@ def test_a_stop_that_comes_too_early_is_seen_in_the_record(sound, play, tmp_path
 
 def test_everything_is_reported_by_the_check(sound, tmp_path):
     def change(program):
-        program.put(program.symbols["hp_switches"][0] + 2, 4, 2)
+        program.put(program.symbols["hp_switches"][0] + 4, 4, 4)
 
     checked = check_by_simulation(tampered(sound, tmp_path / "b", change), CheckOptions())
     assert any(d.code == declared.WRONG_TABLE.id for d in checked.diagnostics)

@@ -8,12 +8,16 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.base import Checked
-from halpipe.deploy.riscv import codes, conditions
+from halpipe.deploy.riscv import codes, conditions, containment
 from halpipe.deploy.riscv.comparison import Comparison
-from halpipe.deploy.riscv.cosimulation import CoSimulation
+from halpipe.deploy.riscv.containment import Injected
+from halpipe.deploy.riscv.cosimulation import CoSimulation, read_images
 from halpipe.deploy.riscv.expectation import Expectation
+from halpipe.deploy.riscv.injection import Saboteur
+from halpipe.deploy.riscv.machine import MANAGEMENT, Budget
 from halpipe.deploy.riscv.sequence import Played, played_tables, tables_named, tours, transition_name
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import Findings, HalpipeError, sort_diagnostics
 from halpipe.durations import ZERO, Duration, milliseconds, seconds
 from halpipe.suggest import did_you_mean
@@ -24,6 +28,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import CheckOptions, Target
     from halpipe.deploy.riscv.comparison import Seen
     from halpipe.deploy.riscv.cosimulation import Run
+    from halpipe.deploy.riscv.expectation import PlannedJob
+    from halpipe.deploy.riscv.injection import Injection, Kind
     from halpipe.deploy.riscv.sequence import Tour
     from halpipe.deploy.riscv.target import Site
     from halpipe.diagnostics import Diagnostic
@@ -39,6 +45,21 @@ COINCIDING = 8
 
 MARGIN = milliseconds(10)
 """After the end of the last table."""
+
+SPARE = 20_000_000
+"""Instructions of each core beyond those that are planned: to come up, and to report."""
+
+SPARE_TRAPS, SPARE_CALLS = 2_000, 1_000_000
+"""Traps, and uses of devices, beyond those that are planned."""
+
+BRIEF, ALL = 200_000_000, 800_000_000
+"""Instructions that runs with faults may take for each mode, in a check of every day and with --inject."""
+
+SWITCHES = 12
+"""Transitions into whose tables faults are put."""
+
+PER_OPERATION = 2_000
+"""Instructions of the management core for one operation, retries included."""
 
 
 def tolerance_of(site: Site) -> Duration:
@@ -61,6 +82,7 @@ class Outcome:
     tables: Sequence[Played]
     jobs: list[Seen]
     findings: list[Diagnostic]
+    planned: Sequence[PlannedJob]
 
 
 @dataclass(slots=True)
@@ -76,39 +98,109 @@ class Totals:
 
 
 def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
-    """Play a bundle in the co-simulation and hold it against its schedule."""
+    """Play a bundle in the co-simulation and hold it against its schedule; then let jobs fail on purpose."""
     totals = Totals()
     for tour in tours(target.schedule, options.cycles or CYCLES):
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
     site = totals.outcomes[0].run.site
-    lines = summary_lines(target, totals.outcomes, tolerance_of(site))
-    if not any(found.is_error for found in totals.findings):
-        lines = (*lines, f"{target.bundle.path}: every start, end and transfer is as scheduled")
+    lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
+    sound = not any(found.is_error for found in totals.findings)
+    findings = totals.findings
+    if sound and options.inject != "none":
+        injected = inject(target, totals, everything=options.inject == "all")
+        findings = tuple(sort_diagnostics([*findings, *injected.findings]))
+        lines += injected.lines()
+    if not any(found.is_error for found in findings):
+        lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
     traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
-    return Checked(diagnostics=totals.findings, lines=lines, files=traces)
+    return Checked(diagnostics=findings, lines=tuple(lines), files=traces)
 
 
-def simulate(target: Target, tour: Tour, *, execution: str = "real", bandwidth: int | None = None) -> Outcome:
+def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
+    """Let jobs fail in every way, in the first mode with jobs, or in `everything`: all modes and transitions."""
+    site = totals.outcomes[0].run.site
+    kinds = containment.kinds_for(site)
+    tables = sum(len(outcome.tables) for outcome in totals.outcomes)
+    price = sum(outcome.run.instructions for outcome in totals.outcomes) // tables + 1
+    affordable = (ALL if everything else BRIEF) // price
+    whole = 2 * len(kinds)
+    runs = containment.sweeps(target.schedule, max(3, min(whole, affordable) + 1))
+    runs = [*runs, *containment.switches(target.schedule)[:SWITCHES]] if everything else runs[:1]
+    found = Injected()
+    for tour in runs:
+        outcome, injections = sabotage(target, tour, kinds)
+        found.add(injections, outcome.planned)
+        found.findings += containment.prefixed(outcome.findings)
+    if affordable < whole:
+        message = f"a cycle executes {price} instructions, so that only {max(affordable, 2)} of {whole} were played"
+        found.findings.append(codes.NOT_INJECTED(message, help="deploy check --inject takes more time"))
+    return found
+
+
+def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind]) -> tuple[Outcome, list[Injection]]:
+    """Play one tour in which jobs fail, and compare it with what has to follow."""
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
+    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    injections = containment.injections_for(jobs, kinds, site, tour.tables - 1)
+    return simulate(target, tour, injections=injections), injections
+
+
+def simulate(
+    target: Target,
+    tour: Tour,
+    *,
+    execution: str = "real",
+    bandwidth: int | None = None,
+    injections: Sequence[Injection] = (),
+) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan."""
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
+    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(expected)
     simulation = CoSimulation(
         target,
+        budget=budget_of(site, jobs, expected),
         requests=[(request.instant, request.mode) for request in tour.requests],
         cycles=tour.tables,
         first=tour.first,
         execution=execution,
         bandwidth=bandwidth,
+        saboteur=Saboteur(site, jobs, injections) if injections else None,
     )
-    refuse_disagreement(target, simulation.site)
-    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, simulation.site.tick)
     longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
     run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
-    return judge(target, simulation, run, expected)
+    return judge(target, simulation, run, expected, injections)
 
 
-def judge(target: Target, simulation: CoSimulation, run: Run, expected: Sequence[Played]) -> Outcome:
+def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) -> Budget:
+    """Return what the plan can take at most: each core executes in its planned time."""
+    instructions = {unit.hart: SPARE for unit in site.units}
+    operations = moved = 0
+    for job in jobs:
+        for execution in job.executions:
+            cycles = math.ceil((execution.end - execution.begin) * Fraction(site.clock, site.timebase))
+            instructions[execution.hart] += cycles + PER_OPERATION
+        operations += 2 * len(job.executions) + 2 * len(job.transfers)
+        moved += sum(transfer.size for transfer in job.transfers)
+    ticks = math.ceil(sum((table.length for table in tables), ZERO) / site.tick)
+    instructions[MANAGEMENT] = SPARE + PER_OPERATION * operations + (moved if site.dma.kind != "copy" else 100 * ticks)
+    return Budget(instructions, SPARE_TRAPS + 4 * operations, SPARE_CALLS + 100 * operations + moved)
+
+
+def judge(
+    target: Target,
+    simulation: CoSimulation,
+    run: Run,
+    expected: Sequence[Played],
+    injections: Sequence[Injection] = (),
+) -> Outcome:
     """Compare a run that has ended with what had to be played."""
     tolerance = tolerance_of(run.site)
     findings = Findings()
+    findings.extend(simulation.contradictions)
     findings.extend(conditions.is_over(run))
     findings.extend(conditions.is_confined(run))
     findings.extend(conditions.plays(run, expected, tolerance))
@@ -118,10 +210,11 @@ def judge(target: Target, simulation: CoSimulation, run: Run, expected: Sequence
     jobs = expectation.jobs(played)
     findings.extend(expectation.findings.items)
     findings.stop_on_errors() if expectation.findings.has_errors else None
-    comparison = Comparison(run, jobs, tolerance)
+    comparison = Comparison(run, containment.planned(jobs, injections), tolerance)
     findings.extend(comparison.findings.items)
     findings.extend(conditions.tells_the_truth(run))
-    return Outcome(run, played, comparison.jobs, findings.items)
+    findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
+    return Outcome(run, played, comparison.jobs, findings.items, jobs)
 
 
 def refuse_disagreement(target: Target, site: Site) -> None:

@@ -107,6 +107,41 @@ NOT_JUDGED = note(
     "Engine does not judge everything",
     "QEMU gives all cores one clock, so that execution times say nothing; transfers take no time there.",
 )
+WRONG_CALL = error(
+    "HAL1050",
+    "Function is called in another way than promised",
+    "A function of a job gets its rank and the size of its gang, and a stack of its own at the bottom of the data "
+    "scratchpad. The monitor passed on something else.",
+)
+FOREIGN_MACHINE = error(
+    "HAL1051",
+    "Target is not the profile that it names",
+    "target.json describes the machine that the schedule was exported for. It differs from the profile whose name it "
+    "bears, so that the bundle would be checked for another machine than the one it runs on.",
+)
+FOREIGN_CONTENT = error(
+    "HAL1052",
+    "Files of the bundle contradict each other",
+    "The flat program, the images and target.json are made from the same parts; what is loaded onto the board would "
+    "not be what is checked.",
+)
+SPENT = error(
+    "HAL1053",
+    "Run takes more than its budget",
+    "A run ends when it has executed as many instructions, taken as many traps or touched as many devices as no sound "
+    "bundle of its size does. A job or the runtime goes round in circles.",
+)
+NOT_CONTAINED = error(
+    "HAL1055",
+    "Injected fault is not contained",
+    "A fault was put into a job on purpose. The job has to be stopped in time, its writes must not happen, the runtime "
+    "has to record it, and nothing else may change.",
+)
+NOT_INJECTED = note(
+    "HAL1056",
+    "Faults that were not injected",
+    "Some faults cannot be put into this bundle by this engine, or would take too long; nothing is said of them.",
+)
 BAD_REQUEST = error(
     "HAL1049",
     "Simulation is asked for what the schedule does not have",

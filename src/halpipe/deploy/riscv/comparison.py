@@ -193,6 +193,10 @@ class Comparison:
         if not begin <= execution.begin <= begin + self._tolerance:
             message = f"begins on {unit} at {self._run.since(execution.begin)}, scheduled is {self._run.since(begin)}"
             self._report(codes.WRONG_INSTANT, seen.planned, message, FROM_EXPORT)
+        self._judge_call(seen, planned, execution)
+        if Outcome.RETURNED not in planned.ends:
+            self._judge_failure(seen, planned, execution)
+            return
         if execution.outcome is Outcome.FAULT:
             return  # reported with its cause
         budget = self._run.since(self._zero + end - begin)
@@ -209,6 +213,30 @@ class Comparison:
             return
         help = "raise the WCET of the version, or make its function do less"
         self._report(codes.OVERRUN, seen.planned, message, help)
+
+    def _judge_failure(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        """Hold a function that was made to fail against what has to become of it."""
+        unit, end = self._unit(planned.hart), self._at(planned.end)
+        if execution.outcome in planned.ends and execution.left <= end + self._tolerance:
+            return
+        stopped = f"it {execution.outcome} on {unit} at {self._run.since(execution.left)}"
+        if execution.outcome is Outcome.OPEN:
+            stopped = f"it was never stopped on {unit}"
+        message = f"was made to fail; {stopped}, its time was over at {self._run.since(end)}"
+        help = "look at the monitor and its timer: on the board this job would not be contained"
+        self._report(codes.NOT_CONTAINED, seen.planned, message, help)
+
+    def _judge_call(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
+        """Hold what a function finds when it begins against what it is promised: its arguments and its stack."""
+        unit = self._run.site.unit_of(planned.hart)
+        wrong = []
+        if (execution.rank, execution.ranks) != (planned.rank, planned.ranks):
+            wrong.append(f"rank {execution.rank} of {execution.ranks} members, it is {planned.rank} of {planned.ranks}")
+        if execution.stack != unit.dspm.base + self._run.site.stack:
+            stack = unit.dspm.base + self._run.site.stack
+            wrong.append(f"a stack from {execution.stack:#x} down, it has to be from {stack:#x}")
+        for what in wrong:
+            self._report(codes.WRONG_CALL, seen.planned, f"gets {what} on {unit.name}", FROM_EXPORT)
 
     # ------------------------------------------------------------------------------------------ everything together
 
@@ -241,8 +269,8 @@ class Comparison:
             for address, size in execution.wrong:
                 planned = owners.get(id(execution))
                 message = (
-                    f"{size} bytes at {self._place(address)} are not those that were loaded or read for it when it "
-                    f"begins at {self._run.since(execution.entered)}"
+                    f"{size} bytes at {self._place(address)} are not those that were loaded, read or cleared for it "
+                    f"when it begins at {self._run.since(execution.entered)}"
                 )
                 help = "look for what else writes there: another transfer, or a core that is not confined"
                 self._report(codes.WRONG_DATA, planned, message, help, self._unit(execution.hart))
@@ -255,7 +283,15 @@ class Comparison:
 
     def _faults(self) -> None:
         owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
+        meant = {
+            id(execution)
+            for seen in self.jobs
+            for plan, execution in zip(seen.planned.executions, seen.executions, strict=True)
+            if Outcome.FAULT in plan.ends
+        }
         for trap in self._run.faults:
+            if id(trap.execution) in meant:
+                continue
             planned = owners.get(id(trap.execution))
             what = CAUSES.get(trap.cause, f"exception {trap.cause}")
             where = f" ({self._place(trap.value)})" if trap.cause in (1, 5, 7) else ""

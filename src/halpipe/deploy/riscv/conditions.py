@@ -39,6 +39,10 @@ REPORT = "export the bundle again; if it stays, report it as a bug"
 
 def is_over(run: Run) -> Iterator[Diagnostic]:
     """Yield what kept the run from its end."""
+    if run.exhausted:
+        help = "look at the job or the part of the runtime at that address: it never comes to its end"
+        yield codes.SPENT(f"{run.exhausted} ({run.duration} after the beginning)", help=help)
+        return
     if run.state == FINISHED:
         return
     message = _STATES.get(run.state, f"the runtime is in state {run.state}")
@@ -68,9 +72,7 @@ def is_confined(run: Run) -> Iterator[Diagnostic]:
         yield codes.OPEN_CORE(message, path=f'unit "{run.site.unit_of(hart).name}"', help=help)
 
 
-def _open(
-    site: Site, unit: UnitSite, protection: Protection, level: Level
-) -> Iterator[tuple[int, int, Right]]:
+def _open(site: Site, unit: UnitSite, protection: Protection, level: Level) -> Iterator[tuple[int, int, Right]]:
     own = [
         (unit.ispm.base, unit.ispm.end, Right.READ | Right.EXECUTE),
         (unit.dspm.base, unit.reserved, Right.READ | Right.WRITE),
@@ -111,11 +113,7 @@ def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
     if recording.lost:
         return  # what was overwritten cannot be compared
     slack = 1 + math.ceil(Fraction(_STEPS * run.rate, run.site.clock * run.tick))
-    executions = [
-        (_tick(run, e.begin), _tick(run, e.left))
-        for e in run.executions
-        if e.outcome is Outcome.RETURNED
-    ]
+    executions = [(_tick(run, e.begin), _tick(run, e.left)) for e in run.executions if e.outcome is Outcome.RETURNED]
     stops = [(r.begin, r.end) for r in recording.records if r.kind == Kind.STOP and not r.flags]
     yield from _pairs("executions", sorted(executions), sorted(stops), slack)
     transfers = [(_tick(run, t.begin),) for t in run.recorder.transfers if t.begin >= (run.zero or 0)]
@@ -131,6 +129,13 @@ def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
 
 def _abnormal(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
     outcomes = {Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
+    told = {Outcome.RETURNED: 0, Outcome.FAULT: Flag.FAULT, Outcome.OVERRUN: Flag.OVERRUN}
+    for execution in run.executions:
+        if execution.end and execution.status != told.get(execution.outcome, 0):
+            message = f"the monitor of {run.site.unit_of(execution.hart).name} says {execution.status} of an execution "
+            message += f"that {execution.outcome} at {run.since(execution.left)}"
+            yield codes.TRACE_DISAGREES(message, path="mailbox", help=REPORT)
+            break
     for flag, outcome in outcomes.items():
         seen = sum(e.outcome is outcome for e in run.executions)
         recorded = sum(bool(r.flags & flag) for r in records if r.kind == Kind.STOP)

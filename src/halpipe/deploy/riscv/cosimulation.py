@@ -8,10 +8,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
+from halpipe.deploy.riscv.contents import contradictions
 from halpipe.deploy.riscv.elf import read_program
 from halpipe.deploy.riscv.expectation import Image
 from halpipe.deploy.riscv.hart import NEVER
-from halpipe.deploy.riscv.machine import MANAGEMENT, Machine
+from halpipe.deploy.riscv.machine import MANAGEMENT, Budget, Machine
 from halpipe.deploy.riscv.observation import Recorder
 from halpipe.deploy.riscv.plant import Plant
 from halpipe.deploy.riscv.recording import Recording, meaning, read_recording
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.base import Target
     from halpipe.deploy.riscv.elf import Program
     from halpipe.deploy.riscv.expectation import PlannedJob
+    from halpipe.deploy.riscv.injection import Saboteur
     from halpipe.deploy.riscv.memory import Memory
     from halpipe.deploy.riscv.observation import Execution, Trap
     from halpipe.deploy.riscv.pmp import Protection
@@ -76,6 +78,7 @@ class Run:
     uart: bytes
     instructions: int
     is_modelled: bool
+    exhausted: str = ""
     requests: list[Request] = field(default_factory=list)
 
     @property
@@ -115,7 +118,8 @@ class CoSimulation:
     `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
     instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
     ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
-    second; `cpi` are cycles per instruction.
+    second; `cpi` are cycles per instruction. `budget` ends a run that goes round in circles, and a
+    `saboteur` has jobs and transfers fail.
     """
 
     def __init__(
@@ -129,6 +133,8 @@ class CoSimulation:
         execution: str = "real",
         bandwidth: int | None = None,
         cpi: int = 1,
+        budget: Budget | None = None,
+        saboteur: Saboteur | None = None,
     ) -> None:
         self.site = read_site(target.bundle)
         self.images = read_images(target.bundle, self.site)
@@ -141,16 +147,21 @@ class CoSimulation:
         self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
         self._refuse_nonsense(cpi)
         program = load_program(target.bundle, self.site)
+        self.contradictions = [*contradictions(target.bundle, self.site, program, self.images)]
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
         try:
             bandwidths = self._bandwidths(bandwidth)
-            self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi)
+            self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget)
         except ModuleNotFoundError:
             help = "pip install 'halpipe[riscv]', or choose --engine qemu"
             raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
         self._recorder.attach(self._machine)
         self._recorder.before_read = self._before_read
         self._recorder.after_write = self._after_write
+        self._saboteur = saboteur
+        if saboteur is not None:
+            self._recorder.begins = self._sabotage
+            self._machine.fate = saboteur.fate
         self._memory = self._machine.memory
         self._zero: int | None = None
         self._tables: list[TableSeen] = []
@@ -214,6 +225,7 @@ class CoSimulation:
             uart=bytes(machine.uart.text),
             instructions=sum(hart.count for hart in machine.harts),
             is_modelled=self._execution == EXECUTIONS[1],
+            exhausted=machine.exhausted,
             requests=self._made,
         )
 
@@ -248,6 +260,8 @@ class CoSimulation:
     def _begin(self) -> None:
         base = self._memory.word(self.site.control + 8 * Word.BASE)
         self._zero = base * self._machine.timing.tick
+        if self._saboteur is not None:
+            self._saboteur.zero, self._saboteur.tick = self._zero, self._machine.timing.tick
         for request in self._requests:
             instant = self._zero + self._units(request.instant)
             self._machine.at(instant, partial(self._request, request.mode, instant))
@@ -262,6 +276,12 @@ class CoSimulation:
         self._tables.append(TableSeen(now, table.name, self._duration(seen - (self._zero or 0))))
         self._next += table.length * self._machine.timing.tick
         self._plant.cycle(self, now, cycle, table.name)
+
+    def _sabotage(self, execution: Execution) -> None:
+        assert self._saboteur is not None
+        code = self._saboteur.code(execution.hart, execution.function, execution.begin)
+        if code:
+            self._machine.overwrite(execution.hart, execution.function, code)
 
     def _before_read(self, buffer: str, now: int) -> None:
         if self._zero is not None:

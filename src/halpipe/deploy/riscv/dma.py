@@ -20,6 +20,7 @@ class Transfer:
     begin: int
     end: int
     data: bytes = b""
+    fails: bool = False
 
 
 class Channel:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
+from halpipe.deploy.riscv.observation import Outcome
 from halpipe.diagnostics import Findings
 from halpipe.durations import ZERO
 from halpipe.models import AccessKind
@@ -43,13 +44,19 @@ class PlannedTransfer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedExecution:
-    """A function that `hart` has to enter at `begin` and to have left by `end`; `stretch` counts them in the job."""
+    """A function that `hart` has to enter at `begin` and to have left by `end`; `stretch` counts them in the job.
+
+    It is told the `rank` of its core in the job's gang, and that of `ranks` members; `ends` is how it may end.
+    """
 
     hart: int
     function: int
     begin: int
     end: int
     stretch: int
+    rank: int = 0
+    ranks: int = 1
+    ends: frozenset[Outcome] = frozenset({Outcome.RETURNED})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,9 +140,17 @@ class Expectation:
         transfers = [t for access in moving for t in self._phase(access, members)]
         functions = len(members[0].site.entries)
         executions = [
-            PlannedExecution(hart=image.hart, function=image.site.entries[i], begin=begin, end=end, stretch=i)
+            PlannedExecution(
+                hart=image.hart,
+                function=image.site.entries[i],
+                begin=begin,
+                end=end,
+                stretch=i,
+                rank=rank,
+                ranks=len(members),
+            )
             for i, (begin, end) in enumerate(self._stretches(version, moving, functions))
-            for image in members
+            for rank, image in enumerate(members)
             if i < len(image.site.entries)
         ]
         if len(executions) != functions * len(members):

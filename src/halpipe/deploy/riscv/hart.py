@@ -61,6 +61,14 @@ class World(Protocol):
         """`hart` waits for an interrupt that is `enabled`."""
         ...
 
+    def spent(self, hart: Hart) -> None:
+        """`hart` has executed all the instructions that it may."""
+        ...
+
+    def called(self) -> bool:
+        """A device is used; return whether it may be."""
+        ...
+
 
 class Hart:
     """A core; all instants are in units of the machine's time."""
@@ -80,9 +88,13 @@ class Hart:
         self._cycle, self._tick = cycle, tick
         self._origin = 0  # the time at which the count of instructions was zero, had the clock never jumped
         self._memory = memory
+        self.allowance = 1 << 62  # instructions that it may execute at all
         self._enabled = 0  # mie, as it was when the hart went to sleep
+        self._known_enabled = 0
         self._raised: tuple[int, int] | None = None
-        self._mapped: dict[tuple[int, int], tuple[Right, int]] = {}  # low, high: what may be done, and where in the host
+        self._mapped: dict[
+            tuple[int, int], tuple[Right, int]
+        ] = {}  # low, high: what may be done, and where in the host
         self._wanted: dict[Level, dict[tuple[int, int], tuple[Right, int]]] = {}  # the same, since protection changed
         self._remap = False
         self._paused = False
@@ -127,6 +139,10 @@ class Hart:
     def run(self, until: int) -> None:
         """Execute until the clock reaches `until`, or nothing more happens before."""
         while self.now < until:
+            if self.count >= self.allowance:
+                assert self.world is not None
+                self.world.spent(self)
+                return
             if self.asleep:
                 wake = self.wake()
                 if wake >= until:
@@ -153,11 +169,11 @@ class Hart:
         """Execute up to the next event; False if the machine has stopped."""
         import unicorn
 
+        until = min(until, self._interrupts())
         if self._remap:
             self._apply_protection()
-        until = min(until, self._interrupts())
         page = self._page
-        page[Slot.LIMIT] = min(-((self._origin - until) // self._cycle), (1 << 62))
+        page[Slot.LIMIT] = min(-((self._origin - until) // self._cycle), self.allowance)
         page[Slot.FULL], page[Slot.HIT] = 0, -1
         self._raised = None
         failure = None
@@ -178,15 +194,15 @@ class Hart:
         elif not page[Slot.FULL]:
             self._rewind(pc)  # a block does not end where the core goes to sleep
             self.asleep = True
-            self._enabled = self._register("MIE")
+            self._enabled = self._interrupts_enabled()
             assert self.world is not None
             self.world.sleeps(self, self._enabled)
         return True
 
     def _interrupts(self) -> int:
         """Take an interrupt that is due and enabled, and return the instant of the next that could come."""
-        status, enabled = self._register("MSTATUS"), self._register("MIE")
-        if not status & _ENABLED and self.level is Level.MACHINE:
+        enabled = self._interrupts_enabled()
+        if self.level is Level.MACHINE and not self._register("MSTATUS") & _ENABLED:
             return NEVER
         due = enabled & self.pending()
         for number in (SOFTWARE, TIMER):
@@ -197,6 +213,12 @@ class Hart:
                 return NEVER
         timer = self.compare * self._tick
         return timer if enabled >> TIMER & 1 and timer > self.now else NEVER
+
+    def _interrupts_enabled(self) -> int:
+        """Return the register ``mie``, which user mode neither changes nor lets us read."""
+        if self.level is Level.MACHINE:
+            self._known_enabled = self._register("MIE")
+        return self._known_enabled
 
     def pending(self) -> int:
         """Return the register ``mip``."""
@@ -309,6 +331,7 @@ class Hart:
         elif word == csr.MRET or (access is not None and access.csr in csr.INTERRUPTS):
             self.look_up()
             if word == csr.MRET and self.level is Level.MACHINE:
+                self._interrupts_enabled()
                 self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
         elif access is not None and access.csr in csr.OURS:
             self._on_own_register(access)
@@ -414,15 +437,18 @@ class Hart:
         reading, writing = int(Right.READ), int(Right.WRITE)
 
         def load(_: Any, offset: int, size: int, __: Any) -> int:
-            if self._denied(device.base + offset, size, reading, LOAD_FAULT):
+            if self._denied(device.base + offset, size, reading, LOAD_FAULT) or not self._may_call():
                 return 0
             return device.load(self, offset, size)
 
         def store(_: Any, offset: int, size: int, value: int, __: Any) -> None:
-            if not self._denied(device.base + offset, size, writing, STORE_FAULT):
+            if not self._denied(device.base + offset, size, writing, STORE_FAULT) and self._may_call():
                 device.store(self, offset, size, value)
 
         self.engine.mmio_map(device.base, device.size, load, None, store, None)
+
+    def _may_call(self) -> bool:
+        return self.world is None or self.world.called()
 
     def _denied(self, address: int, size: int, right: int, cause: int) -> bool:
         key = (address, size, right)
@@ -445,9 +471,7 @@ def _numbers() -> dict[str, int]:
     return {name.removeprefix(prefix): value for name, value in vars(riscv_const).items() if name.startswith(prefix)}
 
 
-def _whole_pages(
-    pieces: Iterable[tuple[int, int, Right]], edges: Iterable[int]
-) -> Iterator[tuple[int, int, Right]]:
+def _whole_pages(pieces: Iterable[tuple[int, int, Right]], edges: Iterable[int]) -> Iterator[tuple[int, int, Right]]:
     """Cut pieces to pages, at `edges` at least; a page in several pieces has only the rights that all of them have."""
     found = list(pieces)
     cuts = sorted({page for edge in edges for page in (edge // PAGE, -(-edge // PAGE))})

@@ -9,7 +9,7 @@ and up to the next event while the management core sleeps.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.target import Site
 
 MANAGEMENT = 0
+RUBBISH = b"\xa5"
+"""What memories hold when the power comes: anything, so not zero."""
+
 _EXIT, _EXIT_STATUS = 0x20, 0x20026
 
 
@@ -44,6 +47,15 @@ class Timing:
         """Return the coarsest unit, but at most a nanosecond, for a core clock and a timebase in Hz."""
         rate = math.lcm(clock, timebase, 10**9)
         return Timing(rate, rate // clock * cycles_per_instruction, rate // timebase)
+
+
+@dataclass(slots=True)
+class Budget:
+    """What a run may take at most: instructions of each core by its number, traps, and uses of devices."""
+
+    instructions: Mapping[int, int] = field(default_factory=dict)
+    traps: int = 10**6
+    calls: int = 10**9
 
 
 class Observer(Protocol):
@@ -78,13 +90,23 @@ class Machine(DmaWork):
     """A management core, application cores, and what they share."""
 
     def __init__(
-        self, site: Site, program: Program, observer: Observer, *, bandwidths: Mapping[int, int], cpi: int
+        self,
+        site: Site,
+        program: Program,
+        observer: Observer,
+        *,
+        bandwidths: Mapping[int, int],
+        cpi: int,
+        budget: Budget | None = None,
     ) -> None:
         self.site = site
         self.timing = Timing.of(site.clock, site.timebase, cpi)
         self.observer = observer
         self.stopped = False
+        self.fate: Callable[[Transfer], tuple[int, bool] | None] = lambda transfer: None
         self.status: int | None = None
+        self.exhausted = ""
+        self._budget = replace(budget or Budget())
         self._bandwidths = bandwidths  # by channel, in bytes per second
         self._latency = math.ceil(site.dma.latency.in_unit("s") * self.timing.rate)
         regions = [Region("main", site.main.base, site.main.size)]
@@ -106,8 +128,11 @@ class Machine(DmaWork):
         ]
         self.clint.harts = self.harts
         for hart in self.harts:
+            hart.allowance = self._budget.instructions.get(hart.number, hart.allowance)
+        for hart in self.harts:
             hart.world = self
             hart.pc = program.entry
+        self._power_up()
         self._load(program)
         self._hook_management()
 
@@ -120,6 +145,12 @@ class Machine(DmaWork):
         if self.site.finisher is not None:
             devices.append(Finisher(self.site.finisher, self._finish))
         return devices
+
+    def _power_up(self) -> None:
+        """Fill with rubbish what nobody has written yet: the scratchpads, and where the program will be."""
+        for region in self.memory.regions:
+            size = region.size if region.hart else self.site.control - region.base
+            self.memory.write(region.base, RUBBISH * size)
 
     def _load(self, program: Program) -> None:
         for segment in program.segments:
@@ -199,6 +230,24 @@ class Machine(DmaWork):
         for hart in self.harts:
             hart.pause()
 
+    def _exhaust(self, what: str) -> None:
+        """End a run that has spent its budget."""
+        self.exhausted = self.exhausted or what
+        self.stop()
+
+    def spent(self, hart: Hart) -> None:
+        """A core has executed all the instructions that it may."""
+        name = self.site.unit_of(hart.number).name if hart.number else "the management core"
+        self._exhaust(f"{name} executed {hart.count} instructions, last at pc {hart.pc:#x}")
+
+    def called(self) -> bool:
+        """A device is used; the run ends where that has no end."""
+        self._budget.calls -= 1
+        if self._budget.calls < 0:
+            self._exhaust("devices and shared memory were used more often than any sound bundle does")
+            return False
+        return True
+
     def _finish(self, status: int) -> None:
         self.status = status
         self.stop()
@@ -216,6 +265,11 @@ class Machine(DmaWork):
             if block and int.from_bytes(block[:8], "little") == _EXIT_STATUS:
                 self._finish(int.from_bytes(block[8:], "little"))
                 return True
+        self._budget.traps -= 1
+        if self._budget.traps < 0:
+            name = self.site.unit_of(hart.number).name if hart.number else "the management core"
+            self._exhaust(f"{name} only traps any more, last with cause {cause:#x} at pc {pc:#x}")
+            return True
         self.observer.trapped(hart.number, cause, pc, value, hart.now)
         return False
 
@@ -247,6 +301,8 @@ class Machine(DmaWork):
         from unicorn import UC_MEM_READ
 
         now = self.management.now
+        if not self.called():
+            return
         other.run(now)
         if access == UC_MEM_READ:
             self._loads(address, size, now)
@@ -257,6 +313,8 @@ class Machine(DmaWork):
         """The management core touches a buffer, or an image that is to be loaded."""
         from unicorn import UC_MEM_READ
 
+        if not self.called():
+            return
         if access == UC_MEM_READ:
             self._copies.loads(address, size, self.management.now)
         else:
@@ -269,7 +327,8 @@ class Machine(DmaWork):
             self._copies.loads(address, size, now)
 
     def _controlled(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
-        self.observer.controlled(address, value & (1 << 8 * size) - 1, self.management.now)
+        if self.called():
+            self.observer.controlled(address, value & (1 << 8 * size) - 1, self.management.now)
 
     # ------------------------------------------------------------------------------------------ transfers
 
@@ -282,6 +341,7 @@ class Machine(DmaWork):
         transfer = Transfer(channel.number, source, target, size, now, now + duration)
         self._bring_up(source, size, now)
         self.observer.starts(transfer)
+        transfer.end, transfer.fails = self.fate(transfer) or (transfer.end, False)
         read = self.memory.view(source, size)
         if read is None or self.memory.view(target, size) is None:
             channel.finish(error=True)
@@ -298,9 +358,17 @@ class Machine(DmaWork):
                 return
             self._under_way.remove(transfer)
             self._bring_up(transfer.target, transfer.size, transfer.end)
+            if transfer.fails:
+                transfer.data = b""
             self._store(transfer.target, transfer.data)
-            self._port.channels[transfer.channel].finish()
+            self._port.channels[transfer.channel].finish(error=transfer.fails)
             self.observer.arrived(transfer)
+
+    def overwrite(self, hart: int, address: int, code: bytes) -> None:
+        """Have a core that stands at `address` execute something else."""
+        self.memory.write(address, code)
+        self.harts[hart].forget_code(address, len(code))
+        self.harts[hart].hook_registers(code, address)
 
     def _copied(self, transfer: Transfer) -> None:
         """The management core has copied code or data itself."""

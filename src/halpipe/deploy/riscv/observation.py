@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from halpipe.deploy.riscv.contents import BSS
 from halpipe.deploy.riscv.hart import TIMER
 from halpipe.deploy.riscv.pmp import Level
 
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.expectation import Image
     from halpipe.deploy.riscv.machine import Machine
     from halpipe.deploy.riscv.target import Area, Site
+
+
+_STATUS = 80
+"""Where in the mailbox a monitor says how an execution ended."""
 
 
 class Outcome(StrEnum):
@@ -49,6 +54,7 @@ class Execution:
     rank: int = 0
     ranks: int = 1
     stack: int = 0
+    status: int = 0  # as the monitor tells the management core
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +88,7 @@ class Recorder:
         self.stale: list[tuple[Transfer, str]] = []
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
+        self.begins: Callable[[Execution], None] = lambda execution: None
         self._site = site
         self._told = told
         self._machine: Machine | None = None
@@ -125,6 +132,7 @@ class Recorder:
             self._compare(execution)
             self._running[hart] = execution
             self.executions.append(execution)
+            self.begins(execution)
 
     def idles(self, hart: int, now: int) -> None:
         """A core waits for nothing but new work."""
@@ -132,6 +140,7 @@ class Recorder:
         if execution is not None:
             execution.end = now
             execution.left = execution.left or now
+            execution.status = self.machine.memory.word(self._site.unit_of(hart).mailbox + _STATUS)
             self.machine.harts[hart].watch(sorted(self._functions[hart]))
 
     def trapped(self, hart: int, cause: int, pc: int, value: int, now: int) -> None:
@@ -154,6 +163,8 @@ class Recorder:
         if execution.image is not None:
             fresh = execution.function == execution.image.site.entries[0]
             segments = execution.image.program.segments
+            begin, end = (execution.image.program.symbols.get(name, (0, 0))[0] for name in BSS)
+            pieces += [(begin, bytes(end - begin))] if fresh and begin < end else []
             pieces += [(s.target, s.data) for s in segments if s.data and (fresh or s.is_executable)]
         for target, data in pieces:
             if memory.read(target, len(data)) != data:

@@ -210,6 +210,7 @@ def _descriptions(shop: Workshop, render: Renderer, site: Site, model: TaskModel
     target = target_json(site.profile, title, cores, site.channels, memory, plan.images, plan.tables, plan.backlog)
     return {
         "target.json": target,
+        "profile.yaml": site.profile.text,
         "operations.json": operations_json(plan.programs, plan.tables, cores),
         "README.md": readme.encode(),
         "Makefile": render.makefile(shop).encode(),

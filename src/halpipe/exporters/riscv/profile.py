@@ -1,13 +1,14 @@
 """Target profiles: memory map, clocks and DMA engine of a board or simulator, as data.
 
-The profiles that come with halpipe are files beside this module; a user's own is a file of the same form.
+The profiles that come with halpipe are files in a folder of the package; a user's own is a file of the same form. The
+check of bundles reads the same files with eyes of its own.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +24,7 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-FOLDER = Path(__file__).with_name("profiles")
+FOLDER = Path(__file__).parents[2] / "profiles"
 VERSION = "1"
 
 MONITOR = 4096
@@ -104,7 +105,7 @@ class Dma:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none.
+    """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
     `service` is the longest time that the management core needs for one operation.
     """
@@ -125,6 +126,7 @@ class Profile:
     dma: Dma
     finisher: int
     qemu: tuple[str, ...]
+    text: bytes = b""
 
     @property
     def tick(self) -> Duration:
@@ -164,13 +166,14 @@ def read_profile(name: str) -> Profile:
     else:
         help = did_you_mean(name, names(), "there are " + ", ".join(names()) + "; or name a file that ends in .yaml")
         raise HalpipeError(UNKNOWN_PROFILE(f'there is no profile "{name}"', help=help))
-    document = parse_yaml(read_bytes(path), path)
+    content = read_bytes(path)
+    document = parse_yaml(content, path)
     if not isinstance(document, YamlMap) or document.get("halpipe-profile") != VERSION:
         help = f'begin it with "halpipe-profile: {VERSION}"'
         raise HalpipeError(BAD_PROFILE(f"is no profile of version {VERSION}", at=Location(path, 1), help=help))
     findings = Findings()
     fields = Fields(path, findings, document, "profile", _KEYS)
-    profile = _profile(Path(path).stem, fields)
+    profile = replace(_profile(Path(path).stem, fields), text=content)
     if not findings.has_errors:
         findings.extend(BAD_PROFILE(m, at=Location(path), help="correct the profile") for m in _faults(profile))
     findings.stop_on_errors()

@@ -6,11 +6,12 @@ import json
 from halpipe.bundles import Bundle
 
 TARGET = {
-    "halpipe-target": 1,
+    "halpipe-target": 2,
     "profile": "vcu118",
     "clock": 100_000_000,
     "timebase": 1_000_000,
     "main": {"base": "0x80000000", "size": 1 << 20},
+    "stack": 8192,
     "entry": "0x80000000",
     "clint": {"base": "0x2000000"},
     "uart": {"kind": "sifive", "base": "0x64000000"},
@@ -32,12 +33,13 @@ TARGET = {
             "dspm": {"base": hex(0x01000000 + 0x40000 * n), "size": 0x40000},
             "monitor": hex(0x01800000 + 0x20000 * n),
             "mailbox": hex(0x01000000 + 0x40000 * n + 0x3FF00),
+            "reserved": hex(0x01000000 + 0x40000 * n + 0x3F000),
         }
         for n in (1, 2)
     ],
     "resources": [{"name": "memory", "channel": 0}],
     "control": "0x80010000",
-    "trace": {"base": "0x80020000", "capacity": 64, "record": 40},
+    "trace": {"base": "0x80020000", "capacity": 64, "record": 48},
     "faults": {"base": "0x80030000", "capacity": 8, "record": 64},
     "tables": [{"name": "all", "mode": 0, "length": 10_000, "releases": 1, "lateness": "3us"}],
     "buffers": [{"name": "scan", "address": "0x80040000", "size": 64}],

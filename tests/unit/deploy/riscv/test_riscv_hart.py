@@ -77,6 +77,12 @@ class World:
     def sleeps(self, hart, enabled):
         self.slept.append((hart.now, enabled))
 
+    def spent(self, hart):
+        self.slept.append((hart.now, "spent"))
+
+    def called(self):
+        return True
+
 
 @pytest.fixture
 def core():

@@ -13,11 +13,11 @@ BROKEN = HalpipeError(ENGINE_UNFIT("broken"))
 
 
 def record(time, kind=Kind.COPY, flags=0):
-    return struct.pack("<QQQIHHHBBI", time, 1, 2, 3, 4, 5, 6, kind, flags, 7)
+    return struct.pack("<QQQIIIIIBBBx", time, 1, 2, 3, 4, 5, 7, 6, kind, flags, 1)
 
 
 def fault(time):
-    return struct.pack("<QQQQIHHIHBBQQ", time, 7, 0x1821000, 0x80000000, 1, 2, 3, 4, 2, 4, 4, 0, 0)
+    return struct.pack("<QQQQIIIIIBBHQ", time, 7, 0x1821000, 0x80000000, 1, 2, 3, 4, 5, 4, 4, 2, 0)
 
 
 def memory(*chunks):
@@ -31,8 +31,8 @@ def memory(*chunks):
 
 
 def test_records_are_read_in_order():
-    rings = memory((0x100, record(10) + record(11, Kind.STOP, 2) + bytes(80)), (0x1000, fault(11) + bytes(64)))
-    recording = read_recording(rings, Ring(0x100, 4, 40), 2, Ring(0x1000, 2, 64), 1)
+    rings = memory((0x100, record(10) + record(11, Kind.STOP, 2) + bytes(96)), (0x1000, fault(11) + bytes(64)))
+    recording = read_recording(rings, Ring(0x100, 4, 48), 2, Ring(0x1000, 2, 64), 1)
     assert [(r.time, r.kind, r.flags) for r in recording.records] == [(10, Kind.COPY, 0), (11, Kind.STOP, Flag.OVERRUN)]
     (abandoned,) = recording.abandoned
     assert (abandoned.cause, abandoned.epc, abandoned.tval, abandoned.hart) == (7, 0x1821000, 0x80000000, 2)
@@ -41,7 +41,7 @@ def test_records_are_read_in_order():
 
 def test_what_was_overwritten_is_lost():
     ring = record(14) + record(15) + record(12) + record(13)
-    recording = read_recording(memory((0, ring), (999, b"")), Ring(0, 4, 40), 6, Ring(999, 2, 64), 0)
+    recording = read_recording(memory((0, ring), (999, b"")), Ring(0, 4, 48), 6, Ring(999, 2, 64), 0)
     assert [r.time for r in recording.records] == [12, 13, 14, 15]
     assert recording.lost == 2
 
@@ -61,7 +61,7 @@ def test_what_is_printed_is_the_same_as_what_lies_in_memory():
     recording, state = parse_recording(printed(), BROKEN)
     assert state == 2
     rings = memory((0, record(10)), (4096, fault(9)))
-    assert recording == read_recording(rings, Ring(0, 1, 40), 1, Ring(4096, 1, 64), 1)
+    assert recording == read_recording(rings, Ring(0, 1, 48), 1, Ring(4096, 1, 64), 1)
 
 
 def test_what_was_not_printed_any_more_is_lost():

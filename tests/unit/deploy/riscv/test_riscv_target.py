@@ -90,13 +90,13 @@ def change(path, value):
         (("dma", "base"), "0x1040000", "overlaps"),
         (("finisher",), "0x2000000", "overlaps"),
         (("main", "size"), 1 << 40, "no whole number"),
-        (("trace", "record"), 48, "no whole number from 40 to 40"),
+        (("trace", "record"), 40, "no whole number from 48 to 48"),
         (("trace", "capacity"), 1 << 20, "not in main memory"),
         (("faults", "record"), 40, "from 64 to 64"),
         (("buffers", 0, "size"), 1 << 21, "not in main memory"),
         (("images", 0, "unit"), "core9", 'no unit "core9"'),
         (("images", 0, "symbols"), {"scan": 3}, "is no object"),
-        (("halpipe-target",), 2, "from 1 to 1"),
+        (("halpipe-target",), 1, "from 2 to 2"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(path, value, said):

@@ -1,0 +1,171 @@
+"""Runtimes with a fault each, built as bundles are: the check has to find every one, by what they do."""
+
+import json
+import shutil
+
+import pytest
+from tampering import resealed, tampered
+
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.riscv import DEPLOYMENT, check
+from halpipe.deploy.riscv import codes as declared
+from halpipe.exporters.riscv import bundle
+
+# file, what stands there, what stands there instead; the code that the check must find
+CONTAINMENT = {
+    "abandoning does nothing": ("runtime.c", "s->is_over = 1U;", "s->is_over = 0U;", declared.FOREIGN_TRANSFER),
+    "the deadline is never armed": (
+        "monitor.c",
+        "MTIMECMP(hp_site[HART]) = box->deadline;",
+        "MTIMECMP(hp_site[HART]) = NEVER;",
+        declared.NOT_CONTAINED,
+    ),
+    "the deadline is a second late": (
+        "monitor.c",
+        "= box->deadline;",
+        "= box->deadline + 1000000U;",
+        declared.NOT_CONTAINED,
+    ),
+    "the timer is not enabled": ("monitor.c", "WRITE_CSR(mie, MIE_TIMER);", "", declared.NOT_CONTAINED),
+    "faults are ignored": ("monitor.c", "box->status = FLAG_FAULT;", "box->status = 0U;", declared.FOREIGN_TRANSFER),
+    "overruns are ignored": (
+        "runtime.c",
+        "uint64_t flags = FLAG_OVERRUN;",
+        "uint64_t flags = 0U;",
+        declared.FOREIGN_TRANSFER,
+    ),
+    "overruns look like returns": (
+        "monitor.c",
+        "box->status = FLAG_OVERRUN;",
+        "box->status = 0U;",
+        declared.TRACE_DISAGREES,
+    ),
+    "late transfers are ignored": (
+        "runtime.c",
+        "((state == DMA_BUSY) ? FLAG_LATE : 0U)",
+        "0U",
+        declared.NOT_CONTAINED,
+    ),
+    "errors of the DMA engine are ignored": (
+        "runtime.c",
+        "(state == DMA_FAILED) ? FLAG_ERROR",
+        "(state == DMA_FAILED) ? 0U",
+        declared.NOT_CONTAINED,
+    ),
+    "nothing is recorded": ("runtime.c", "CONTROL->faults = count + 1U;", "", declared.NOT_CONTAINED),
+    "the cause is not recorded": ("runtime.c", "box->epc : 0U", "0U : 0U", declared.NOT_CONTAINED),
+    "what was abandoned goes on": ("runtime.c", "flags = FLAG_SKIPPED;", "flags = run(s, o);", None),
+    "jobs execute in machine mode": ("monitor.S", "csrc mstatus, t0", "csrs mstatus, t0", None),
+    "the protection is never armed": ("monitor.c", "WRITE_CSR(pmpcfg0, entries);", "", declared.OPEN_CORE),
+    "the data of others is open": ("monitor.c", "hp_site[JOB_END] >> 2U", "NEVER >> 10U", declared.OPEN_CORE),
+    "the mailbox is open": ("monitor.c", "hp_site[JOB_END] >> 2U", "hp_site[DSPM_END] >> 2U", declared.OPEN_CORE),
+}
+OTHERS = {
+    ".bss is not cleared": ("monitor.c", "*(volatile uint64_t *)word = 0U;", "(void)word;", declared.WRONG_DATA),
+    "the rank is wrong": ("monitor.c", "ranks & 0xffffffffU", "(ranks & 0xffffffffU) + 1U", declared.WRONG_CALL),
+    "the size of the gang is wrong": ("monitor.c", "ranks >> 32U", "(ranks >> 32U) + 1U", declared.WRONG_CALL),
+    "the stack is at the mailbox": ("monitor.c", "hp_site[JOB_STACK])", "hp_site[BOX])", declared.WRONG_CALL),
+    "the runtime's own .bss is not cleared": ("start.S", "sd zero, 0(t0)", "nop", None),
+    "half of each transfer": ("dma.c", "c->bytes = o->size;", "c->bytes = o->size / 2U;", declared.FOREIGN_TRANSFER),
+    "a trap of the monitor for ever": ("monitor.S", "call trapped", ".word 0", declared.SPENT),
+    "the management core polls": ("runtime.c", "wait_for_interrupt();", "", None),
+    "requests are never read": ("runtime.c", 'amoswap.d %0, zero, (%1)"', 'li %0, 0"', declared.WRONG_TABLE),
+}
+
+
+@pytest.fixture
+def mutant(export, monkeypatch, tmp_path):
+    """Export with a runtime in which one thing is another."""
+
+    def make(file, what, instead, **options):
+        shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
+        path = tmp_path / "runtime" / file
+        text = path.read_text()
+        assert what in text
+        path.write_text(text.replace(what, instead))
+        monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
+        return export(**options)
+
+    return make
+
+
+def found_in(target, **options):
+    return {d.code for d in DEPLOYMENT.check(target, CheckOptions(**options)).diagnostics if d.is_error}
+
+
+@pytest.mark.parametrize("name", list(CONTAINMENT))
+@pytest.mark.slow  # test_cosim_faults.py has the quick ones
+def test_what_does_not_contain_faults(mutant, name):
+    file, what, instead, code = CONTAINMENT[name]
+    found = found_in(mutant(file, what, instead))
+    assert found
+    assert code is None or code.id in found
+
+
+@pytest.mark.parametrize("name", list(OTHERS))
+@pytest.mark.slow
+def test_what_calls_jobs_in_a_wrong_way(mutant, name):
+    file, what, instead, code = OTHERS[name]
+    found = found_in(mutant(file, what, instead))
+    assert found
+    assert code is None or code.id in found
+
+
+def spoil(target, tmp_path, change):
+    described = json.loads(target.bundle.files["target.json"])
+    change(described)
+    return resealed(target, tmp_path / "b", {"target.json": json.dumps(described).encode()})
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d["dma"].update(bandwidth=800_000_000),
+        lambda d: d["dma"].update(setup="1us"),
+        lambda d: d.update(clock=200_000_000),
+        lambda d: d.update(service="9us"),
+        lambda d: d.update(stack=4096),
+        lambda d: d["units"][0].update(mailbox=hex(int(d["units"][0]["mailbox"], 16) - 256)),
+        lambda d: d.update(qemu=["-machine", "virt"]),
+    ],
+)
+def test_a_machine_that_is_not_the_profile(sound, tmp_path, change):
+    assert declared.FOREIGN_MACHINE.id in found_in(spoil(sound, tmp_path, change), inject="none")
+
+
+def test_a_flat_program_that_is_another(sound, tmp_path):
+    data = bytearray(sound.bundle.files["bundle.bin"])
+    data[0x100:0x140] = bytes(64)
+    target = resealed(sound, tmp_path / "b", {"bundle.bin": bytes(data)})
+    assert found_in(target, inject="none") == {declared.FOREIGN_CONTENT.id}
+
+
+def test_an_image_whose_bytes_are_not_those_in_the_program(sound, tmp_path):
+    def change(program):
+        base = int(json.loads(sound.bundle.files["target.json"])["images"][0]["load"][0]["source"], 16)
+        program.put(base, 0, 4)
+
+    assert declared.FOREIGN_CONTENT.id in found_in(tampered(sound, tmp_path / "b", change), inject="none")
+
+
+@pytest.mark.parametrize("key", ["bss", "load"])
+def test_images_described_wrongly(sound, tmp_path, key):
+    def change(described):
+        found = described["images"][0][key]
+        found = found[0] if isinstance(found, list) else found
+        found["size"] += 8
+
+    assert declared.FOREIGN_CONTENT.id in found_in(spoil(sound, tmp_path, change), inject="none")
+
+
+def test_faults_are_injected_into_every_job_and_contained(sound):
+    checked = DEPLOYMENT.check(sound, CheckOptions(inject="all"))
+    assert checked.diagnostics == ()
+    assert "injected: 132 faults of 12 kinds into 11 jobs" in checked.lines
+
+
+def test_what_takes_too_long_to_inject_is_told(sound, monkeypatch):
+    monkeypatch.setattr(check, "BRIEF", 1)
+    (found,) = DEPLOYMENT.check(sound, CheckOptions()).diagnostics
+    assert found.code == declared.NOT_INJECTED.id
+    assert "only 2 of 24 were played" in found.message
