@@ -17,6 +17,9 @@ ASPECTS = {
     "tasks": "tasks, with periods or on demand",
     "timing": "offsets, slack and deadlines",
     "versions": "versions: WCET, valid units, gang size",
+    "split": "where jobs may be interrupted, and what that costs",
+    "binding": "tasks that stay on their units",
+    "interrupts": "interrupts of units; sporadic arrivals",
     "accesses": "access phases with their bounds",
     "transfers": "data transfers of access phases",
     "precedence": "precedence constraints with their windows",
@@ -26,9 +29,10 @@ ASPECTS = {
     "sources": "program sources of the versions",
     "origins": "where each element was imported from",
     "schedule": "the schedule of every mode",
+    "parts": "the parts of jobs with gaps",
     "tables": "the transition tables",
 }
-"""What models and schedules consist of (MODEL 2, 3 and 5), in the order of the table of formats."""
+"""What models and schedules consist of (MODEL 2, 3, 5 and 8), in the order of the table of formats."""
 
 
 @dataclass(frozen=True, slots=True)

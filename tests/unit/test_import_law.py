@@ -43,10 +43,12 @@ MAY_IMPORT = {
     "models": {"diagnostics", "durations", "quantities"},
     "schemas": {"diagnostics", "suggest"},
     "importers": FOUNDATION | {"models", "schemas"},
-    "exporters": FOUNDATION | {"models", "schemas"},
+    "exporters": FOUNDATION | {"models", "schemas", "pipeline.parts"},
     # Checks of bundles share nothing with the exporters that write them.
     "deploy": FOUNDATION | {"models"},
     "pipeline": FOUNDATION | {"models"},
+    # What interruptions make of a job has one home for the solver and all exporters.
+    "pipeline.parts": {"durations", "models"},
     # The checker shares nothing with the solver or the exporters, so that a fault of theirs cannot hide in it.
     "pipeline.verify": {"models", "durations", "quantities", "diagnostics"},
     # The flow wires the three groups together, and nothing else does.

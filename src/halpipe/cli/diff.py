@@ -137,7 +137,8 @@ def _show_jobs(jobs: Sequence[JobChange]) -> None:
 
 
 def _place(job: Job) -> str:
-    return f"{job.start} to {job.end} {job.version} on {' '.join(job.units)}"
+    parts = f" in {len(job.parts)} parts" if job.parts else ""
+    return f"{job.start} to {job.end}{parts} {job.version} on {' '.join(job.units)}"
 
 
 # ------------------------------------------------------------------------------------------------ JSON
@@ -180,4 +181,9 @@ def _change(change: Change) -> dict[str, str]:
 def _job(job: Job | None) -> dict[str, Any] | None:
     if job is None:
         return None
-    return {"start": str(job.start), "end": str(job.end), "version": job.version, "units": list(job.units)}
+    said = {"start": str(job.start), "end": str(job.end), "version": job.version, "units": list(job.units)}
+    parts = [
+        {"start": str(p.start), "end": str(p.end), "from": str(p.executed_from), "to": str(p.executed_to)}
+        for p in job.parts
+    ]
+    return said | ({"parts": parts} if parts else {})

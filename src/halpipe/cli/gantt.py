@@ -35,10 +35,13 @@ def gantt(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], widt
 
 def _columns(job: Job, length: Duration, columns: int, *, wraps: bool) -> list[int]:
     """Return the columns that a job touches."""
-    first = int(job.start.fraction * columns / length.fraction)
-    last = int(-(-job.end.fraction * columns // length.fraction))
-    inside = range(first, max(first + 1, last))
-    return [column % columns for column in inside] if wraps else [column for column in inside if column < columns]
+    found: list[int] = []
+    for start, end in job.occupations():
+        first = int(start.fraction * columns / length.fraction)
+        last = int(-(-end.fraction * columns // length.fraction))
+        inside = range(first, max(first + 1, last))
+        found += [column % columns for column in inside if wraps or column < columns]
+    return found
 
 
 def letters_of(modes: tuple[ModeSchedule, ...], switches: tuple[TransitionTable, ...]) -> dict[str, str]:

@@ -80,6 +80,9 @@ def _show_jobs(screen: Console, jobs: tuple[Job, ...], letters: dict[str, str]) 
     for job in sorted(jobs, key=lambda job: (job.start.ns, job.units)):
         where = " ".join(job.units)
         table.add_row(letters[job.task], str(job.start), str(job.end), job.task, str(job.index), job.version, where)
+        for part in job.parts:
+            executed = f"executes {part.executed_from} to {part.executed_to}"
+            table.add_row("", str(part.start), str(part.end), "", "", executed, "")
     screen.print(table)
 
 

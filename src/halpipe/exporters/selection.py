@@ -97,8 +97,12 @@ class _Check:
             self.findings.add(FOREIGN_SCHEDULE("the job has no unit", at=job.at, path=where, help=REMAKE))
         if job.end < job.start:
             self._time(f"end {job.end} is before start {job.start}", job.at, where)
-        if longest is not None and job.end - job.start > longest:
-            self._time(f"lasts {job.end - job.start}, longer than the hyperperiod {longest}", job.at, where)
+        busy = sum((end - start for start, end in job.occupations()), ZERO)
+        if longest is not None and busy > longest:
+            self._time(f"lasts {busy}, longer than the hyperperiod {longest}", job.at, where)
+        instants = [instant for start, end in job.occupations() for instant in (start, end)]
+        if job.parts and (instants != sorted(instants) or (instants[0], instants[-1]) != (job.start, job.end)):
+            self._time("its parts do not follow each other from its start to its end", job.at, where)
 
     def _known(
         self, kind: str, name: str, known: Collection[str], at: Location, path: str, owner: str = "model"

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Anchor
+from halpipe.pipeline.parts import parts_of, phase_instants, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.models import Job, ModeSchedule, Precedence, Schedule, TaskModel, TransitionTable, Version
+    from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, TaskModel, TransitionTable, Version
 
 # A switch is drawn with a full cycle of both modes around it; more jobs than this in all such cycles of one export
 # would make the output large and say nothing new.
@@ -44,6 +45,11 @@ class Placement:
         """The instant at which the occurrence ends."""
         return self.start + (self.job.end - self.job.start)
 
+    def stretches(self) -> list[tuple[Duration, Duration]]:
+        """Return when the occurrence occupies its units: all the time, but for its gaps."""
+        by = self.start - self.job.start
+        return [(start + by, end + by) for start, end in self.job.occupations()]
+
 
 @dataclass(frozen=True, slots=True)
 class Window:
@@ -59,7 +65,11 @@ class Window:
 
     def shows(self, placement: Placement) -> bool:
         """Whether any of an occurrence lies inside."""
-        return placement.start < self.end and (placement.end > self.start or placement.start >= self.start)
+        return self.meets(placement.start, placement.end)
+
+    def meets(self, start: Duration, end: Duration) -> bool:
+        """Whether any of [start, end) lies inside."""
+        return start < self.end and (end > self.start or start >= self.start)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +92,40 @@ def versions_of(model: TaskModel) -> dict[tuple[str, str], Version]:
     return {(task.name, version.name): version for task in model.tasks for version in task.versions}
 
 
+class PhaseTimes:
+    """When the access phases of jobs are in force, from their starts; worked out once for what jobs have in common."""
+
+    def __init__(self, model: TaskModel) -> None:
+        self.versions = versions_of(model)
+        self._units = {unit.name: unit for unit in model.units}
+        self._interrupted = {unit.name for unit in model.units if unit.interrupts}
+        self._known: dict[object, tuple[tuple[Access, Duration, Duration], ...]] = {}
+
+    def of(self, job: Job) -> tuple[tuple[Access, Duration, Duration], ...]:
+        """Return the access phases of a job, each with begin and end."""
+        if job.parts:
+            return self._work_out(job)
+        key = (job.task, job.version, job.units if not self._interrupted.isdisjoint(job.units) else ())
+        if key not in self._known:
+            self._known[key] = self._work_out(job)
+        return self._known[key]
+
+    def _work_out(self, job: Job) -> tuple[tuple[Access, Duration, Duration], ...]:
+        version = self.versions[job.task, job.version]
+        parts, service = parts_of(job, version), service_of(self._units, job.units)
+        times = ((a, *phase_instants(a, parts, version.split.resume, service)) for a in version.accesses)
+        return tuple((access, begin - job.start, end - job.start) for access, begin, end in times)
+
+
 def unroll(table: ModeSchedule, cycles: int = 1) -> list[Placement]:
     """Return every occurrence in force on [0, cycles * t_P) of the repeated schedule, by start, then table order.
 
-    A job that wraps round the hyperperiod's end occurs once more, from before 0.
+    A job that wraps round the hyperperiod's end occurs once more for each time it does, from before 0.
     """
     period = table.hyperperiod
     found = []
     for job in table.jobs:
-        first = -1 if job.end > period else 0
+        first = 1 - -(-job.end // period) if job.end > period else 0
         found += [Placement(job, job.start + period * cycle, cycle, table.name) for cycle in range(first, cycles)]
     return sorted(found, key=lambda placement: placement.start.ns)
 
@@ -124,13 +159,13 @@ def unroll_switch(
 
 def resource_steps(model: TaskModel, placements: Iterable[Placement], window: Window) -> dict[str, Steps]:
     """Return for every resource the sum of the bounds in force, as (instant, sum from there on) over `window`."""
-    versions = versions_of(model)
+    times = PhaseTimes(model)
     changes: dict[str, dict[int | Fraction, Fraction]] = {r.name: defaultdict(Fraction) for r in model.resources}
     low, high = window.start.ns, window.end.ns
     for placement in placements:
-        for access in versions[placement.job.task, placement.job.version].accesses:
-            begin = max(placement.start.ns + access.start.ns, low)
-            end = placement.start.ns + access.end.ns
+        for access, first, last in times.of(placement.job):
+            begin = max(placement.start.ns + first.ns, low)
+            end = placement.start.ns + last.ns
             if begin < end and access.resource in changes:
                 changes[access.resource][begin] += access.bound
                 changes[access.resource][end] -= access.bound

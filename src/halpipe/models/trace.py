@@ -17,7 +17,8 @@ class Execution:
 
     `busy` is the time in which it really ran, less than `end` - `start` where it was preempted. `end` and `busy` are
     None for what still ran when the trace ended. `table` (a mode, or ``a->b`` for the switch), `cycle` (tables
-    played, from 0) and `job` (index in the table) are stated by some traces; empty or None by the others.
+    played, from 0) and `job` (index in the table) are stated by some traces; empty or None by the others. `stretches`
+    are the intervals in which it ran, of a job that paused, where the trace tells.
     """
 
     task: str
@@ -28,6 +29,7 @@ class Execution:
     table: str = ""
     cycle: int | None = None
     job: int | None = None
+    stretches: tuple[tuple[Duration, Duration], ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 

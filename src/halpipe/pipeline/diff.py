@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, ModeSchedule, TransitionTable
 
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"
-MOVED, VERSION, UNITS = "moved", "version", "units"
+MOVED, PARTS, VERSION, UNITS = "moved", "parts", "version", "units"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +48,13 @@ class JobChange:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """What happened to the job: added, removed, or any of moved, version, units."""
+        """What happened to the job: added, removed, or any of moved, parts, version, units."""
         before, after = self.before, self.after
         if before is None or after is None:
             return (ADDED,) if before is None else (REMOVED,)
         found = (
             (MOVED, before.start != after.start),
+            (PARTS, _pieces(before) != _pieces(after)),
             (VERSION, before.version != after.version),
             (UNITS, set(before.units) != set(after.units)),
         )
@@ -132,7 +133,12 @@ def _jobs(
 
 
 def _meaning(job: Job) -> tuple[object, ...]:
-    return job.start, job.end, job.version, frozenset(job.units)
+    return job.start, job.end, job.version, frozenset(job.units), job.parts
+
+
+def _pieces(job: Job) -> list[tuple[Duration, Duration, Duration]]:
+    """Return how a job is cut into parts, from its start, so that one that only moved is still cut alike."""
+    return [(part.start - job.start, part.executed_from, part.executed_to) for part in job.parts]
 
 
 def _summaries(
@@ -151,7 +157,7 @@ def _summaries(
     for task, changes in sorted(by_task.items()):
         counts = Counter(kind for change in changes for kind in change.kinds)
         ordered = tuple(
-            (kind, counts[kind]) for kind in (ADDED, REMOVED, MOVED, VERSION, UNITS, CHANGED) if counts[kind]
+            (kind, counts[kind]) for kind in (ADDED, REMOVED, MOVED, PARTS, VERSION, UNITS, CHANGED) if counts[kind]
         )
         shift = _shift(changes, hyperperiod) if counts[MOVED] == totals[task] else None
         yield TaskSummary(name, task, totals[task], ordered, shift)

@@ -31,6 +31,7 @@ class BtfExporter:
             "modes": "stimuli that mark the start of each table",
             "schedule": "activate, start and terminate of every job",
             "tables": "played between the modes",
+            "parts": "preempt and resume between the parts of a job",
         },
         (
             "BTF has whole nanoseconds: instants between two are rounded down, and counted in the header.",

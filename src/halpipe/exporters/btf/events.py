@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
@@ -20,7 +21,7 @@ CREATED = "1970-01-01T00:00:00Z"
 """The format wants a date; the same schedule gives the same bytes, so it is always this one."""
 
 _TERMINATE, _MARK, _ACTIVATE, _START = range(4)
-"""At one instant: what ends first, then marks, then what begins."""
+"""At one instant: what ends or pauses first, then marks, then what begins or goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,13 +131,17 @@ def _events(pieces: list[Piece]) -> tuple[list[str], int]:
     for cycle, piece in enumerate(pieces):
         put(piece.start, _MARK, f"STI_TABLE_{piece.name},{cycle},STI,STI_TABLE_{piece.name},{cycle},trigger")
         for job in sorted(piece.jobs, key=lambda job: (job.start.ns, job.task, job.index)):
-            start, end = piece.start + job.start, piece.start + job.end
+            stretches = [(piece.start + start, piece.start + end) for start, end in job.occupations()]
+            start, end = stretches[0][0], stretches[-1][1]
             for unit in job.units:
                 # A gang job is one instance on each of its units: BTF knows jobs on one core only.
                 name, instance = job.task, instances[job.task]
                 instances[name] += 1
                 put(start, _ACTIVATE, f"STI_{name},{instance},T,TASK_{name},{instance},activate")
                 put(start, _START, f"Core_{unit},0,T,TASK_{name},{instance},start")
+                for (_, pause), (again, _) in pairwise(stretches):
+                    put(pause, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},preempt")
+                    put(again, _START, f"Core_{unit},0,T,TASK_{name},{instance},resume")
                 put(end, _TERMINATE, f"Core_{unit},0,T,TASK_{name},{instance},terminate")
     found.sort(key=lambda event: event[:2])
     return [f"{at},{text}" for at, _, text in found], rounded

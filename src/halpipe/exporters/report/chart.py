@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.palette import RESOURCES, tone
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, percent, position
-from halpipe.exporters.timeline import resource_steps, versions_of
+from halpipe.exporters.timeline import PhaseTimes, resource_steps
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.durations import Duration
     from halpipe.exporters.timeline import Placement, Steps, Window
-    from halpipe.models import TaskModel, Version
+    from halpipe.models import TaskModel
 
 GRID = 100_000
 AXIS_HEIGHT = 26
@@ -54,8 +55,17 @@ class Bar:
 
 
 @dataclass(frozen=True, slots=True)
+class Gap:
+    """The thin line between two parts of a job."""
+
+    x: str
+    width: str
+    tone: int
+
+
+@dataclass(frozen=True, slots=True)
 class Lane:
-    """A unit: its bars, and one path of access phases per resource (position of the resource, path)."""
+    """A unit: its bars, the gaps between those of one job, and a path of access phases per resource, by position."""
 
     name: str
     caption: str
@@ -63,6 +73,7 @@ class Lane:
     y: int
     bars: tuple[Bar, ...]
     phases: tuple[tuple[int, str], ...]
+    gaps: tuple[Gap, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,19 +194,31 @@ class _Lanes:
         self.tones = tones
         self.height = height
         self.loads = loads
-        self.versions = versions_of(model)
+        self.times = PhaseTimes(model)
         self.resources = {resource.name: number for number, resource in enumerate(model.resources)}
 
     def lane(self, name: str, placements: Sequence[Placement], y: int) -> Lane:
         """Return the lane of one unit."""
         load = percent(self.loads[name]) if name in self.loads else ""
-        bars = tuple(self._bar(placement) for placement in placements)
-        return Lane(name, _elide(name, 24 - len(load)), load, y, bars, self._phases(placements))
+        bars = tuple(
+            self._bar(placement, start, end)
+            for placement in placements
+            for start, end in placement.stretches()
+            if self.window.meets(start, end)
+        )
+        gaps = tuple(gap for placement in placements for gap in self._gaps(placement))
+        return Lane(name, _elide(name, 24 - len(load)), load, y, bars, self._phases(placements), gaps)
 
-    def _bar(self, placement: Placement) -> Bar:
+    def _gaps(self, placement: Placement) -> Iterator[Gap]:
+        for (_, end), (start, _) in pairwise(placement.stretches()):
+            low, high = _place(end, self.window), _place(start, self.window)
+            if low < high:
+                yield Gap(decimal(low, 4), decimal(high - low, 4), self.tones[placement.job.task])
+
+    def _bar(self, placement: Placement, start: Duration, end: Duration) -> Bar:
         job, window = placement.job, self.window
-        low, high = _place(placement.start, window), _place(placement.end, window)
-        cut_left, cut_right = placement.start < window.start, placement.end > window.end
+        low, high = _place(start, window), _place(end, window)
+        cut_left, cut_right = start < window.start, end > window.end
         room = (high - low) * BASE_WIDTH / 100 - 8 - 8 * (cut_left + cut_right)
         label, level, short = _fit(job.task, room) if self.height > 14 else ("", 0, "")
         return Bar(
@@ -214,18 +237,15 @@ class _Lanes:
         paths: dict[int, list[str]] = {}
         stripe = 4 if self.height > 14 else 3
         for placement in placements:
-            for access in self._version(placement).accesses:
-                low = _column(placement.start + access.start, self.window)
-                high = _column(placement.start + access.end, self.window)
+            for access, begin, end in self.times.of(placement.job):
+                low = _column(placement.start + begin, self.window)
+                high = _column(placement.start + end, self.window)
                 number = self.resources.get(access.resource)
                 if number is not None and low < high:
                     y = self.height - stripe * (1 + number % 3)
                     part = f"M{low} {y}h{high - low}v{stripe}h{low - high}z"
                     paths.setdefault(number % len(RESOURCES), []).append(part)
         return tuple((number, "".join(parts)) for number, parts in sorted(paths.items()))
-
-    def _version(self, placement: Placement) -> Version:
-        return self.versions[placement.job.task, placement.job.version]
 
 
 def _meters(steps: dict[str, Steps], window: Window, top: int) -> tuple[Meter, ...]:
@@ -278,6 +298,9 @@ def _describe(placement: Placement, cut_left: bool, cut_right: bool) -> str:
         f"{job.start} – {job.end} ({job.end - job.start})",
         f"version {job.version} on {', '.join(job.units)}",
     ]
+    if job.parts:
+        times = ", ".join(f"{start} – {end}" for start, end in job.occupations())
+        lines.append(f"in {len(job.parts)} parts: {times}")
     if cut_left:
         lines.append("began in the cycle before")
     if cut_right:

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         CostTerms,
         ModeSchedule,
         Schedule,
+        Split,
         Task,
         TaskModel,
         TransitionTable,
@@ -272,15 +273,20 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
         terms=() if table.cost is None else _terms(table.cost),
         chart=build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
         chains=_chains(model, table, id),
-        unit_loads=_unit_loads(table),
+        unit_loads=_unit_loads(model, table),
         resource_loads=_resource_loads(table),
         jobs=_jobs(model, table),
     )
 
 
-def _unit_loads(table: ModeSchedule) -> tuple[Gauge, ...]:
+def _unit_loads(model: TaskModel, table: ModeSchedule) -> tuple[Gauge, ...]:
+    served = {
+        unit.name: "".join(f", {i.name} {i.wcet} in {i.distance}" for i in unit.interrupts) for unit in model.units
+    }
     return tuple(
-        Gauge(load.unit, percent(load.share), _width(load.share), f"{load.busy} busy", load.share > 1)
+        Gauge(
+            load.unit, percent(load.share), _width(load.share), f"{load.busy} busy{served[load.unit]}", load.share > 1
+        )
         for load in table.unit_loads
     )
 
@@ -354,7 +360,7 @@ def _job_rows(
             task=job.task,
             index=job.index,
             start=str(job.start),
-            end=str(job.end),
+            end=str(job.end) + _gaps(max(0, len(job.parts) - 1)),
             version=job.version,
             units=", ".join(job.units),
             waits="; ".join(waits.get((job.task, job.index), ())),
@@ -406,18 +412,26 @@ def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id
 
 
 def _tasks(model: TaskModel, schedule: Schedule) -> list[TaskRow]:
-    uses = Counter((table.name, job.task, job.version) for table in schedule.modes for job in table.jobs)
+    uses: Counter[tuple[str, str, str]] = Counter()
+    gaps: Counter[tuple[str, str, str]] = Counter()
+    for table in schedule.modes:
+        for job in table.jobs:
+            uses[table.name, job.task, job.version] += 1
+            gaps[table.name, job.task, job.version] += max(0, len(job.parts) - 1)
     modes = [table.name for table in schedule.modes]
     return [
         TaskRow(
             tone=tone(number),
             name=task.name,
-            period="on demand" if task.period is None else str(task.period),
+            period=_period(task),
             slack=percent(task.slack),
             offset="" if task.offset is None else str(task.offset),
             deadline=_deadline(task),
             versions=tuple(
-                _version(version, [(mode, uses[mode, task.name, version.name]) for mode in modes])
+                _version(
+                    version,
+                    [(m, uses[m, task.name, version.name], gaps[m, task.name, version.name]) for m in modes],
+                )
                 for version in task.versions
             ),
         )
@@ -425,25 +439,45 @@ def _tasks(model: TaskModel, schedule: Schedule) -> list[TaskRow]:
     ]
 
 
+def _period(task: Task) -> str:
+    if task.period is None:
+        return "on demand"
+    return f"{task.period}, polls arrivals {task.distance} apart" if task.distance is not None else str(task.period)
+
+
 def _deadline(task: Task) -> str:
+    if task.distance is not None:
+        return f"{task.deadline or task.distance} from the arrival"
     if task.deadline is not None:
         return str(task.deadline)
     return "" if task.period is None else "period"
 
 
-def _version(version: Version, uses: list[tuple[str, int]]) -> VersionRow:
+def _version(version: Version, uses: list[tuple[str, int, int]]) -> VersionRow:
     gang = f"{version.gang} of " if version.gang > 1 else ""
     return VersionRow(
         name=version.name,
-        wcet="not stated" if version.wcet is None else str(version.wcet),
+        wcet=("not stated" if version.wcet is None else str(version.wcet)) + _split(version.split),
         units=gang + _some(version.units),
         accesses=tuple(
             f"{a.resource} {a.start} – {a.end}, bound {format_rational(a.bound)}" + (f", {a.kind}" if a.kind else "")
             for a in version.accesses
         ),
         precedences=tuple(f"{p.min} – {p.max} after the {p.anchor} of {p.task}" for p in version.precedences),
-        used=", ".join(f"{mode} ({count})" for mode, count in uses if count),
+        used=", ".join(f"{mode} ({count}{_gaps(gaps)})" for mode, count, gaps in uses if count),
     )
+
+
+def _gaps(count: int) -> str:
+    return f", {count} gaps" if count else ""
+
+
+def _split(split: Split) -> str:
+    """Return where jobs may be interrupted, and what that costs."""
+    if not split.is_allowed:
+        return ""
+    where = "anywhere" if split.anywhere else "at " + " ".join(map(str, split.points))
+    return f", split {where}" + (f", {split.resume} to resume" if split.resume else "")
 
 
 def _some(names: tuple[str, ...], most: int = 6) -> str:

@@ -24,6 +24,7 @@ class TraceExporter(PlainExporter):
             "precedence": "flows between slices",
             "modes": "processes",
             "schedule": "one slice per job and unit",
+            "parts": "one slice per part and unit",
         },
         ("Instants that no decimal of a microsecond can state are rounded to 1 ns, and counted.",),
     )

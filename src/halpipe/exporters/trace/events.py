@@ -129,22 +129,31 @@ class _TraceWriter:
         for placement in placements:
             if not window.shows(placement):
                 continue
-            begin, end = max(placement.start, window.start), min(placement.end, window.end)
-            ts, dur = self._span(begin - window.start, end - window.start)
             played = placement.cycle if switch is None else _number_at_switch(placement)
-            for unit in placement.job.units:
-                self.events.append(
-                    {
-                        "name": placement.job.task,
-                        "cat": "job",
-                        "ph": "X",
-                        "ts": ts,
-                        "dur": dur,
-                        "pid": self.process,
-                        "tid": self.threads[unit],
-                        "args": _arguments(placement, placement.part or switch or "", played, begin, end),
-                    }
-                )
+            arguments = _arguments(placement, placement.part or switch or "", played, window)
+            for number, (start, end) in enumerate(placement.stretches()):
+                if window.meets(start, end):
+                    begin, last = max(start, window.start), min(end, window.end)
+                    times = self._span(begin - window.start, last - window.start)
+                    part = {"part": number, "parts": len(placement.job.parts)} if placement.job.parts else {}
+                    self._slice(placement, times, arguments | part)
+
+    def _slice(self, placement: Placement, times: tuple[_Number, _Number], arguments: dict[str, Any]) -> None:
+        """Write a slice on every unit of a job."""
+        ts, dur = times
+        for unit in placement.job.units:
+            self.events.append(
+                {
+                    "name": placement.job.task,
+                    "cat": "job",
+                    "ph": "X",
+                    "ts": ts,
+                    "dur": dur,
+                    "pid": self.process,
+                    "tid": self.threads[unit],
+                    "args": arguments,
+                }
+            )
 
     def _flows(self, link: Link, table: ModeSchedule, cycles: int) -> None:
         """Tie the slice of the predecessor to that of the job; the arrow is drawn between the slices' ends."""
@@ -192,7 +201,7 @@ def _number_at_switch(placement: Placement) -> int:
     return placement.cycle + (2 if placement.cycle < 0 else 3)
 
 
-def _arguments(placement: Placement, table: str, played: int, begin: Duration, end: Duration) -> dict[str, Any]:
+def _arguments(placement: Placement, table: str, played: int, window: Window) -> dict[str, Any]:
     """Return what the viewer shows for a slice; start and end are the job's own, in its mode or table.
 
     `table` and `played`, the number of the table on this line, tell a comparison which job it is.
@@ -202,8 +211,8 @@ def _arguments(placement: Placement, table: str, played: int, begin: Duration, e
     args |= {"table": table, "played": played}
     if placement.part:
         args |= {"cycle": placement.cycle}
-    if begin > placement.start:
+    if placement.start < window.start:
         args |= {"began": "before this trace"}
-    if end < placement.end:
+    if placement.end > window.end:
         args |= {"ends": "after this trace"}
     return args

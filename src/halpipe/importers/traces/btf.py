@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location
@@ -46,7 +46,18 @@ class _Running:
     start: Duration
     line: int
     since: Duration | None
-    busy: Duration = ZERO
+    stretches: list[tuple[Duration, Duration]] = field(default_factory=list)
+
+    def pause(self, at: Duration) -> None:
+        """Note that it no longer runs."""
+        if self.since is not None:
+            self.stretches.append((self.since, at))
+        self.since = None
+
+    @property
+    def busy(self) -> Duration:
+        """The time in which it ran."""
+        return sum((end - start for start, end in self.stretches), ZERO)
 
 
 def read(text: str, file: str, findings: Findings) -> list[Trace]:
@@ -110,8 +121,7 @@ class _Reader:
             else:
                 self._odd(task, instance, f"{event} while it runs", line)
         elif event in _PAUSES and job is not None and job.since is not None:
-            job.busy += at - job.since
-            job.since = None
+            job.pause(at)
         elif event == "terminate":
             self._terminate(job, (task, instance), at, line)
 
@@ -119,13 +129,19 @@ class _Reader:
         if job is None:
             self._odd(*key, "terminate without start", line)
             return
-        busy = job.busy + (at - job.since if job.since is not None else ZERO)
+        job.pause(at)
         del self.running[key]
-        self.done.append(self._execution(job, at, busy))
+        self.done.append(self._execution(job, at, job.busy))
 
     def _execution(self, job: _Running, end: Duration | None, busy: Duration | None) -> Execution:
         return Execution(
-            task=job.task, units=(job.unit,), start=job.start, end=end, busy=busy, at=Location(self.file, job.line)
+            task=job.task,
+            units=(job.unit,),
+            start=job.start,
+            end=end,
+            busy=busy,
+            stretches=tuple(job.stretches) if len(job.stretches) > 1 else (),
+            at=Location(self.file, job.line),
         )
 
     def executions(self) -> tuple[Execution, ...]:

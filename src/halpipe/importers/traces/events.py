@@ -7,12 +7,13 @@ is used; slices that lie across the edge of the picture are left out.
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.durations import Duration
+from halpipe.durations import ZERO, Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS
 from halpipe.models import Execution, Trace
@@ -91,11 +92,9 @@ class _Reader:
         unit = self.threads.get((process, thread), str(thread))
         job, table = arguments.get("job"), arguments.get("table")
         cycle = arguments.get("played", arguments.get("cycle"))
-        key = (task, start.ns, job, cycle)
-        units = (*jobs[key].units, unit) if key in jobs and job is not None else (unit,)
-        jobs[key if job is not None else (*key, number)] = Execution(
+        execution = Execution(
             task=task,
-            units=units,
+            units=(unit,),
             start=start,
             end=start + length,
             table=table if isinstance(table, str) else "",
@@ -103,6 +102,28 @@ class _Reader:
             job=job if isinstance(job, int) else None,
             at=Location(self.file),
         )
+        if job is None:
+            jobs[number] = execution
+        elif "part" in arguments:
+            whole = (task, "in parts", execution.table, _key(job), _key(cycle))
+            jobs[whole] = _with_part(jobs.get(whole), execution)
+        else:
+            key = (task, start.ns, _key(job), _key(cycle))
+            jobs[key] = replace(execution, units=(*jobs[key].units, unit)) if key in jobs else execution
+
+
+def _with_part(known: Execution | None, part: Execution) -> Execution:
+    """Return the execution with one more of the stretches, or of the units, that its slices show."""
+    times = (part.start, part.end or part.start)
+    stretches = sorted({*(known.stretches if known else ()), times}, key=lambda stretch: stretch[0].ns)
+    return replace(
+        part,
+        units=tuple(dict.fromkeys((*(known.units if known else ()), *part.units))),
+        start=stretches[0][0],
+        end=max(end for _, end in stretches),
+        busy=sum((end - start for start, end in stretches), ZERO),
+        stretches=tuple(stretches),
+    )
 
 
 def _key(value: Any) -> Any:

@@ -171,9 +171,7 @@ def _rows(matching: Matching, origin: Duration) -> list[TaskRow]:
         found = matches[task]
         starts = sorted((lateness(match, origin) for match in found), key=lambda late: late.ns)
         ended = [match for match in found if match.execution.end is not None]
-        ends = [
-            _end_lateness(match.execution, match.start + (match.job.end - match.job.start), origin) for match in ended
-        ]
+        ends = [_end_lateness(match.execution, match.end, origin) for match in ended]
         longest = max(ended, key=lambda match: _busy(match.execution).ns, default=None)
         rows.append(
             TaskRow(
@@ -186,7 +184,7 @@ def _rows(matching: Matching, origin: Duration) -> list[TaskRow]:
                 worst=starts[-1] if starts else None,
                 worst_end=max(ends, default=None),
                 longest=_busy(longest.execution) if longest else None,
-                budget=longest.job.end - longest.job.start if longest else None,
+                budget=longest.reserved if longest else None,
             )
         )
     return rows

@@ -33,7 +33,8 @@ WRONG_START = error(
 LATE_END = error(
     "HAL1106",
     "Job ends later than scheduled",
-    "The end of a job in the schedule is its start plus the WCET of its version.",
+    "The end of a job in the schedule is that of its last part: for a job in one piece without interrupts, its start "
+    "plus the WCET of its version.",
 )
 OVERRUN = error(
     "HAL1107",
@@ -53,6 +54,12 @@ WRONG_ORDER = error(
     "HAL1111",
     "Jobs of a unit ran in another order than scheduled, or at once",
     "On one unit, jobs run one after the other, in the order of the schedule.",
+)
+OUTSIDE_PARTS = error(
+    "HAL1113",
+    "Job ran outside its parts",
+    "A job with gaps runs in its parts only. One that goes on earlier, or pauses later, is inside its next piece when "
+    "another job of the unit comes: a target holds it at the end of a part until the next one begins.",
 )
 ALIGNED = note(
     "HAL1112",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
@@ -45,6 +46,7 @@ class Judge:
         for match in matching.matches:
             self._start(match)
             self._end(match)
+            self._parts(match)
             self._units(match)
         for table, cycle, job, start in matching.missing:
             path = f'table "{table.name}", job {job.index} of task "{job.task}"'
@@ -67,15 +69,26 @@ class Judge:
         execution = match.execution
         if execution.end is None:
             return
-        budget = match.job.end - match.job.start
+        budget = match.reserved
         busy = execution.end - execution.start if execution.busy is None else execution.busy
         if busy - budget > self.tolerance:
             message = f"runs for {busy}, {busy - budget} more than the {budget} of its version {match.job.version}"
             self._of(match, codes.OVERRUN, busy - budget, message, "correct the WCET, or the program")
-        late = execution.end - self.origin - (match.start + budget)
+        late = execution.end - self.origin - match.end
         if late > self.tolerance:
-            message = f"ends {late} late: at {execution.end - self.origin} instead of {match.start + budget}"
+            message = f"ends {late} late: at {execution.end - self.origin} instead of {match.end}"
             self._of(match, codes.LATE_END, late, message, "look at its start, its preemptions and its run time")
+
+    def _parts(self, match: Match) -> None:
+        """Hold what ran against the parts of a job with gaps, where the trace tells when it ran."""
+        execution = match.execution
+        if not match.job.parts:
+            return
+        for start, end in _stretches(execution):
+            outside, instant = _outside(start - self.origin, end - self.origin, match.due())
+            if outside > self.tolerance:
+                message = f"runs {outside} outside its parts, near {instant}"
+                self._of(match, codes.OUTSIDE_PARTS, outside, message, "hold it at the end of a part until the next")
 
     def _units(self, match: Match) -> None:
         seen, due = match.execution.units, match.job.units
@@ -88,7 +101,7 @@ class Judge:
         for before, match in _neighbours(matching):
             first, second = before.execution, match.execution
             swapped = match.start < before.start
-            overlap = first.end is not None and second.start < first.end
+            overlap = first.end is not None and second.start < first.end and not _may_interrupt(before, match)
             if swapped or overlap:
                 what = "before it" if swapped else "at the same time"
                 message = f'task "{first.task}" ran {what} on a unit, at {first.start - self.origin}'
@@ -115,6 +128,32 @@ class Judge:
             often = f"; {worst.count} times, this is the worst" if worst.count > 1 else ""
             found.append(worst.code(worst.message + often, at=worst.at, path=worst.path, help=worst.help))
         return found
+
+
+def _stretches(execution: Execution) -> tuple[tuple[Duration, Duration], ...]:
+    """Return when an execution ran, as far as the trace tells: one that was busy all the time ran in one piece."""
+    if execution.end is not None and execution.busy == execution.end - execution.start:
+        return ((execution.start, execution.end),)
+    return execution.stretches
+
+
+def _outside(start: Duration, end: Duration, due: list[tuple[Duration, Duration]]) -> tuple[Duration, Duration]:
+    """Return by how much [start, end) reaches out of the interval that it fits best, and where."""
+    best: tuple[Duration, Duration] | None = None
+    for first, last in due:
+        before, after = max(ZERO, first - start), max(ZERO, end - last)
+        found = (before, start) if before >= after else (after, end)
+        best = found if best is None or found[0] < best[0] else best
+    return best or (ZERO, start)
+
+
+def _may_interrupt(before: Match, match: Match) -> bool:
+    """Whether the schedule has one of two jobs in a gap of the other."""
+    return _lies_in_gap(match, before) or _lies_in_gap(before, match)
+
+
+def _lies_in_gap(inner: Match, outer: Match) -> bool:
+    return any(end <= inner.start and inner.end <= again for (_, end), (again, _) in pairwise(outer.due()))
 
 
 def _neighbours(matching: Matching) -> Iterator[tuple[Match, Match]]:

@@ -29,6 +29,21 @@ class Match:
     job: Job
     start: Duration
 
+    @property
+    def end(self) -> Duration:
+        """The scheduled end, after the origin."""
+        return self.start + (self.job.end - self.job.start)
+
+    @property
+    def reserved(self) -> Duration:
+        """The time that the schedule reserves for the job: all but its gaps."""
+        return sum((end - start for start, end in self.job.occupations()), ZERO)
+
+    def due(self) -> list[tuple[Duration, Duration]]:
+        """Return when the job is to run, after the origin."""
+        by = self.start - self.job.start
+        return [(start + by, end + by) for start, end in self.job.occupations()]
+
 
 @dataclass(frozen=True, slots=True)
 class Matching:
@@ -140,6 +155,7 @@ def _joined(first: Execution, second: Execution) -> Execution:
         start=max(first.start, second.start),
         end=max(ends) if len(ends) == 2 else None,
         busy=max(busy) if len(busy) == 2 else None,
+        stretches=first.stretches if first.stretches == second.stretches else (),
     )
 
 
