@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
+from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import (
     ChainLatency,
     CostTerms,
@@ -202,3 +204,11 @@ def hostile():
         name=evil,
     )
     return system, schedule(system, 10, job(system, evil, 0, 0, evil), job(system, "b", 0, 4, evil))
+
+
+SPLIT = Path(__file__).parents[2] / "fixtures" / "split"
+
+
+def split():
+    """The example of MODEL 8: jobs with gaps, an interrupt, bound tasks and polled arrivals."""
+    return read_model(str(SPLIT / "model.xml")), read_schedule(str(SPLIT / "schedule.xml"))

@@ -107,17 +107,18 @@ def test_jobs_nest_round_the_end_of_the_hyperperiod():
     assert cost(system, [wrapped, job(system, "b", 0, 3, "u1")]).overlap > 0
 
 
-def test_jobs_of_one_task_are_never_open_together():
+def test_jobs_of_one_task_do_not_interrupt_each_other():
     split = replace(version("v", 4, "u1 u2"), split=Split(points=(ms(2),)))
     system = model(task("a", 20, split, slack=1, deadline=40), task("b", 40, version("v", 2)), units="u1 u2")
     chosen = system.tasks[0].versions[0]
 
-    def jobs(second):
+    def jobs(second, unit):
         spans = [(ms(0), ms(0), ms(2)), (ms(second), ms(2), ms(4))]
-        return [job_of("a", 0, chosen, ("u1",), spans, ()), job(system, "a", 1, 20, "u2")]
+        return [job_of("a", 0, chosen, ("u1",), spans, ()), job(system, "a", 1, 20, unit)]
 
-    assert cost(system, jobs(18)).precedence == 0
-    assert cost(system, jobs(20)).precedence == 1  # of 2 ms
+    assert cost(system, jobs(18, "u1")).precedence == 0
+    assert cost(system, jobs(24, "u1")).precedence == 2  # of 2 ms: all of the job in the gap
+    assert cost(system, jobs(24, "u2")).precedence == 0
 
 
 def test_a_span_longer_than_the_hyperperiod_meets_its_own_copy():

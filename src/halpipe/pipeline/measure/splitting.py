@@ -106,14 +106,14 @@ class _Boundaries:
 def _nesting_cost(placement: Placement, split: list[PlacedJob]) -> int:
     """Return by how much spans cross where they must be apart, or one in a gap of the other."""
     circle = placement.hyperperiod
-    rooms: dict[object, _Spans] = {}
+    on_unit: dict[str, _Spans] = {}
     for job in placement.jobs:
-        for room in (*job.units, (job.active.name,)):
-            rooms.setdefault(room, _Spans([])).jobs.append(job)
+        for unit in dict.fromkeys(job.units):
+            on_unit.setdefault(unit, _Spans([])).jobs.append(job)
     cost, seen = 0, set()
     for job in split:
-        for room in dict.fromkeys((*job.units, (job.active.name,))):
-            for other, shift in rooms[room].meeting(job, circle):
+        for unit in dict.fromkeys(job.units):
+            for other, shift in on_unit[unit].meeting(job, circle):
                 pair = _pair(job, other, shift)
                 if pair not in seen:
                     seen.add(pair)
@@ -130,7 +130,7 @@ def _pair(job: PlacedJob, other: PlacedJob, shift: int) -> tuple[tuple[str, int]
 
 
 class _Spans:
-    """Jobs of one unit, or of one task, to be found by their spans."""
+    """Jobs of one unit, to be found by their spans."""
 
     def __init__(self, jobs: list[PlacedJob]) -> None:
         self.jobs = jobs
