@@ -59,6 +59,7 @@ class Job:
     executed: int = 0
     target: int = 0
     claims: list[Claim] = field(default_factory=list)
+    kept: int = -1
     ticket: int = 0
     is_running: bool = False
 
@@ -277,7 +278,7 @@ class _Simulation:
             self._enter(job, now)
         if not goes_on:
             job.spans.append([now, now, job.executed, job.executed])
-        job.target, job.claims = target, claims
+        job.target, job.claims, job.kept = target, claims, now
         self._run(job, end)
         return True
 
@@ -355,6 +356,8 @@ class _Simulation:
         if urgent.order > job.order or not self._windows_allow(urgent, now):
             return
         where = _first_stop(job, now)
+        if where == job.executed and job.kept == now:
+            return  # nobody could take its place at this instant
         if where < job.target:
             job.target = where
             start, _, first, _ = job.spans[-1]
