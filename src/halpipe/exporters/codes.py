@@ -39,3 +39,9 @@ DOT_FAILED = error(
     "Graphviz cannot draw the graph",
     "The program `dot` was found but refused the graph or failed on it.",
 )
+NEEDS_HOLD = error(
+    "HAL0808",
+    "Target cannot interrupt jobs as the schedule does",
+    "A job with gaps must be held at the end of each part until the next one begins; otherwise it is inside its next "
+    "piece when another job of the unit comes, and that one is late. Not every target can do so.",
+)

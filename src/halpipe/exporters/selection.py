@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.durations import ZERO
-from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
+from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -39,6 +39,20 @@ def select(model: TaskModel, schedule: Schedule | None, mode: str, format_name: 
         check.transition(transition)
     check.findings.stop_on_errors()
     return schedule
+
+
+def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
+    """Raise `HalpipeError` with every task of which a job has gaps, for a `target` that cannot hold jobs."""
+    findings = Findings()
+    first: dict[str, Job] = {}
+    for table in (*schedule.modes, *schedule.transitions):
+        for job in table.jobs:
+            if job.parts:
+                first.setdefault(job.task, job)
+    for task, job in first.items():
+        message = f"job {job.index} has {len(job.parts)} parts; {target}"
+        findings.add(NEEDS_HOLD(message, at=job.at, path=f'task "{task}"', help=help))
+    findings.stop_on_errors()
 
 
 def require_mode(mode: str, known: Iterable[str]) -> None:

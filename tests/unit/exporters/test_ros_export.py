@@ -10,7 +10,7 @@ from golden_file import assert_golden
 
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.codes import NEEDS_SCHEDULE
+from halpipe.exporters.codes import NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.options import cpu_number, cpus_of, priority
 from halpipe.exporters.ros.unrealised import unrealised
@@ -198,8 +198,11 @@ def test_split_jobs_run_in_one_piece():
         Part(start=ms(2), end=ms(3), executed_from=ms(1), executed_to=ms(2)),
     )
     table = replace(planned.modes[0], jobs=(replace(whole, parts=pieces, end=ms(3)),))
-    said = messages(system, replace(planned, modes=(table,)), cpus={"u1": 0})
-    assert said == ['run in one piece, since an executor interrupts no callback: "a"']
+    with pytest.raises(HalpipeError) as refused:
+        write(system, replace(planned, modes=(table,)), cpus={"u1": 0})
+    (found,) = refused.value.diagnostics
+    assert found.code == NEEDS_HOLD.id
+    assert found.message == "job 0 has 2 parts; an executor interrupts no callback"
 
 
 def test_modes_and_assumed_cpus_are_said():

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.deploy.regulator.reading import Platform
-    from halpipe.models import Job, ModeSchedule, TaskModel, TransitionTable
+    from halpipe.models import Access, Job, ModeSchedule, TaskModel, TransitionTable
 
 Row = tuple[str, str]
 ZERO = Fraction(0)
@@ -54,16 +54,39 @@ class Timeline:
 
 def phases_of(model: TaskModel, platform: Platform, jobs: Iterable[Job]) -> Iterator[Phase]:
     """Yield the access phases of `jobs` on the regulated resource, at the times of the jobs' own table."""
+    served = {unit.name: [(i.distance.fraction, i.wcet.fraction) for i in unit.interrupts] for unit in model.units}
     for job in jobs:
-        start = job.start.fraction
+        interrupts = [interrupt for unit in dict.fromkeys(job.units) for interrupt in served.get(unit, ())]
         for access in model.task(job.task).version(job.version).accesses:
             if access.resource != platform.resource:
                 continue
             kind = access.kind.value if access.kind is not None else platform.unspecified
             direction = "write" if kind == "write" else "read"
             share = Fraction(access.bound) / len(job.units)
+            start, end = _in_force(model, job, access, interrupts)
             for unit in job.units:
-                yield Phase((unit, direction), start + access.start.fraction, start + access.end.fraction, share)
+                yield Phase((unit, direction), start, end, share)
+
+
+def _in_force(
+    model: TaskModel, job: Job, access: Access, interrupts: list[tuple[Fraction, Fraction]]
+) -> tuple[Fraction, Fraction]:
+    """Return when an access phase is in force: in the part that executes it, with room for the interrupts."""
+    begin, executed, lost = job.start.fraction, ZERO, ZERO
+    for part in job.parts[1:]:
+        if part.executed_from <= access.start:
+            begin, executed = part.start.fraction, part.executed_from.fraction
+            lost = model.task(job.task).version(job.version).split.resume.fraction
+    first, last = (lost + edge.fraction - executed for edge in (access.start, access.end))
+    return begin + first, begin + _with_interrupts(last, interrupts)
+
+
+def _with_interrupts(work: Fraction, interrupts: list[tuple[Fraction, Fraction]]) -> Fraction:
+    """Return the shortest time in which some work is done beside as many interrupts as can come."""
+    needed = work
+    while (more := work + sum((ceil(needed / apart) * time for apart, time in interrupts), ZERO)) != needed:
+        needed = more
+    return needed
 
 
 def mode_timeline(model: TaskModel, platform: Platform, mode: ModeSchedule) -> Timeline:

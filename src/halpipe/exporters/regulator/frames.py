@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.diagnostics import NOWHERE, Location
 from halpipe.exporters.regulator.platform import READ, WRITE
-from halpipe.exporters.timeline import versions_of
+from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -90,14 +90,17 @@ class Grid:
 
 
 def grid_of(model: TaskModel, schedule: Schedule, window: Duration) -> Grid:
-    """Return ticks that divide every start, phase, hyperperiod, transition and the window."""
+    """Return ticks that divide every start, part, phase, interrupt, hyperperiod, transition and the window."""
     times = [window.ns]
     times += [mode.hyperperiod.ns for mode in schedule.modes]
     times += [table.length.ns for table in schedule.transitions]
-    times += [job.start.ns for mode in schedule.modes for job in mode.jobs]
-    times += [job.start.ns for table in schedule.transitions for job in table.jobs]
-    versions = (version for task in model.tasks for version in task.versions)
+    jobs = [job for table in (*schedule.modes, *schedule.transitions) for job in table.jobs]
+    times += [time.ns for job in jobs for time in (job.start, *(edge for span in job.occupations() for edge in span))]
+    times += [part.executed_from.ns for job in jobs for part in job.parts]
+    versions = [version for task in model.tasks for version in task.versions]
     times += [edge.ns for version in versions for a in version.accesses for edge in (a.start, a.end)]
+    times += [version.split.resume.ns for version in versions]
+    times += [interrupt.wcet.ns for unit in model.units for interrupt in unit.interrupts]
     per_ns = math.lcm(*{time.denominator for time in times})
     return Grid(per_ns, int(window.ns * per_ns))
 
@@ -108,15 +111,9 @@ class Framer:
     def __init__(self, model: TaskModel, schedule: Schedule, resource: str, grid: Grid, unspecified: str) -> None:
         self.schedule = schedule
         self.grid = grid
-        writes = {AccessKind.WRITE: WRITE, None: unspecified}
-        self.uses: dict[tuple[str, str], list[tuple[Access, str, int, int]]] = {
-            key: [
-                (access, writes.get(access.kind, READ), grid.ticks(access.start.ns), grid.ticks(access.end.ns))
-                for access in version.accesses
-                if access.resource == resource
-            ]
-            for key, version in versions_of(model).items()
-        }
+        self.resource = resource
+        self.directions = {AccessKind.WRITE: WRITE, None: unspecified}
+        self.times = PhaseTimes(model)
 
     def frames(self) -> list[Frame]:
         """Return the frames of all modes, then of the transitions that need a table."""
@@ -130,12 +127,12 @@ class Framer:
 
     def _mode(self, mode: ModeSchedule) -> Frame:
         span = self.grid.ticks(mode.hyperperiod.ns)
-        phases = tuple(_moved(p, -span) if p.begin >= span else p for p in self._phases(mode.jobs, 0))
+        phases = tuple(_moved(p, -(p.begin // span) * span) for p in self._phases(mode.jobs, 0))
         return Frame(mode.name, MODE, mode.name, mode.name, span, 1, span, phases, mode.at)
 
     def _transition(self, table: TransitionTable, source: ModeSchedule, target: ModeSchedule) -> Frame:
         length, cycle = self.grid.ticks(table.length.ns), self.grid.ticks(target.hyperperiod.ns)
-        before = self._phases(source.jobs, -self.grid.ticks(source.hyperperiod.ns))
+        before = self._before(source)
         foreign = [p for p in (*before, *self._phases(table.jobs, 0)) if p.end > 0]
         own = list(self._phases(target.jobs, length))
         cycles = _cycles(foreign, own, length, cycle)
@@ -152,13 +149,23 @@ class Framer:
             at=table.at,
         )
 
+    def _before(self, source: ModeSchedule) -> Iterator[Phase]:
+        """Yield the phases of a mode that are in force after its last cycle; jobs may last several cycles."""
+        cycle = self.grid.ticks(source.hyperperiod.ns)
+        for phase in self._phases(source.jobs, -cycle):
+            yield phase
+            for number in range(1, -(-phase.end // cycle) if phase.end > 0 else 1):
+                yield _moved(phase, -number * cycle)
+
     def _phases(self, jobs: Iterable[Job], shift: int) -> Iterator[Phase]:
         for job in jobs:
             start = self.grid.ticks(job.start.ns) + shift
-            for access, direction, begin, end in self.uses[job.task, job.version]:
-                bound = access.bound / len(job.units)
-                for unit in job.units:
-                    yield Phase(job, access, Row(unit, direction), start + begin, start + end, bound)
+            for access, first, last in self.times.of(job):
+                if access.resource == self.resource:
+                    begin, end = self.grid.ticks(first.ns), self.grid.ticks(last.ns)
+                    direction, bound = self.directions.get(access.kind, READ), access.bound / len(job.units)
+                    for unit in job.units:
+                        yield Phase(job, access, Row(unit, direction), start + begin, start + end, bound)
 
 
 def _moved(phase: Phase, by: int) -> Phase:

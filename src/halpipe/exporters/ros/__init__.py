@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from halpipe.settings import Fields
 
 PRIORITY = 80
+WITHOUT_GAPS = "export the linux format, whose threads are interrupted, or schedule without split"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,6 +51,7 @@ class RosExporter:
             "Transition tables are not written: executors do not switch between modes.",
             "Jobs start at whole nanoseconds, and by time, also those of tasks without a period.",
             "The callback of a gang runs on one CPU; the others are only kept free for it.",
+            "Split, bindings, interrupts and distances of arrivals are not written; jobs with gaps are refused.",
         ),
     )
     needs_schedule = True
@@ -70,9 +72,10 @@ class RosExporter:
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return one document; see `halpipe.exporters.base.Exporter`."""
         from halpipe.exporters.ros.document import format_executors
-        from halpipe.exporters.selection import select
+        from halpipe.exporters.selection import refuse_gaps, select
 
         chosen = select(model, schedule, options.mode, self.name)
+        refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
         return {"": format_executors(model, chosen, specific(RosOptions, options))}
 
 

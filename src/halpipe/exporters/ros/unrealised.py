@@ -42,11 +42,6 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
             f"run on one CPU, though they occupy several units: {_few(list(gangs))}",
             "let the callback start helping threads on the CPUs of the units that are kept free for it",
         )
-    if pieces := dict.fromkeys(job.task for table in schedule.modes for job in table.jobs if job.parts):
-        yield (
-            f"run in one piece, since an executor interrupts no callback: {_few(list(pieces))}",
-            "export the linux format, whose threads are interrupted, or schedule without split",
-        )
     if apart := _apart_by_time(model, schedule):
         yield (
             f"kept apart by their instants only, since their executors differ: callbacks that share {_few(apart)}",

@@ -1,5 +1,6 @@
 """What is promised in every window, held against integrals that are taken piece by piece on a fine grid."""
 
+from dataclasses import replace
 from fractions import Fraction
 from math import ceil
 
@@ -12,8 +13,9 @@ from halpipe.deploy.regulator import promise
 from halpipe.deploy.regulator.promise import Phase, Timeline
 from halpipe.deploy.regulator.reading import Platform
 from halpipe.durations import Duration
+from halpipe.models import Interrupt, Job, Part, Split, Unit
 from profiles import examples
-from support import access, job, mode, model, schedule, task, version
+from support import access, job, mode, model, ms, schedule, task, version
 
 ROW = ("u", "read")
 PLATFORM = Platform(
@@ -76,6 +78,24 @@ def test_the_phases_of_jobs_are_shared_by_the_gang_and_told_apart_by_kind():
     system = model(t, units="u1 u2", resources="mem other")
     found = list(promise.phases_of(system, PLATFORM, [job(system, "t", 0, "5ns", "u1 u2")]))
     assert found == [Phase((unit, "read"), Fraction(6), Fraction(8), Fraction(1, 4)) for unit in ("u1", "u2")]
+
+
+def test_the_phases_of_a_job_with_gaps_are_where_it_executes_them():
+    """Parts [8, 10) and [25, 28.5): 0.5 to resume, and an interrupt of 1 every 2."""
+    split = Split(points=(ms("1ns"),), resume=ms("0.5ns"))
+    phases = (access("mem", "0ns", "1ns"), access("mem", "1ns", "2ns", kind="write"))
+    t = task("t", "20ns", replace(version("v", "2ns", "u1", *phases), split=split))
+    served = Unit(name="u1", interrupts=(Interrupt(name="i", distance=ms("2ns"), wcet=ms("1ns")),))
+    system = replace(model(t, units="u1", resources="mem"), units=(served,))
+    parts = [
+        Part(start=ms(a), end=ms(b), executed_from=ms(p), executed_to=ms(q))
+        for a, b, p, q in (("8ns", "10ns", "0ns", "1ns"), ("25ns", "28.5ns", "1ns", "2ns"))
+    ]
+    placed = Job(task="t", index=0, start=ms("8ns"), end=ms("28.5ns"), version="v", units=("u1",), parts=tuple(parts))
+    assert list(promise.phases_of(system, PLATFORM, [placed])) == [
+        Phase(("u1", "read"), Fraction(8), Fraction(10), Fraction(1)),
+        Phase(("u1", "write"), Fraction(51, 2), Fraction(57, 2), Fraction(1)),
+    ]
 
 
 def test_other_resources_do_not_count():

@@ -7,6 +7,8 @@ from regulator_samples import gang, one_mode, switching, two_units
 
 from halpipe.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, Row, grid_of
+from halpipe.models import Interrupt, Split
+from halpipe.pipeline.parts import job_of
 from support import access, job, model, ms, task, version
 
 WINDOW = milliseconds(1)
@@ -124,3 +126,23 @@ def test_what_wraps_in_anyway_covers_for_a_job_that_is_still_at_work():
 def test_what_wraps_in_does_not_cover_for_a_job_that_needs_more():
     found, _ = frames(*continued("0.4"))
     assert [frame.name for frame in found] == ["fast", "slow", "fast->slow"]
+
+
+def pausing():
+    """Parts [8, 10) and [25, 28.5) of a job every 20 ms: 1 ms to resume, and an interrupt of 1 ms every 2 ms."""
+    split = Split(points=(ms(1),), resume=ms("0.5ms"))
+    phases = (access("mem", 0, 1, "0.25", "read"), access("mem", 1, 2, "0.5", "write"))
+    t = task("t", 20, replace(version("v", 2, "u1", *phases), split=split), slack=1)
+    system = model(t, units="u1", resources="mem")
+    served = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(2), wcet=ms(1)),))
+    system = replace(system, units=(served,))
+    spans = [(ms(8), ms(0), ms(1)), (ms(25), ms(1), ms(2))]
+    return system, one_mode(system, 20, job_of("t", 0, t.versions[0], ("u1",), spans, ((ms(2), ms(1)),)))
+
+
+def test_budgets_follow_the_phases_through_the_parts():
+    (frame,), grid = frames(*pausing())
+    assert spans(frame, grid) == [
+        ("t", "u1", "read", 8, 10, Fraction(1, 4)),  # L(1) = 2
+        ("t", "u1", "write", Fraction(11, 2), Fraction(17, 2), Fraction(1, 2)),  # from 25.5 to 25 + L(1.5)
+    ]
