@@ -13,17 +13,20 @@ from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
+import split_oracle
+
 from halpipe.models import Anchor, Status
 
 
 class At(NamedTuple):
-    """A job at an instant of an unrolled line."""
+    """A job at an instant of an unrolled line; its pieces, each from s to t and from a to b, count from its start."""
 
     start: int
     end: int
     index: int
     part: str
     job: object
+    pieces: tuple = ()
 
 
 def broken(model, schedule):
@@ -45,6 +48,10 @@ def broken(model, schedule):
     for table in schedule.transitions:
         pair = (table.source, table.target)
         found |= {(rule, pair) for rule in _switch(model, schedule, table, allowed[pair])}
+    if split_oracle.is_senseless(model):
+        found.add(("file", ""))
+    if split_oracle.hops_in_system(model, schedule):
+        found.add(("binding", "system"))
     return found
 
 
@@ -106,16 +113,21 @@ def _mode(model, table):
             yield "file"
         else:
             known = {v.name: v for v in tasks[job.task][0].versions}
-            if job.version in known and ticks(job.end) != ticks(job.start) + ticks(known[job.version].wcet):
+            if job.version in known and not job.parts and ticks(job.end) != end_of(model, tasks, job):
                 yield "file"
     jobs = [j for j in table.jobs if j.task in tasks]
     yield from _complete(tasks, total, jobs)
     yield from _assignment(model, tasks, jobs)
-    yield from _timing(tasks, total, jobs)
-    placed = [At(ticks(j.start), ticks(j.start) + wcet(tasks, j), j.index, "", j) for j in jobs]
+    placed = [placed_at(model, tasks, j, "") for j in jobs]
+    yield from _timing(tasks, total, placed)
+    yield from split_oracle.shapes(model, tasks, jobs)
+    if split_oracle.crossing(placed, total):
+        yield "nested"
+    if any(split_oracle.hops(tasks, name, jobs) for name in tasks):
+        yield "binding"
     if _overlap(placed, lambda t: t % total):
         yield "exclusive"
-    if _overload(tasks, placed, lambda t: t % total):
+    if _overload(model, tasks, placed, lambda t: t % total):
         yield "access"
     if not all(_cyclic_precedence(tasks, total, placed, a) for a in placed):
         yield "precedence"
@@ -129,6 +141,16 @@ def _mode(model, table):
 
 def wcet(tasks, job):
     return next((ticks(v.wcet) for v in tasks[job.task][0].versions if v.name == job.version), 0)
+
+
+def placed_at(model, tasks, job, part, shift=0):
+    """A job at its place on a line, moved by `shift`."""
+    begin, pieces = ticks(job.start), split_oracle.pieces(model, job, wcet(tasks, job))
+    return At(begin + shift, begin + shift + pieces[-1][1], job.index, part, job, pieces)
+
+
+def end_of(model, tasks, job):
+    return placed_at(model, tasks, job, "").end
 
 
 def version(tasks, job):
@@ -162,28 +184,31 @@ def _assignment(model, tasks, jobs):
             yield "unit"
 
 
-def _timing(tasks, total, jobs):
+def _timing(tasks, total, placed):
     """Try every phase in half ticks."""
     for name, (task, _) in tasks.items():
         if task.period is None:
             continue
         period = ticks(task.period)
         deadline = period if task.deadline is None else ticks(task.deadline)
-        own = [j for j in jobs if j.task == name and 0 <= j.index < total // period]
+        own = [a for a in placed if a.job.task == name and 0 <= a.index < total // period]
         phases = [Fraction(s, 2) for s in range(2 * total)]
         if task.offset is not None:
             phases = [Fraction(ticks(task.offset) % period)]
         in_slack = in_time = False
         for s in phases:
-            deltas = [(ticks(j.start) - s - j.index * period) % total for j in own]
+            deltas = [(a.start - s - a.index * period) % total for a in own]
             slack_ok = all(d <= task.slack * period for d in deltas)
             in_slack |= slack_ok
             known = {v.name for v in task.versions}
-            ends = [d + wcet(tasks, j) for d, j in zip(deltas, own, strict=True) if j.version in known]
+            ends = [d + a.end - a.start for d, a in zip(deltas, own, strict=True) if a.job.version in known]
             in_time |= slack_ok and all(end <= deadline for end in ends)
         if not in_slack:
             yield "periodic"
-        elif not in_time:
+        if task.distance is not None:
+            if split_oracle.waits(task, [a for a in placed if a.job.task == name], total):
+                yield "deadline"
+        elif in_slack and not in_time:
             yield "deadline"
 
 
@@ -191,17 +216,19 @@ def _overlap(placed, cell):
     held = Counter()
     for a in placed:
         for unit in set(a.job.units):
-            for t in range(a.start, a.end):
-                held[unit, cell(t)] += 1
+            for begin, end, _, _ in a.pieces:
+                for t in range(a.start + begin, a.start + end):
+                    held[unit, cell(t)] += 1
     return any(count > 1 for count in held.values())
 
 
-def _overload(tasks, placed, cell):
+def _overload(model, tasks, placed, cell):
     claimed = {}
     for a in placed:
         v = version(tasks, a.job)
         for access in v.accesses if v else ():
-            for t in range(a.start + ticks(access.start), a.start + ticks(access.end)):
+            begin, end = split_oracle.in_force(model, a, v, access)
+            for t in range(a.start + begin, a.start + end):
                 key = (access.resource, cell(t))
                 claimed[key] = claimed.get(key, 0) + access.bound
     return any(bound > 1 for bound in claimed.values())
@@ -225,7 +252,7 @@ def _cyclic_precedence(tasks, total, placed, a):
 def chain_latency(chain, placed, total):
     turns = 2 * len(chain.tasks) + 3
     line = [
-        At(a.start + q * total, a.end + q * total, a.index, str(q), a.job)
+        At(a.start + q * total, a.end + q * total, a.index, str(q), a.job, a.pieces)
         for q in range(-turns, turns + 1)
         for a in placed
     ]
@@ -284,15 +311,23 @@ def _switch(model, schedule, table, max_length):
         known = {v.name: v for v in target[job.task][0].versions}
         if not 0 <= ticks(job.start) < length:
             yield "file"
-        if job.version in known and ticks(job.end) != ticks(job.start) + ticks(known[job.version].wcet):
+        if job.version in known and not job.parts and ticks(job.end) != end_of(model, target, job):
             yield "file"
+    yield from split_oracle.shapes(model, target, jobs)
+    if any(split_oracle.hops(target, name, [*schedule.mode(table.target).jobs, *jobs]) for name in target):
+        yield "binding"
     yield from _assignment(model, target, jobs)
     far = _line(model, schedule, table, jobs, period, _reach(model, period))
     line = _line(model, schedule, table, jobs, period, 2)
+    last = max((a.end for a in line if a.part != "m" and len(a.pieces) > 1), default=0)
+    if last > length + 2 * period[1]:
+        line = _line(model, schedule, table, jobs, period, (last - length) // period[1] + 1)
     everything = {t.name: (t, {v.name: v for v in t.versions}) for t in model.tasks}
     if _overlap(line, lambda t: t):
         yield "exclusive"
-    if _overload(everything, line, lambda t: t):
+    if split_oracle.crossing_on_line(line):
+        yield "nested"
+    if _overload(model, everything, line, lambda t: t):
         yield "access"
     if not all(_line_precedence(target, far, a) for a in line if a.part != "n"):
         yield "precedence"
@@ -316,13 +351,9 @@ def _line(model, schedule, table, jobs, period, turns):
     ):
         tasks = tasks_of(model, name)
         own = [j for j in schedule.mode(name).jobs if j.task in tasks]
-        line += [
-            At(shift + ticks(j.start), shift + ticks(j.start) + wcet(tasks, j), j.index, part, j)
-            for shift in shifts
-            for j in own
-        ]
+        line += [placed_at(model, tasks, j, part, shift) for shift in shifts for j in own]
     target = tasks_of(model, table.target)
-    return line + [At(ticks(j.start), ticks(j.start) + wcet(target, j), j.index, "table", j) for j in jobs]
+    return line + [placed_at(model, target, j, "table") for j in jobs]
 
 
 def _line_precedence(target, far, a):
@@ -348,6 +379,8 @@ def _continuity(source, target, line):
                 yield "starved"
             if after.start < before.end:
                 yield "itself"
+            if task.distance is not None and split_oracle.too_late(task, before, after):
+                yield "deadline"
 
 
 def _entering(source, target, line):

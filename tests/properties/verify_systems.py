@@ -59,7 +59,7 @@ class Builder:
             self.add_on_demand()
         if self.rng.random() < 0.8:
             self.add_accesses()
-        chains = self.chains() if self.rng.random() < 0.7 else ()
+        chains = self.chains() if self.rng.random() < 0.7 and self.tasks else ()
         return tuple(self.tasks), tuple(self.jobs), chains
 
     def room(self, start, wcet, units):
@@ -239,13 +239,17 @@ def switching_system(rng):
     The table goes on as mode one would, so that every rule holds across the switch: the line is mode one without end.
     Only an offset forbids the turn, so there are none.
     """
-    system, plan = valid_system(rng)
+    return turned(rng, *valid_system(rng))
+
+
+def turned(rng, system, plan):
+    """Add the second mode and the table to a valid system of one mode."""
     tasks = tuple(replace(t, offset=None) for t in system.tasks)
     table = plan.modes[0]
     total = oracle.ticks(table.hyperperiod)
     length = rng.randrange(total + 1)
     shift = milliseconds(length)
-    turned = tuple(at(j, milliseconds((oracle.ticks(j.start) - length) % total)) for j in table.jobs)
+    later = tuple(at(j, milliseconds((oracle.ticks(j.start) - length) % total)) for j in table.jobs)
     early = tuple(j for j in table.jobs if j.start < shift)
     system = replace(
         system,
@@ -261,11 +265,14 @@ def switching_system(rng):
         status=Status.VALID,
         jobs=early,
     )
-    return system, replace(plan, modes=(table, replace(table, name="two", jobs=turned)), transitions=(switch,))
+    return system, replace(plan, modes=(table, replace(table, name="two", jobs=later)), transitions=(switch,))
 
 
 def at(job, start):
-    return replace(job, start=start, end=start + (job.end - job.start))
+    """The job at another start, its parts as far from it as before."""
+    by = start - job.start
+    parts = tuple(replace(p, start=p.start + by, end=p.end + by) for p in job.parts)
+    return replace(job, start=start, end=job.end + by, parts=parts)
 
 
 # ------------------------------------------------------------------------------------------------ wild ones

@@ -1,0 +1,121 @@
+"""verify against the brute-force oracle where jobs are split, interrupted, bound or polled (MODEL 8)."""
+
+import os
+import random
+from collections import Counter
+
+import pytest
+import split_mutants
+import split_systems as systems
+import verify_mutants
+import verify_oracle as oracle
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from halpipe.diagnostics import render_text
+from halpipe.models import Binding
+from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.verify import codes, verify
+from profiles import examples
+
+RANDOMS = st.randoms(use_true_random=False)
+OPERATORS = {**split_mutants.OPERATORS, **verify_mutants.OPERATORS}
+MUTANTS = int(os.environ.get("HALPIPE_MUTANTS", "4000"))
+"""Mutants of the long test; the command in docs/explanation/verify.md asks for many more."""
+
+
+def errors(system, plan):
+    return [d for d in verify(system, plan) if d.is_error]
+
+
+def told(found):
+    return "\n".join(render_text(d) for d in found)
+
+
+@examples(80)
+@given(RANDOMS)
+def test_schedules_valid_by_construction_are_accepted(rng):
+    system, plan = systems.valid_system(rng)
+    assert oracle.broken(system, plan) == set()
+    assert not errors(system, plan), told(errors(system, plan))
+
+
+@examples(60)
+@given(RANDOMS)
+def test_switches_valid_by_construction_are_accepted(rng):
+    system, plan = systems.switching_system(rng)
+    # jobs of one task may run beside each other within a mode, on other units, but not across a switch
+    assert {rule for rule, _ in oracle.broken(system, plan)} <= {"itself"}
+    assert {d.code for d in errors(system, plan)} <= {codes.AGAINST_ITSELF.id}
+
+
+@examples(60)
+@given(RANDOMS)
+def test_no_witness_against_what_has_a_schedule(rng):
+    system, _ = systems.switching_system(rng)
+    found = [d for hopeless in find_witnesses(system) for d in hopeless.diagnostics]
+    assert not found, told(found)
+
+
+def test_the_systems_have_all_that_there_is():
+    """Gaps, gangs with gaps, gaps in gaps, interrupts, bound and polled tasks, phases behind a gap."""
+    seen = Counter()
+    for seed in range(100):
+        system, plan = systems.valid_system(random.Random(seed))
+        jobs = [j for j in plan.modes[0].jobs if j.parts]
+        seen["gap"] += bool(jobs)
+        seen["gang"] += any(len(j.units) > 1 for j in jobs)
+        seen["interrupt"] += any(u.interrupts for u in system.units for j in jobs if u.name in j.units)
+        seen["bound"] += any(t.binding is Binding.SYSTEM for t in system.tasks)
+        seen["polled"] += any(t.distance is not None for t in system.tasks)
+        seen["nested"] += any(
+            one.start < other.start and other.end < one.end and set(one.units) & set(other.units)
+            for one in jobs
+            for other in plan.modes[0].jobs
+        )
+        seen["phase"] += any(v.accesses and v.split.is_allowed for t in system.tasks for v in t.versions)
+    assert len(seen) == 7
+    assert min(seen.values()) >= 5, seen
+
+
+def mutant_of(name, rng):
+    make = systems.switching_system if "switch" in name or rng.random() < 0.3 else systems.valid_system
+    return OPERATORS[name](rng, *make(rng))
+
+
+def agrees(mutant, what):
+    """Whether the mutant is broken; verify must say what the oracle says."""
+    expected = oracle.broken(*mutant)
+    assert bool(errors(*mutant)) == bool(expected), f"{what}: oracle: {expected}\n{told(errors(*mutant))}"
+    return bool(expected)
+
+
+@examples(6)
+@given(rng=RANDOMS)
+@pytest.mark.parametrize("name", split_mutants.OPERATORS)
+def test_every_broken_mutant_is_found_and_every_equivalent_one_accepted(name, rng):
+    mutant = mutant_of(name, rng)
+    assume(mutant is not None)
+    agrees(mutant, name)
+
+
+@pytest.mark.parametrize("name", split_mutants.OPERATORS)
+def test_every_operator_breaks_schedules(name):
+    for seed in range(120):
+        mutant = mutant_of(name, random.Random(f"{seed} {name}"))
+        if mutant is not None and agrees(mutant, f"{name} {seed}"):
+            return
+    pytest.fail("no mutant of it is broken")
+
+
+@pytest.mark.slow  # the same in small: the two tests above
+def test_mutants_at_length():
+    names, found, seed = sorted(OPERATORS), Counter(), 0
+    while found.total() < MUTANTS:
+        name = names[seed % len(names)]
+        mutant = mutant_of(name, random.Random(f"{seed} {name}"))
+        if mutant is not None:
+            found[agrees(mutant, f"{name} {seed}")] += 1
+        seed += 1
+    assert found[True] > MUTANTS // 4
+    assert found[False] > MUTANTS // 50
