@@ -45,10 +45,10 @@ def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
     """Raise `HalpipeError` with every task of which a job has gaps, for a `target` that cannot hold jobs."""
     findings = Findings()
     first: dict[str, Job] = {}
-    for table in (*schedule.modes, *schedule.transitions):
-        for job in table.jobs:
-            if job.parts:
-                first.setdefault(job.task, job)
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    for job in [*jobs, *(job for table in schedule.transitions for job in table.jobs)]:
+        if job.parts:
+            first.setdefault(job.task, job)
     for task, job in first.items():
         message = f"job {job.index} has {len(job.parts)} parts; {target}"
         findings.add(NEEDS_HOLD(message, at=job.at, path=f'task "{task}"', help=help))

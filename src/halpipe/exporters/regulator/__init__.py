@@ -40,6 +40,7 @@ class RegulatorExporter:
             "modes": "one table each",
             "transitions": "tables, and which to request",
             "schedule": "when budgets change",
+            "parts": "budgets follow the access phases through the parts of a job",
             "tables": "one table each, with the first cycles of the mode after where jobs reach into it",
         },
         (

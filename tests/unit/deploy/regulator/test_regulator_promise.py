@@ -13,7 +13,7 @@ from halpipe.deploy.regulator import promise
 from halpipe.deploy.regulator.promise import Phase, Timeline
 from halpipe.deploy.regulator.reading import Platform
 from halpipe.durations import Duration
-from halpipe.models import Interrupt, Job, Part, Split, Unit
+from halpipe.models import AccessKind, Interrupt, Job, Part, Split, Unit
 from profiles import examples
 from support import access, job, mode, model, ms, schedule, task, version
 
@@ -83,7 +83,7 @@ def test_the_phases_of_jobs_are_shared_by_the_gang_and_told_apart_by_kind():
 def test_the_phases_of_a_job_with_gaps_are_where_it_executes_them():
     """Parts [8, 10) and [25, 28.5): 0.5 to resume, and an interrupt of 1 every 2."""
     split = Split(points=(ms("1ns"),), resume=ms("0.5ns"))
-    phases = (access("mem", "0ns", "1ns"), access("mem", "1ns", "2ns", kind="write"))
+    phases = (access("mem", "0ns", "1ns"), access("mem", "1ns", "2ns", kind=AccessKind.WRITE))
     t = task("t", "20ns", replace(version("v", "2ns", "u1", *phases), split=split))
     served = Unit(name="u1", interrupts=(Interrupt(name="i", distance=ms("2ns"), wcet=ms("1ns")),))
     system = replace(model(t, units="u1", resources="mem"), units=(served,))
