@@ -142,10 +142,10 @@ class Fields:
         return self._mapping(self._data[key], key, self._data.line_of(key), path, keys)
 
     def entries(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[tuple[str, Fields, Location]]:
-        """Yield (name, mapping, place) for a mapping of mappings; ``{}`` in `path` stands for the name."""
+        """Yield (name, mapping, place) for a mapping of mappings; in messages, an entry is called `path` "name"."""
         outer = self.section(key, (), f"{self.path} {key}")
         for name in outer or ():
-            found = outer.section(name, keys, path.format(name)) if outer else None
+            found = outer.section(name, keys, f'{path} "{name}"') if outer else None
             if outer and found:
                 yield name, found, outer.at(name)
 

@@ -187,7 +187,7 @@ class _Reader:
     def _units(self) -> dict[str, UnitPort]:
         units: dict[str, UnitPort] = {}
         owner: dict[int, str] = {}
-        for name, f, at in self.top.entries("units", _UNIT, 'unit "{}"'):
+        for name, f, at in self.top.entries("units", _UNIT, "unit"):
             f.require("manager")
             manager = f.value("manager", _whole, -1)
             if manager >= 0 and owner.setdefault(manager, name) != name:

@@ -85,9 +85,9 @@ def _overlay(top: Fields) -> Overlay:
         units=_listed(platform, "units", ("name", "type"), _unit),
         resources=_listed(platform, "resources", ("name", "bandwidth"), _resource),
         sources=tuple(_sources(top)),
-        tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, 'task "{}"')),
+        tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, "task")),
         precedence=_constraints(top),
-        modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), 'mode "{}"')},
+        modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), "mode")},
         transitions=_transitions(top),
         chains=_chains(top),
         drops=top.texts("drop", values.pattern),
@@ -142,7 +142,7 @@ def _resource(f: Fields) -> Resource | None:
 
 
 def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
-    for pattern, f, at in top.entries("sources", ("period",), 'source "{}"'):
+    for pattern, f, at in top.entries("sources", ("period",), "source"):
         period = f.get("period", values.positive) if f.require("period") else None
         if period is not None:
             yield Stated(pattern, at), period.value
@@ -152,7 +152,7 @@ def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
 
 
 def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
-    path = f'task "{pattern}" version "{{}}"'
+    path = f'task "{pattern}" version'
     versions = {
         name: Stated(_version(v, name), v_at)
         for name, v, v_at in f.entries("versions", _VERSION, path)
