@@ -11,7 +11,7 @@ go on. What they take and return are the frozen values of `halpipe.models`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+TYPE_CHECKING = False  # spares the start `typing`, during which Ctrl-C would still show as a traceback
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic

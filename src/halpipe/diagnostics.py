@@ -190,8 +190,12 @@ def render_json(diagnostics: Iterable[Diagnostic]) -> str:
 
 def _json(value: Any) -> str:
     text = json.dumps(value, indent=2, ensure_ascii=False)
-    # File names that are not UTF-8 hold lone surrogates, which no stream can print but JSON can escape.
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
+    return text if text.isprintable() else "".join(c if c.isprintable() or c == "\n" else _escaped(c) for c in text)
+
+
+def _escaped(character: str) -> str:
+    """Return a character as JSON has it in ASCII: a control, or what no stream can print, such as a lone surrogate."""
+    return json.dumps(character)[1:-1]
 
 
 def render_sarif(diagnostics: Iterable[Diagnostic], version: str) -> str:

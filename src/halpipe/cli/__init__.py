@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import errno
-import gc
 import os
 import sys
-from typing import NoReturn
 
-from halpipe.diagnostics import Exit, HalpipeError
+TYPE_CHECKING = False  # the less is loaded here, the sooner Ctrl-C is answered properly
+if TYPE_CHECKING:
+    from typing import Any, NoReturn
 
+INTERRUPTED = 130
 RARELY = (100_000, 50, 100)
 """Thresholds of the garbage collector: a model is a large tree of lasting objects, and looking through it again and
 again takes up to a quarter of the time of an import."""
@@ -17,47 +17,98 @@ again takes up to a quarter of the time of an import."""
 
 def main() -> NoReturn:
     """Run the command line and leave with the exit code of the table in docs/reference/exit-codes.md."""
+    try:
+        _interrupt_on_termination()
+        code = _run()
+    except KeyboardInterrupt:  # before the command began, or once more while it ended
+        code = INTERRUPTED
+    _leave_when_interrupted(code)
+    sys.exit(code)
+
+
+def _run() -> int:
+    import gc
+
+    from halpipe.cli import streams
+
     gc.set_threshold(*RARELY)
-    sys.exit(invoke(sys.argv[1:]))
+    streams.prepare()
+    return invoke(sys.argv[1:])
+
+
+def _interrupt_on_termination() -> None:
+    """Let a request to end be what Ctrl-C is, so that nothing half done is left behind."""
+    import signal
+
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def _leave_when_interrupted(code: int) -> None:
+    """From now on Python only clears up; being interrupted there would show as a traceback."""
+    import signal
+
+    def leave(*_: Any) -> None:
+        os._exit(code)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, leave)
 
 
 def invoke(arguments: list[str]) -> int:
     """Run one command; never let a traceback out."""
-    from halpipe.cli import output
+    try:
+        code = _invoke(arguments)
+        _flush()
+    except KeyboardInterrupt:
+        _say("interrupted")
+        return INTERRUPTED
+    except BrokenPipeError:
+        return _ended_by_reader()
+    except Exception as failure:  # noqa: BLE001 - the last line of defence: a bug must not show as a traceback
+        return _exit_code(failure)
+    return code
+
+
+def _invoke(arguments: list[str]) -> int:
     from halpipe.cli.app import app
     from halpipe.files import protecting_inputs
 
     try:
         with protecting_inputs():
-            code = app(args=arguments, prog_name="halpipe", standalone_mode=False)
-    except HalpipeError as failure:
-        output.report(failure.diagnostics)
-        return int(failure.exit)
-    except KeyboardInterrupt:
-        output.say("interrupted")
-        return int(Exit.INTERRUPTED)
-    except BrokenPipeError:
-        # Whoever read our output has gone; silence Python's own complaint at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return int(Exit.OK)
-    except Exception as failure:  # noqa: BLE001 - the last line of defence: a bug must not show as a traceback
-        return _usage_or_bug(failure)
-    return int(code or 0)
+            return int(app(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)
+    except SystemExit as end:  # click's answer to a reader that has gone
+        if isinstance(end.__context__, BrokenPipeError):
+            raise end.__context__ from None
+        raise
 
 
-def _usage_or_bug(failure: Exception) -> int:
+def _flush() -> None:
+    from halpipe.cli import streams
+
+    streams.flush_results()
+
+
+def _say(text: str) -> None:
     from halpipe.cli import output
-    from halpipe.cli.bugs import save_report
 
-    if hasattr(failure, "exit_code") and hasattr(failure, "show"):  # click's own errors: wrong usage
-        failure.show(file=sys.stderr)
-        return int(failure.exit_code)
-    if type(failure).__name__ == "Abort":
-        output.say("interrupted")
-        return int(Exit.INTERRUPTED)
-    if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
-        output.say(f"error: standard output: {failure.strerror}")
-        return int(Exit.FINDINGS)
-    output.say(f"internal error: {type(failure).__name__}: {failure}")
-    output.say(f"this is a bug; please report it with {save_report(failure)}")
-    return int(Exit.INTERNAL)
+    output.say(text)
+
+
+def _ended_by_reader() -> int:
+    """Whoever read our output has gone: that is no failure."""
+    from halpipe.cli import streams
+
+    streams.silence(sys.stdout)
+    return 0
+
+
+def _exit_code(failure: Exception) -> int:
+    """Tell what went wrong, and return the exit code that says so."""
+    from halpipe.cli import failures
+
+    try:
+        return failures.told(failure)
+    except BrokenPipeError:
+        return _ended_by_reader()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import sys
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,8 +13,6 @@ from halpipe.cli import output
 if TYPE_CHECKING:
     from collections.abc import Collection
     from fractions import Fraction
-
-    from rich.console import Console
 
 
 class AnswerFormat(StrEnum):
@@ -41,16 +37,7 @@ def choose(format: AnswerFormat, *, quiet: bool, verbose: bool) -> None:
 
 def print_json(value: Any) -> None:
     """Print an answer as JSON."""
-    output.result(json.dumps(value, indent=2, ensure_ascii=True))
-
-
-def console() -> Console:
-    """Return a console for tables on standard output; lines are not cut, whatever the width."""
-    from rich.console import Console
-
-    no_colour = bool(os.environ.get("NO_COLOR"))
-    wide = None if sys.stdout.isatty() else 10_000
-    return Console(highlight=False, soft_wrap=True, no_color=no_colour, markup=False, width=wide)
+    output.text(json.dumps(value, indent=2, ensure_ascii=True))
 
 
 def parse_step(text: str) -> Fraction:

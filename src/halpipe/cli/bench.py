@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from halpipe import __version__
-from halpipe.cli import output
+from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
 from halpipe.diagnostics import Exit
 from halpipe.suggest import did_you_mean
@@ -155,7 +155,7 @@ def _measure(
 
 def _show(record: dict[str, Any], count: int, total: int, seconds: float) -> None:
     left = seconds / count * (total - count)
-    if sys.stderr.isatty() or output.Settings.verbose:
+    if streams.is_terminal(sys.stderr) or output.Settings.verbose:
         output.inform(f"{count}/{total} {record['key']}: {record['result']['outcome']} ({left:.0f} s to go)")
 
 

@@ -18,6 +18,8 @@ def save_report(failure: Exception) -> str:
         "",
         "".join(traceback.format_exception(failure)),
     ]
-    with tempfile.NamedTemporaryFile("w", prefix="halpipe-bug-", suffix=".txt", delete=False) as stream:
+    with tempfile.NamedTemporaryFile(
+        "w", prefix="halpipe-bug-", suffix=".txt", delete=False, encoding="utf-8", errors="backslashreplace"
+    ) as stream:
         stream.write("\n".join(lines))
     return stream.name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -45,26 +44,19 @@ def compare(
     found = [*recording.diagnostics, *(d for line in lines for d in line.diagnostics)]
     if output.is_text():
         _show(lines)
-    output.report(found, sys.stdout)
+    output.report(found, as_result=True)
     return Exit.FINDINGS if any(d.is_error for d in found) else Exit.OK
 
 
 def _show(lines: list[Comparison]) -> None:
-    from rich.table import Table
-
-    from halpipe.cli.answers import console
-
-    screen = console()
     for line in lines:
         if line.name:
-            screen.print(line.name)
-        shown = Table(*COLUMNS, box=None, pad_edge=False)
-        for column in shown.columns[1:]:
-            column.justify = "right"
+            output.result(line.name)
+        rows = []
         for row in line.rows:
             spans = (row.least, row.median, row.worst, row.worst_end, row.longest, row.budget)
-            shown.add_row(row.task, str(row.seen), str(row.missing), str(row.extra), *map(_text, spans))
-        screen.print(shown)
+            rows.append((row.task, str(row.seen), str(row.missing), str(row.extra), *map(_text, spans)))
+        output.table(COLUMNS, rows, right=range(1, len(COLUMNS)))
 
 
 def _text(span: Duration | None) -> str:

@@ -104,15 +104,13 @@ def _show_schedules(found: ScheduleDiff) -> None:
 
 
 def _show_tasks(table: str, summaries: Sequence[TaskSummary]) -> None:
-    from rich.table import Table
-
-    shown = Table(table, "jobs", "what changed", box=None, pad_edge=False)
+    rows = []
     for summary in summaries:
         text = ", ".join(f"{count} {kind}" for kind, count in summary.counts)
         if summary.shift is not None:
             text += f", all by {summary.shift}"
-        shown.add_row(summary.task, str(summary.jobs), text)
-    answers.console().print(shown)
+        rows.append((summary.task, str(summary.jobs), text))
+    output.table((table, "jobs", "what changed"), rows)
 
 
 def _show_values(changes: Sequence[Change]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import sys
 import time
 from typing import TYPE_CHECKING, Annotated
 
@@ -55,7 +54,7 @@ def explain(
     explanation = explain_model(
         system, mode or None, best, use_exact=exact, remedies=remedies, seed=seed, go_on=_until(time_limit)
     )
-    output.report(explanation.diagnostics, sys.stdout)
+    output.report(explanation.diagnostics, as_result=True)
     if output.is_text():
         _summarise(explanation)
     return explanation.exit
@@ -102,5 +101,5 @@ def _explain_code(id: str) -> int:
     code = REGISTER.get(id)
     if code is None:
         raise typer.BadParameter(f"there is no code {id}; {did_you_mean(id, REGISTER, 'see the reference')}")
-    output.result(f"{code.id} ({code.severity}): {code.title}\n\n{code.explanation}".rstrip())
+    output.text(f"{code.id} ({code.severity}): {code.title}\n\n{code.explanation}".rstrip())
     return Exit.OK

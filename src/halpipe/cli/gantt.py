@@ -5,6 +5,8 @@ from __future__ import annotations
 from string import ascii_letters, digits
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import printable
+
 if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Job, ModeSchedule, TransitionTable
@@ -18,7 +20,8 @@ def gantt(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], widt
     """Return a scale over [0, length) and a line for each unit that has jobs; `wraps`: the line is a circle."""
     rows: dict[str, list[str]] = {}
     names = sorted({unit for job in jobs for unit in job.units})
-    margin = max(map(len, names), default=0) + 2
+    shown = {name: printable(name) for name in names}
+    margin = max(map(len, shown.values()), default=0) + 2
     columns = max(LEAST_WIDTH, width - margin)
     for name in names:
         rows[name] = [IDLE] * columns
@@ -30,16 +33,18 @@ def gantt(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], widt
                 rows[unit][column] = letter if known in (IDLE, letter) else SEVERAL
     end = str(length)
     scale = "0" + end.rjust(columns - 1)
-    return [" " * margin + scale, *(name.ljust(margin) + "".join(cells) for name, cells in rows.items())]
+    return [" " * margin + scale, *(shown[name].ljust(margin) + "".join(cells) for name, cells in rows.items())]
 
 
 def _columns(job: Job, length: Duration, columns: int, *, wraps: bool) -> list[int]:
-    """Return the columns that a job touches."""
+    """Return the columns that a job touches; in a schedule that nobody verified, it may be longer than the chart."""
     found: list[int] = []
+    if not length:
+        return found
     for start, end in job.occupations():
         first = int(start.fraction * columns / length.fraction)
         last = int(-(-end.fraction * columns // length.fraction))
-        inside = range(first, max(first + 1, last))
+        inside = range(first, min(max(first + 1, last), first + columns))
         found += [column % columns for column in inside if wraps or column < columns]
     return found
 

@@ -114,13 +114,8 @@ def summarise(imported: Imported, written: str, *, every: bool) -> None:
 
 
 def _account(coverage: Coverage, every: bool) -> list[str]:
-    rows = [("element", "read", "mapped", "ignored"), *((k, str(r), str(m), str(i)) for k, r, m, i in coverage.rows())]
-    if not every:
-        rows = [row for row in rows if row[2] != "0"]
-    widths = [max(len(row[column]) for row in rows) for column in range(4)]
-    lines = [
-        "  " + row[0].ljust(widths[0]) + "".join("  " + row[c].rjust(widths[c]) for c in (1, 2, 3)) for row in rows
-    ]
+    rows = [(kind, *map(str, counts)) for kind, *counts in coverage.rows() if every or counts[1]]
+    lines = [f"  {line}" for line in output.columns(("element", "read", "mapped", "ignored"), rows, right=(1, 2, 3))]
     hidden = [(kind, read) for kind, read, mapped, _ in coverage.rows() if not mapped]
     if hidden and not every:
         total = sum(read for _, read in hidden)

@@ -1,4 +1,7 @@
-"""How commands speak: results on standard output, everything else on standard error, colour only for people."""
+"""How commands speak: results on standard output, everything else on standard error, colour only for people.
+
+Whatever is printed passes `printable` here, line by line: names and messages may come from anybody's files.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,11 @@ from collections import Counter
 from enum import StrEnum
 from typing import TYPE_CHECKING, TextIO
 
-from halpipe.diagnostics import Severity, render_json, render_sarif, render_text
+from halpipe.cli import streams
+from halpipe.diagnostics import Severity, printable, render_json, render_sarif, render_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from halpipe.diagnostics import Diagnostic
 
@@ -48,8 +52,8 @@ def is_text() -> bool:
 
 
 def say(text: str) -> None:
-    """Tell the user something that is not the result."""
-    print(text, file=sys.stderr)  # noqa: T201
+    """Tell the user something in one line that is not the result."""
+    streams.write_remark(printable(text) + "\n")
 
 
 def inform(text: str) -> None:
@@ -58,23 +62,60 @@ def inform(text: str) -> None:
         say(text)
 
 
-def result(text: str) -> None:
-    """Print a result."""
-    print(text)  # noqa: T201
+def result(text: str = "") -> None:
+    """Print a line of the result."""
+    streams.write_result(printable(text) + "\n")
 
 
-def report(diagnostics: Sequence[Diagnostic], stream: TextIO | None = None) -> None:
-    """Show diagnostics in the chosen form, by default on standard error."""
+def text(block: str) -> None:
+    """Print a result of several lines."""
+    for line in block.splitlines():
+        result(line)
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Collection[int] = ()) -> None:
+    """Print a result in columns; those of `right`, counted from 0, are aligned there."""
+    for line in columns(headings, rows, right=right):
+        result(line)
+
+
+def columns(headings: Sequence[str], rows: Iterable[Sequence[str]], *, right: Collection[int] = ()) -> Iterator[str]:
+    """Yield the lines of a table."""
+    cells = [[printable(cell) for cell in row] for row in (headings, *rows)]
+    widths = [max(map(_width, column)) for column in zip(*cells, strict=True)]
+    for row in cells:
+        sized = enumerate(zip(row, widths, strict=True))
+        yield "  ".join(_padded(cell, width, number in right) for number, (cell, width) in sized).rstrip()
+
+
+def _padded(cell: str, width: int, to_the_right: bool) -> str:
+    blank = " " * (width - _width(cell))
+    return blank + cell if to_the_right else cell + blank
+
+
+def _width(text: str) -> int:
+    """Return the columns that a text takes in a terminal."""
+    if text.isascii():
+        return len(text)
+    from unicodedata import combining, east_asian_width
+
+    return sum(0 if combining(c) else 2 if east_asian_width(c) in "WF" else 1 for c in text)
+
+
+def report(diagnostics: Sequence[Diagnostic], *, as_result: bool = False) -> None:
+    """Show diagnostics in the chosen form on standard error, or on standard output where they are the result."""
     from halpipe import __version__
 
-    stream = stream or sys.stderr
     if Settings.format is Format.JSON:
-        print(render_json(diagnostics), file=stream)
+        shown = render_json(diagnostics)
     elif Settings.format is Format.SARIF:
-        print(render_sarif(diagnostics, __version__), file=stream)
+        shown = render_sarif(diagnostics, __version__)
     else:
-        for line in _text(diagnostics, _wants_colour(stream)):
-            print(line, file=stream)
+        shown = "\n".join(_text(diagnostics, _wants_colour(sys.stdout if as_result else sys.stderr)))
+    if shown and as_result:
+        streams.write_result(shown + "\n")
+    elif shown:
+        streams.write_remark(shown + "\n")
 
 
 def _text(diagnostics: Sequence[Diagnostic], colour: bool) -> list[str]:
@@ -115,5 +156,5 @@ def _coloured(text: str, diagnostic: Diagnostic) -> str:
     return text.replace(label, f"\x1b[{_COLOURS[diagnostic.severity]}m{label}\x1b[0m", 1)
 
 
-def _wants_colour(stream: TextIO) -> bool:
-    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+def _wants_colour(stream: TextIO | None) -> bool:
+    return streams.is_terminal(stream) and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.cli import output
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.cli import output, streams
+from halpipe.diagnostics import Exit, HalpipeError, printable
 from halpipe.files import STDIO, is_input, read_own, refuse_inputs, write_output
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Watch:
 
     def on_progress(self, mode: str, moves: int, budget: int, best: int) -> bool:
         """Show how far the search is; return whether it may go on."""
-        if not output.Settings.quiet and sys.stderr.isatty():
+        if not output.Settings.quiet and streams.is_terminal(sys.stderr):
             with self._lock:
                 self._show(mode, moves, budget, best)
         return not self.interrupted and (self._deadline is None or time.monotonic() < self._deadline)
@@ -70,7 +70,7 @@ class Watch:
 
         if self._progress is None:
             columns = (
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 BarColumn(bar_width=20),
                 TextColumn("{task.fields[state]}"),
                 TimeElapsedColumn(),
@@ -78,7 +78,7 @@ class Watch:
             self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
             self._progress.start()
         if mode not in self._bars:
-            what = mode if mode == SWITCHES else f"mode {mode}"
+            what = mode if mode == SWITCHES else f"mode {printable(mode)}"
             self._bars[mode] = self._progress.add_task(what, total=budget, state="")
         if mode == SWITCHES:
             state = f"{moves} of {budget} mode pairs"

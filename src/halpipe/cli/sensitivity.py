@@ -98,18 +98,16 @@ def _or_none(wcet: Duration | None) -> str | None:
 
 
 def _show(rows: Sequence[Sensitivity], *, search: bool) -> None:
-    from rich.table import Table
-
     columns = ["task", "version", "WCET", "can grow by", "share"]
     columns += ["found up to", "proven at most"] if search else []
-    table = Table(*columns, "stopped by", box=None, pad_edge=False)
+    lines = []
     for row in rows:
         if row.growth is None:
             growth, share, reason = "", "", "not used in this schedule"
         else:
             growth, share, reason = str(row.growth), _percent(row.growth / row.wcet), row.reason
-        table.add_row(row.task, row.version, str(row.wcet), growth, share, *_found(row.searched), reason)
-    answers.console().print(table)
+        lines.append((row.task, row.version, str(row.wcet), growth, share, *_found(row.searched), reason))
+    output.table((*columns, "stopped by"), lines)
     if search:
         output.inform("found up to: a longer search may find more, up to what is proven")
 

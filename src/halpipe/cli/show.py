@@ -14,8 +14,6 @@ from halpipe.diagnostics import Exit
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from rich.console import Console
-
     from halpipe.models import Job, ModeSchedule, Schedule
 
 MOST_JOBS = 200
@@ -30,7 +28,7 @@ def show(
     verbose: Verbose = False,
 ) -> int:
     """Show a schedule in the terminal: a Gantt chart, jobs, loads and chain latencies of every mode, and switches."""
-    from halpipe.cli.answers import check_name, console
+    from halpipe.cli.answers import check_name
     from halpipe.cli.gantt import letters_of
     from halpipe.importers.native import read_schedule
 
@@ -38,13 +36,12 @@ def show(
     tables = read_schedule(schedule)
     if mode:
         check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
-    screen = console()
     letters = letters_of(tables.modes, tables.transitions)
     for table in tables.modes:
         if mode in ("", table.name):
-            _show_mode(screen, table, letters, every=jobs)
+            _show_mode(table, letters, every=jobs)
     if tables.transitions and not mode:
-        _show_switches(screen, tables, letters)
+        _show_switches(tables, letters)
     return Exit.OK
 
 
@@ -52,55 +49,50 @@ def _width() -> int:
     return shutil.get_terminal_size((100, 24)).columns
 
 
-def _show_mode(screen: Console, mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> None:
+def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> None:
     from halpipe.cli.gantt import gantt
 
-    screen.print(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, claimed {mode.status}")
+    output.result(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, claimed {mode.status}")
     for line in gantt(mode.jobs, mode.hyperperiod, letters, _width() - 2, wraps=True):
-        screen.print(f"  {line}")
+        output.result(f"  {line}")
     if every or len(mode.jobs) <= MOST_JOBS:
-        _show_jobs(screen, mode.jobs, letters)
+        _show_jobs(mode.jobs, letters)
     else:
-        screen.print(f"  {len(mode.jobs)} jobs; --jobs lists them")
+        output.result(f"  {len(mode.jobs)} jobs; --jobs lists them")
     for unit in mode.unit_loads:
-        screen.print(f"  {unit.unit}: busy {unit.busy}, {_percent(unit.share)}")
+        output.result(f"  {unit.unit}: busy {unit.busy}, {_percent(unit.share)}")
     for load in mode.resource_loads:
-        screen.print(f"  {load.resource}: peak {_percent(load.peak)}, mean {_percent(load.mean)}")
+        output.result(f"  {load.resource}: peak {_percent(load.peak)}, mean {_percent(load.mean)}")
     for chain in mode.chains:
-        screen.print(f"  chain {chain.name}: reaction {chain.reaction or 'never'}, age {chain.age or 'never'}")
-    screen.print()
+        output.result(f"  chain {chain.name}: reaction {chain.reaction or 'never'}, age {chain.age or 'never'}")
+    output.result()
 
 
-def _show_jobs(screen: Console, jobs: tuple[Job, ...], letters: dict[str, str]) -> None:
-    from rich.table import Table
-
-    table = Table("", "start", "end", "task", "job", "version", "units", box=None, pad_edge=False)
-    for column in table.columns[1:3]:
-        column.justify = "right"
+def _show_jobs(jobs: tuple[Job, ...], letters: dict[str, str]) -> None:
+    rows = []
     for job in sorted(jobs, key=lambda job: (job.start.ns, job.units)):
         where = " ".join(job.units)
-        table.add_row(letters[job.task], str(job.start), str(job.end), job.task, str(job.index), job.version, where)
+        rows.append((letters[job.task], str(job.start), str(job.end), job.task, str(job.index), job.version, where))
         for part in job.parts:
             executed = f"executes {part.executed_from} to {part.executed_to}"
-            table.add_row("", str(part.start), str(part.end), "", "", executed, "")
-    screen.print(table)
+            rows.append(("", str(part.start), str(part.end), "", "", executed, ""))
+    output.table(("", "start", "end", "task", "job", "version", "units"), rows, right=(1, 2))
 
 
-def _show_switches(screen: Console, tables: Schedule, letters: dict[str, str]) -> None:
-    from rich.table import Table
-
+def _show_switches(tables: Schedule, letters: dict[str, str]) -> None:
     from halpipe.cli.gantt import gantt
 
-    shown = Table("switch", "to", "table", "at worst", "jobs", "claimed", box=None, pad_edge=False)
+    rows = []
     for switch in tables.transitions:
         facts = (str(switch.length), str(switch.worst_latency), str(len(switch.jobs)), str(switch.status))
-        shown.add_row(switch.source, switch.target, *facts)
-    screen.print(shown)
+        rows.append((switch.source, switch.target, *facts))
+    output.table(("switch", "to", "table", "at worst", "jobs", "claimed"), rows)
     for switch in tables.transitions:
         if switch.length:
-            screen.print(f"\n{switch.source} to {switch.target}")
+            output.result()
+            output.result(f"{switch.source} to {switch.target}")
             for line in gantt(switch.jobs, switch.length, letters, _width() - 2, wraps=False):
-                screen.print(f"  {line}")
+                output.result(f"  {line}")
 
 
 def _percent(share: Fraction) -> str:

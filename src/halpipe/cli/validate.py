@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Quiet, Verbose
 from halpipe.diagnostics import Exit
@@ -17,7 +15,7 @@ def validate(model: ModelFile, format: DiagnosticFormat = None, quiet: Quiet = F
     output.choose(format, quiet=quiet, verbose=verbose)
     system = read_model(model)
     found = validate_model(system)
-    output.report(found, sys.stdout)
+    output.report(found, as_result=True)
     if any(d.is_error for d in found):
         return Exit.FINDINGS
     if output.is_text():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Quiet, ScheduleFile, Verbose
 from halpipe.diagnostics import Exit
@@ -23,7 +21,7 @@ def verify(
     output.choose(format, quiet=quiet, verbose=verbose)
     system, tables = read_model(model), read_schedule(schedule)
     found = verify_schedule(system, tables)
-    output.report(found, sys.stdout)
+    output.report(found, as_result=True)
     if any(d.is_error for d in found):
         return Exit.FINDINGS
     if output.is_text():

@@ -55,7 +55,7 @@ def regulator(
     output.report(_findings(contents["report.json"], (model, schedule, platform)))
     write_export(contents, output_folder)
     if not quiet:
-        output.result(contents["report.txt"].decode().rstrip())
+        output.text(contents["report.txt"].decode().rstrip())
     return Exit.OK
 
 

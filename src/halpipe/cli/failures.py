@@ -1,0 +1,67 @@
+"""What a command ends with when it cannot go on: findings, wrong usage, want of memory, or a bug."""
+
+from __future__ import annotations
+
+import errno
+import io
+
+from halpipe.cli import output
+from halpipe.diagnostics import Exit, HalpipeError, error
+
+OUT_OF_MEMORY = error(
+    "HAL0007",
+    "Memory does not suffice",
+    "The system gave no more memory, or no more threads. Whatever stood in the outputs before is untouched.",
+)
+
+_NO_MEMORY = ("can't start new thread", "cannot allocate memory", "failed to map segment")
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF)
+
+
+def told(failure: Exception) -> int:
+    """Tell the user why the command ended, and return its exit code."""
+    if isinstance(failure, HalpipeError):
+        output.report(failure.diagnostics)
+        return int(failure.exit)
+    if hasattr(failure, "exit_code") and hasattr(failure, "show"):  # click's own errors: wrong usage
+        return _tell_usage(failure)
+    if type(failure).__name__ == "Abort":
+        output.say("interrupted")
+        return int(Exit.INTERRUPTED)
+    if _is_want_of_memory(failure):
+        help = "free some, lift the limit on it, use fewer --workers, or split the file"
+        output.report([OUT_OF_MEMORY("the system gives no more memory", help=help)])
+        return int(Exit.FINDINGS)
+    if isinstance(failure, OSError) and failure.errno in _NO_ROOM:
+        output.say(f"error: standard output: {failure.strerror}")
+        return int(Exit.FINDINGS)
+    return _tell_bug(failure)
+
+
+def _tell_usage(failure: Exception) -> int:
+    shown = io.StringIO()
+    failure.show(file=shown)  # type: ignore[attr-defined]
+    for line in shown.getvalue().splitlines():
+        output.say(line)
+    return int(failure.exit_code)  # type: ignore[attr-defined]
+
+
+def _is_want_of_memory(failure: Exception) -> bool:
+    if isinstance(failure, MemoryError):
+        return True
+    if isinstance(failure, OSError) and failure.errno == errno.ENOMEM:
+        return True
+    return isinstance(failure, (RuntimeError, ImportError, OSError)) and any(
+        text in str(failure).lower() for text in _NO_MEMORY
+    )
+
+
+def _tell_bug(failure: Exception) -> int:
+    from halpipe.cli.bugs import save_report
+
+    output.say(f"internal error: {type(failure).__name__}: {failure}")
+    try:
+        output.say(f"this is a bug; please report it with {save_report(failure)}")
+    except (OSError, ValueError) as reason:
+        output.say(f"this is a bug; please report it (no report could be saved: {reason})")
+    return int(Exit.INTERNAL)
