@@ -1,6 +1,16 @@
-"""``python -m halpipe``."""
+"""``python -m halpipe``, and the command ``halpipe``."""
 
-from halpipe.cli import main
+import sys
+
+
+def main() -> None:
+    """Run the command line; see `halpipe.cli.main`."""
+    try:
+        from halpipe.cli import main as run
+    except KeyboardInterrupt:
+        sys.exit(130)
+    run()
+
 
 if __name__ == "__main__":  # worker processes import this module too
     main()

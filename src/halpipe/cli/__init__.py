@@ -106,9 +106,14 @@ def _ended_by_reader() -> int:
 
 def _exit_code(failure: Exception) -> int:
     """Tell what went wrong, and return the exit code that says so."""
-    from halpipe.cli import failures
-
+    if isinstance(failure, MemoryError):
+        failure.__traceback__ = None  # what the command held is free now
     try:
+        from halpipe.cli import failures
+
         return failures.told(failure)
     except BrokenPipeError:
         return _ended_by_reader()
+    except MemoryError:
+        os.write(2, b"error[HAL0007] the system gives no more memory\n")
+        return 1
