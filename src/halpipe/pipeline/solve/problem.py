@@ -16,17 +16,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from halpipe.durations import ZERO, Duration
-from halpipe.models import Anchor
+from halpipe.models import Anchor, Binding
 from halpipe.pipeline.jobs import Expansion, demands_for, natural_tick
+from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.solve.construction import construction_order
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from halpipe.models import Chain, Precedence, Task, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask
+    from halpipe.pipeline.parts import Service
 
     Ints = NDArray[np.int64]
 
@@ -37,6 +39,9 @@ MAX_QUANTA = 10**6
 """Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
 
 NO_TICK = -1
+
+ANY_SET = -1
+"""Stands for the unit set of an option that goes with every other."""
 
 RESOURCE_WEIGHT, WINDOW_WEIGHT = 4, 12
 """What a tick of overload of a resource, and of distance from a window, weighs against a tick of overlap on a unit.
@@ -62,6 +67,7 @@ class Arrays(NamedTuple):
     task_reach: Ints  # latest end of a job after its release: bounds a search by job index
     task_option: Ints  # first option of every task
     task_coupled: Ints  # 1: has windows, demands or limited chains in common with others
+    task_sets: Ints  # of a task whose jobs keep to one set of units: how many it may choose from; 1 for others
     job_task: Ints
     job_entry: Ints
     entry_job: Ints  # first job of every entry; an entry is what moves as one: a periodic task or one demand job
@@ -69,6 +75,7 @@ class Arrays(NamedTuple):
     option_wcet: Ints
     option_late: Ints  # largest delta that slack and deadline allow
     option_present: Ints  # 0 for the option of a demand job not to run
+    option_set: Ints  # of a bound task: number of the unit set, from 0 on; ANY_SET where the choice is free
     option_recency: Ints  # of jobs that end on the same tick, the one with more ended last, or started later
     rect_first: Ints  # per option
     rect: Ints  # lane, offset, length, height
@@ -125,21 +132,29 @@ def build_problem(
     tick: Duration | None = None,
     grouped: bool = True,
     every_chain: bool = False,
+    pinned: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Problem:
     """Turn an expanded mode of a validated model into arrays.
 
     `tick` replaces the natural one; then WCETs and access phases are rounded outward and windows inward, so
     that what is valid on the grid is valid exactly. `grouped` puts interchangeable units on one lane; without
-    it every unit has its own. Of `chains` those count that have a limit (with `every_chain`: all) and only
-    active tasks.
+    it every unit has its own, as it does where tasks are bound to units. Of `chains` those count that have a limit
+    (with `every_chain`: all) and only active tasks. `pinned` tasks stay on the units named.
     """
     counted = [c for c in chains if every_chain or c.max_reaction is not None or c.max_age is not None]
-    return _Builder(expansion, units, resources, counted, tick, grouped).build()
+    grouped = grouped and not any(map(is_bound, expansion.tasks))
+    return _Builder(expansion, units, resources, counted, tick, grouped, pinned or {}).build()
+
+
+def is_bound(active: ActiveTask) -> bool:
+    """Return whether the jobs of a task have to choose one unit set together."""
+    return active.task.binding is not Binding.JOB and any(len(v.units) > v.gang for v in active.versions)
 
 
 def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
-    """Group the units that every version of the mode treats alike; without `grouped`, each stands alone."""
+    """Group units that every version treats alike and that serve the same interrupts; or each stands alone."""
     member_of: dict[str, list[int]] = {unit.name: [] for unit in units}
+    service = {unit.name: tuple((i.distance, i.wcet) for i in unit.interrupts) for unit in units}
     versions = [version for active in expansion.tasks for version in active.versions]
     for index, version in enumerate(versions):
         for name in version.units:
@@ -147,7 +162,7 @@ def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: 
     groups: dict[object, list[str]] = {}
     for name, members in member_of.items():
         if members:
-            groups.setdefault(tuple(members) if grouped else name, []).append(name)
+            groups.setdefault((tuple(members), service[name]) if grouped else name, []).append(name)
     return tuple(tuple(names) for names in groups.values())
 
 
@@ -162,6 +177,7 @@ class _Builder:
         chains: Iterable[Chain],
         tick: Duration | None,
         grouped: bool,
+        pinned: Mapping[str, tuple[str, ...]],
     ) -> None:
         self.expansion = expansion
         self.tick = tick or natural_tick(expansion)
@@ -172,6 +188,8 @@ class _Builder:
         self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
         self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
         self.options: list[Option] = []
+        self.units = {unit.name: unit for unit in units}
+        self.pinned = pinned
 
     def ticks(self, duration: Duration) -> int:
         """Return whole ticks, rounded down; exact for every duration that the tick divides."""
@@ -220,24 +238,29 @@ class _Builder:
         return [q if q <= MAX_QUANTA else MAX_QUANTA for q in denominators.values()]
 
     def _options(self, quanta: list[int]) -> dict[str, Ints]:
-        wcet, late, present, task_option = [], [], [], [0]
+        wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
         rects: list[list[tuple[int, int, int, int]]] = []
         rows: list[list[tuple[int, int, int, int]]] = []
         for active in self.expansion.tasks:
+            numbers: dict[tuple[tuple[int, int], ...], int] = {}
             for version in active.versions:
-                length, slip = self._length(version), self._late(active, version)
                 constraints = [self._row(row) for row in version.precedences]
-                unmeetable = any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints)
-                if slip < 0 or length > self.hyperperiod or unmeetable:
+                if any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints):
                     continue
-                phases = self._phases(version, quanta)
-                for choice in self._choices(version):
+                for choice in self._choices(active, version):
+                    service = self._service(choice)
+                    length, slip = self._length(version, service), self._late(active, version, service)
+                    if slip < 0 or length > self.hyperperiod:
+                        continue
                     self.options.append(Option(version, choice))
+                    phases = self._phases(version, service, quanta)
                     rects.append([(group, 0, length, count) for group, count in choice] + phases)
                     rows.append(constraints)
                     wcet.append(length)
                     late.append(slip)
                     present.append(1)
+                    sets.append(numbers.setdefault(choice, len(numbers)) if is_bound(active) else ANY_SET)
+            task_sets.append(max(1, len(numbers)))
             if self._may_be_absent(active):
                 self.options.append(Option(None, ()))
                 rects.append([])
@@ -245,6 +268,7 @@ class _Builder:
                 wcet.append(0)
                 late.append(0)
                 present.append(0)
+                sets.append(ANY_SET)
             task_option.append(len(wcet))
         rect_first, rect = _table(rects, 4)
         row_first, row = _table(rows, 4)
@@ -253,6 +277,8 @@ class _Builder:
             "option_wcet": _ints(wcet),
             "option_late": _ints(late),
             "option_present": _ints(present),
+            "option_set": _ints(sets),
+            "task_sets": _ints(task_sets),
             "option_recency": self._recency(),
             "rect_first": rect_first,
             "rect": rect,
@@ -262,25 +288,43 @@ class _Builder:
 
     def _recency(self) -> Ints:
         """Rank the options by what their ends lack of a whole tick, and by their WCETs: what lacks least ends last."""
-        wcets = [(option.version.wcet if option.version else None) or ZERO for option in self.options]
+        wcets = [self._reserved(option) for option in self.options]
         keys = [(self.tick * self.ticks_up(wcet) - wcet, wcet) for wcet in wcets]
         place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
         return _ints(place[key] for key in keys)
 
-    def _length(self, version: Version) -> int:
-        assert version.wcet is not None, "validated models state every WCET"
-        return self.ticks_up(version.wcet)
+    def _service(self, choice: tuple[tuple[int, int], ...]) -> Service[Duration]:
+        """Return the interrupts of the units of a choice, of which those of one group are alike."""
+        return service_of(self.units, [name for group, count in choice for name in self.groups[group][:count]])
 
-    def _late(self, active: ActiveTask, version: Version) -> int:
-        """Return the largest delta in whole ticks: slack gamma * D, or what the deadline leaves (MODEL 3)."""
+    def _reserved(self, option: Option) -> Duration:
+        wcet = option.version.wcet if option.version else None
+        return reserved_length(wcet, self._service(option.groups)) if wcet else ZERO
+
+    def _length(self, version: Version, service: Service[Duration] = ()) -> int:
+        assert version.wcet is not None, "validated models state every WCET"
+        return self.ticks_up(reserved_length(version.wcet, service))
+
+    def _late(self, active: ActiveTask, version: Version, service: Service[Duration]) -> int:
+        """Return the largest delta in whole ticks: slack gamma * D, or what the deadline leaves (MODEL 3).
+
+        Of polled arrivals, that with which every job ends in time after the start of the one before, however little
+        late that was (MODEL 8.2): enough, not necessary.
+        """
         task = active.task
         if task.period is None or version.wcet is None:
             return 0
-        room = (task.period if task.deadline is None else task.deadline) - version.wcet
+        slack, due = task.period * task.slack, task.period if task.deadline is None else task.deadline
+        if task.distance is not None:
+            due = (task.distance if task.deadline is None else task.deadline) - task.period
+            slack = min(slack, task.distance - task.period)
+        room = due - reserved_length(version.wcet, service)
         # No job slips a whole period: of two jobs that start together, only their names would say which is the first.
-        return min(self.ticks(task.period * task.slack), self.ticks(room), self.ticks(task.period) - 1)
+        return min(self.ticks(slack), self.ticks(room), self.ticks(task.period) - 1)
 
-    def _phases(self, version: Version, quanta: list[int]) -> list[tuple[int, int, int, int]]:
+    def _phases(
+        self, version: Version, service: Service[Duration], quanta: list[int]
+    ) -> list[tuple[int, int, int, int]]:
         """Return rectangles for a version's access phases; those on one lane never overlap.
 
         The kernel looks at one rectangle at a time, so what a job claims twice at once must be one of them. On every
@@ -289,7 +333,11 @@ class _Builder:
         rects = []
         for name in dict.fromkeys(access.resource for access in version.accesses):
             lane = self.lane_of_resource[name]
-            accesses = [access for access in version.accesses if access.resource == name]
+            accesses = [
+                replace(access, end=reserved_length(access.end, service))
+                for access in version.accesses
+                if access.resource == name
+            ]
             edges = sorted({edge for a in accesses for edge in (self.ticks(a.start), self.ticks_up(a.end))})
             instants = sorted({access.start for access in accesses})
             for begin, end in itertools.pairwise(edges):
@@ -312,10 +360,11 @@ class _Builder:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
         return any(version.wcet is not None and version.wcet % self.tick for version in versions)
 
-    def _choices(self, version: Version) -> list[tuple[tuple[int, int], ...]]:
+    def _choices(self, active: ActiveTask, version: Version) -> list[tuple[tuple[int, int], ...]]:
         """List how many units of each group a job may take: one group, or all splits of a gang."""
         available: dict[int, int] = {}
-        for name in dict.fromkeys(version.units):
+        pinned = self.pinned.get(active.name, ())
+        for name in pinned if pinned and set(pinned) <= set(version.units) else dict.fromkeys(version.units):
             group = self.group_of[name]
             available[group] = available.get(group, 0) + 1
         picks = itertools.combinations_with_replacement(sorted(available), version.gang)
@@ -377,8 +426,7 @@ class _Builder:
             task_job.append(task_job[-1] + active.jobs)
             period.append(self.hyperperiod if task.period is None else self.ticks(task.period))
             cyclic.append(int(task.period is not None))
-            lengths = [self._length(v) for v in active.versions]
-            reach.append(max(lengths, default=0) + max((self._late(active, v) for v in active.versions), default=0))
+            reach.append(self._reach(active))
         return {
             "task_job": _ints(task_job),
             "task_period": _ints(period),
@@ -389,6 +437,16 @@ class _Builder:
             "entry_job": _ints(entry_job),
             "entry_offset": _ints(entry_offset),
         }
+
+    def _reach(self, active: ActiveTask) -> int:
+        """Return the latest end of a job after its release, in ticks."""
+        lengths, slips = [0], [0]
+        for version in active.versions:
+            for choice in self._choices(active, version):
+                service = self._service(choice)
+                lengths.append(self._length(version, service))
+                slips.append(self._late(active, version, service))
+        return max(lengths) + max(slips)
 
     def _phase_of(self, task: Task) -> int:
         assert task.offset is not None

@@ -29,6 +29,7 @@ from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, bui
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from fractions import Fraction
 
     from halpipe.durations import Duration
@@ -226,11 +227,12 @@ def _schedule_mode(
     every_chain = options.quality is Quality.COST
     shipped = _shipped(expansion, options)
     tick = options.tick or _grid(expansion, shipped)
-    problem = _problem(model, expansion, tick, every_chain=every_chain)
+    pinned = _pinned(expansion, earlier)
+    problem = _problem(model, expansion, tick, every_chain=every_chain, pinned=pinned)
     budget = options.budget * max(1, len(expansion.tasks))
     outcome = search(
         problem,
-        lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain),
+        lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain, pinned=pinned),
         _mode_seed(options.seed, number, options.attempt),
         budget,
         lambda moves, best: on_progress(name, moves, budget, best),
@@ -365,13 +367,21 @@ def _problem(
     *,
     grouped: bool = True,
     every_chain: bool = False,
+    pinned: Mapping[str, tuple[str, ...]],
 ) -> Problem:
     """Build the arrays, refusing what does not fit them."""
     _check_tick(expansion, tick)
     resources = [resource.name for resource in model.resources]
     try:
         problem = build_problem(
-            expansion, model.units, resources, model.chains, tick=tick, grouped=grouped, every_chain=every_chain
+            expansion,
+            model.units,
+            resources,
+            model.chains,
+            tick=tick,
+            grouped=grouped,
+            every_chain=every_chain,
+            pinned=pinned,
         )
     except OverflowError:
         raise HalpipeError(_too_large(expansion, tick or natural_tick(expansion))) from None

@@ -40,6 +40,7 @@ typedef struct {
     const int64_t *task_reach;
     const int64_t *task_option;
     const int64_t *task_coupled;
+    const int64_t *task_sets;
     const int64_t *job_task;
     const int64_t *job_entry;
     const int64_t *entry_job;
@@ -47,6 +48,7 @@ typedef struct {
     const int64_t *option_wcet;
     const int64_t *option_late;
     const int64_t *option_present;
+    const int64_t *option_set;
     const int64_t *option_recency;
     const int64_t *rect_first;
     const Rect *rect;
@@ -140,6 +142,9 @@ typedef enum {
 } Part;
 
 static inline bool is_on(const State *s, Part part) { return (s->enabled & part) != 0; }
+
+/* Option of a task that may choose for each job, or of a job that is absent (Arrays.option_set). */
+#define ANY_SET (-1)
 
 /* A cost that nothing reaches. */
 #define NEVER ((int64_t)1 << 60)

@@ -13,11 +13,24 @@ enum {
     CANDIDATES_IN_WINDOWS = 32,
 };
 
+/* Whether an option may be taken on the unit set `set`. */
+static inline bool is_of_set(const Arrays *p, int64_t option, int64_t set) {
+    return set == ANY_SET || p->option_set[option] == ANY_SET || p->option_set[option] == set;
+}
+
+/* The unit set that the jobs of a bound task outside [begin, end) are on; ANY_SET if none of them is placed. */
+static int64_t set_of_others(const Arrays *p, const State *s, int64_t task, int64_t begin, int64_t end) {
+    for (int64_t job = p->task_job[task]; job < p->task_job[task + 1]; job++)
+        if ((job < begin || job >= end) && s->start[job] >= 0 && p->option_set[s->option[job]] != ANY_SET)
+            return p->option_set[s->option[job]];
+    return ANY_SET;
+}
+
 /* Choose option, slide and start of a job at `phase` or later; return its lane cost, NEVER if no option may.
  *
  * The job's phase may reach `latest` plus what slack and deadline of the option allow. */
 static int64_t settle(const Arrays *p, State *s, const int64_t *noise, int64_t task, int64_t job, int64_t phase,
-                      int64_t latest, int64_t limit) {
+                      int64_t latest, int64_t set, int64_t limit) {
     int64_t first = p->task_option[task], last = p->task_option[task + 1];
     int64_t number = p->task_cyclic[task] == 1 ? job - p->task_job[task] : 0;
     int64_t start = modulo(phase + number * p->task_period[task], p->hyperperiod);
@@ -30,7 +43,7 @@ static int64_t settle(const Arrays *p, State *s, const int64_t *noise, int64_t t
     int64_t best = NEVER, chosen = NEVER;
     for (int64_t option = first; option < last; option++) {
         int64_t room = latest + p->option_late[option] - phase, shift = 0;
-        if (room < 0)
+        if (room < 0 || !is_of_set(p, option, set))
             continue;
         int64_t cost = option_cost(p, s, option, start, NEVER);
         if (cost > 0 && room > 0) {
@@ -54,16 +67,38 @@ static int64_t settle(const Arrays *p, State *s, const int64_t *noise, int64_t t
     return chosen;
 }
 
-/* Place all jobs of an entry from `phase` on; return the lane cost, `limit` or more when abandoned. */
-static int64_t try_entry(const Arrays *p, State *s, const int64_t *noise, int64_t task, int64_t begin, int64_t end,
-                         int64_t phase, int64_t limit) {
+/* Place all jobs of an entry from `phase` on, on one unit set; return the lane cost, `limit` or more when abandoned. */
+static int64_t try_set(const Arrays *p, State *s, const int64_t *noise, int64_t task, int64_t begin, int64_t end,
+                       int64_t phase, int64_t set, int64_t limit) {
     int64_t cost = 0;
     for (int64_t job = begin; job < end; job++) {
-        cost += settle(p, s, noise, task, job, phase, phase, limit - cost);
+        cost += settle(p, s, noise, task, job, phase, phase, set, limit - cost);
         if (cost >= limit)
             break;
     }
     return cost;
+}
+
+/* Do that where each job may choose; for a bound task on the set that its other jobs are on, else on the cheapest, the
+ * first of them from one that is drawn on. */
+static int64_t try_entry(const Arrays *p, State *s, const int64_t *noise, int64_t task, int64_t begin, int64_t end,
+                         int64_t phase, int64_t limit) {
+    int64_t sets = p->task_sets[task];
+    if (sets == 1)
+        return try_set(p, s, noise, task, begin, end, phase, ANY_SET, limit);
+    int64_t set = set_of_others(p, s, task, begin, end);
+    if (set != ANY_SET)
+        return try_set(p, s, noise, task, begin, end, phase, set, limit);
+    int64_t first = draw(s, sets), cost = NEVER, chosen = first, last = first;
+    for (int64_t number = 0; number < sets && cost > 0; number++) {
+        last = modulo(first + number, sets);
+        int64_t found = try_set(p, s, noise, task, begin, end, phase, last, least(limit, cost));
+        if (found < cost) {
+            cost = found;
+            chosen = last;
+        }
+    }
+    return chosen == last ? cost : try_set(p, s, noise, task, begin, end, phase, chosen, limit);
 }
 
 /* Place one job near `start`, within what the phases of the other jobs of its entry leave it. */
@@ -88,7 +123,8 @@ static int64_t try_job(const Arrays *p, State *s, const int64_t *noise, int64_t 
     int64_t phase = s->old[job].phase + modulo(start - s->old[job].start + half, p->hyperperiod) - half;
     if (phase < earliest || phase > latest + late)
         phase = earliest + draw(s, latest + late - earliest + 1);
-    return settle(p, s, noise, task, job, phase, latest, limit);
+    int64_t set = p->task_sets[task] == 1 ? ANY_SET : set_of_others(p, s, task, job, job + 1);
+    return settle(p, s, noise, task, job, phase, latest, set, limit);
 }
 
 /* Note the placement just tried as the one to keep. */
