@@ -124,6 +124,7 @@ def burst_grid(platform_file: str) -> BurstGrid:
     from halpipe.pipeline.solve.quantise import BurstGrid
 
     platform = read_platform(platform_file)
+    writer = backend(platform.backend)
     return BurstGrid(
         name=platform.name,
         window=platform.window,
@@ -132,7 +133,10 @@ def burst_grid(platform_file: str) -> BurstGrid:
         promise=platform.promise,
         capacity=platform.window_capacity,
         burst=platform.burst,
-        reserve=reserve_of(platform, backend(platform.backend)),
+        reserve=reserve_of(platform, writer),
+        reserves=writer.reserves,
+        regulated=frozenset(platform.units),
+        carries=writer.carries,
         writes=platform.unspecified == WRITE,
     )
 

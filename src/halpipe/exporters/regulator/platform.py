@@ -34,19 +34,20 @@ MAX_BEATS = 256
 MAX_BURST = 4096
 """AXI: a burst has at most 256 beats and does not cross a 4 KiB boundary."""
 
-BACKENDS = ("table", "axi-realm", "qos400", "memguard", "resctrl")
+BACKENDS = ("table", "axi-realm", "qos400", "memguard", "resctrl", "mpam")
 
 _TOP = (
     "halpipe-regulator", "name", "resource", "clock", "bus", "burst", "window", "guaranteed", "capacity",
     "unspecified", "backend", "overshoot", "units", *BACKENDS,
 )  # fmt: skip
-_UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
+_UNIT = ("manager", "default-read", "default-write", "port", "core", "group", "partid")
 _SETTINGS: dict[str, dict[str, str]] = {
     "table": {"depth": "1024"},
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {"line": "64B"},
-    "resctrl": {"kind": "intel", "domain": "0", "min": "10", "step": "10", "width": "8"},
+    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1"},
+    "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
+    "mpam": {"width": "8", "partids": "32", "base": "0x0"},
 }
 _FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
@@ -56,7 +57,7 @@ _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 class UnitPort:
     """How a unit reaches memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
 
-    `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl.
+    `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl, `partid` for MPAM.
     """
 
     unit: str
@@ -65,6 +66,7 @@ class UnitPort:
     port: str = ""
     core: int | None = None
     group: str = ""
+    partid: int | None = None
     at: Location = field(default=Location(), compare=False)
 
 
@@ -204,6 +206,7 @@ class _Reader:
                 port=f.value("port", _name, ""),
                 core=f.value("core", _whole, None),
                 group=f.value("group", _name, ""),
+                partid=f.value("partid", _whole, None),
                 at=at,
             )
         return units
@@ -340,6 +343,26 @@ def _address(text: str) -> str:
     return text.lower()
 
 
+def _period(text: str) -> str:
+    """Read a period of whole microseconds; return their number."""
+    period = Duration.parse(text).in_unit("us")
+    if period.denominator != 1 or period <= 0:
+        raise ValueError(f"{quoted(text)} is not whole microseconds above zero; write it as 1ms")
+    return str(period.numerator)
+
+
+def _ratio(text: str) -> str:
+    """Read a number from 0 to 1."""
+    if not 0 <= parse_rational(text) <= 1:
+        raise ValueError(f"{quoted(text)} is out of range; write a number from 0 to 1, as 0.5 or 1/3")
+    return text
+
+
+def _numbers(text: str) -> str:
+    """Read whole numbers with spaces between them."""
+    return " ".join(str(_whole(word)) for word in text.split())
+
+
 def _size_text(text: str) -> str:
     _positive_size(text)
     return text
@@ -358,6 +381,13 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("qos400", "granularity"): _word("mode", "phase"),
     ("qos400", "burstiness"): _at_least(1, 2**16 - 1),
     ("memguard", "line"): _size_text,
+    ("memguard", "period"): _period,
+    ("memguard", "cores"): _at_least(1, 256),
+    ("memguard", "write-backs"): _ratio,
+    ("resctrl", "others"): _numbers,
+    ("mpam", "width"): _at_least(1, 16),
+    ("mpam", "partids"): _at_least(1, 2**16),
+    ("mpam", "base"): _address,
     ("resctrl", "kind"): _word("intel", "amd", "mpam"),
     ("resctrl", "min"): _at_least(1, 100),
     ("resctrl", "step"): _at_least(1, 100),

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.regulator.frames import MODE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.exporters.regulator.frames import Frame, Phase, Row
 
@@ -119,9 +119,26 @@ def totals(bursts: Mapping[Row, Sequence[int]], count: int) -> list[int]:
     return sums
 
 
-def overload(bursts: Mapping[Row, Sequence[int]], count: int, room: int) -> Overload | None:
-    """Return the worst window above `room`, None if there is none."""
-    sums = totals(bursts, count)
+def charged(bursts: Mapping[Row, Sequence[int]], count: int, carrying: Iterable[Row]) -> list[int]:
+    """Return what each window may have to carry: its bursts, and those shown in the window before and taken in it.
+
+    AXI forbids to withdraw what was shown. A row of `carrying` that had bursts in the window before may therefore use
+    one in this window, whatever its budget; before the first window any of them may have been served, by another table
+    or by the defaults.
+    """
+    sums = [0] * count
+    for row in carrying:
+        granted = bursts.get(row) or [0] * count
+        before = [1, *granted[:-1]]
+        sums = [total + (n or (1 if p else 0)) for total, n, p in zip(sums, granted, before, strict=True)]
+    return sums
+
+
+def overload(
+    bursts: Mapping[Row, Sequence[int]], count: int, room: int, carrying: Collection[Row] = ()
+) -> Overload | None:
+    """Return the worst window above `room`, None if there is none; `carrying` as for `charged`."""
+    sums = charged(bursts, count, carrying) if carrying else totals(bursts, count)
     most = max(sums, default=0)
     return Overload(sums.index(most), most, room) if most > room else None
 
@@ -154,6 +171,23 @@ def controlled(promised: Mapping[Row, Promise], count: int, room: int) -> Bursts
             bursts[r][k] += 1
             given[r] += 1
     return dict(zip(rows, bursts, strict=True))
+
+
+def controlled_seams(
+    promised: Mapping[Row, Promise], count: int, room: int, carrying: Collection[Row]
+) -> Bursts | Overload:
+    """Return bursts by the rule *controlled* that leave room for what is carried over, see `charged`.
+
+    One burst kept for every row of `carrying` is always enough; fewer are tried first.
+    """
+    kept, most = 0, len(carrying)
+    while True:
+        found = controlled(promised, count, room - kept) if room > kept else Overload(0, room + 1, room)
+        if isinstance(found, Overload):
+            return Overload(found.window, max(found.needed, room - kept + 1) + most, room)
+        if overload(found, count, room, carrying) is None:
+            return found
+        kept = min(most, 2 * kept or 1)
 
 
 def _busy(due: list[list[int]], allowed: list[list[int]], count: int) -> list[list[int]]:

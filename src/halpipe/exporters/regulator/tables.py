@@ -26,7 +26,7 @@ from halpipe.exporters.regulator.rounding import (
     CONTROLLED,
     WHOLE,
     Overload,
-    controlled,
+    controlled_seams,
     overload,
     promises,
     totals,
@@ -184,7 +184,8 @@ class TableBuilder:
         used = {phase.row for frame in frames for phase in frame.phases}
         units = self._units(used)
         self.findings.stop_on_errors()
-        tables = self._tables(frames, units, grid, rule)
+        carrying = sorted(used) if self.backend.carries else []
+        tables = self._tables(frames, units, grid, rule, carrying)
         self.findings.stop_on_errors()
         return Tables(
             model=self.model.name,
@@ -234,7 +235,7 @@ class TableBuilder:
         known = [name for name in names if name in platform.units]
         overshoot = self._overshoot()
         rows = [Row(name, direction) for name in known for direction in DIRECTIONS]
-        active = {row for row in rows if row in used or platform.units[row.unit].default[row.direction]}
+        active = {row for row in rows if self._is_reserved(row, used)}
         reserved = {row: overshoot if row in active else 0 for row in rows}
         defaults = self._defaults(used, reserved)
         return tuple(
@@ -247,6 +248,11 @@ class TableBuilder:
             )
             for index, name in enumerate(known)
         )
+
+    def _is_reserved(self, row: Row, used: set[Row]) -> bool:
+        rule = self.backend.reserves
+        is_used = row in used or bool(self.platform.units[row.unit].default[row.direction])
+        return is_used or rule == "all" or (rule == "units" and any(Row(row.unit, d) in used for d in DIRECTIONS))
 
     def _overshoot(self) -> int:
         """Return what is reserved for each row: overshoot, and what an idle row may do for lack of a budget of 0."""
@@ -285,7 +291,7 @@ class TableBuilder:
     # ---- tables
 
     def _tables(
-        self, frames: list[Frame], units: tuple[RegulatedUnit, ...], grid: Grid, rule: str
+        self, frames: list[Frame], units: tuple[RegulatedUnit, ...], grid: Grid, rule: str, carrying: list[Row]
     ) -> tuple[Table, ...]:
         bursts = self.platform.promise / self.platform.burst
         free = room(self.platform, sum(sum(unit.overshoot.values()) for unit in units))
@@ -293,9 +299,11 @@ class TableBuilder:
         tables = []
         for number, frame in enumerate(frames):
             promised = promises(frame, grid.window, bursts)
-            rounding, found = self._round(frame, grid, promised, free, rule)
+            rounding, found = self._round(frame, grid, promised, free, rule, carrying)
+            if isinstance(found, Overload) and self.backend.rates:  # which checks the sums of its rates
+                rounding, found = WHOLE, whole(promised)
             if isinstance(found, Overload):
-                self.findings.add(self._over_capacity(frame, found, rounding, promised, units))
+                self.findings.add(self._over_capacity(frame, found, rounding, promised, units, len(carrying)))
                 continue
             windows = frame.span // grid.window
             successor = number if frame.kind == MODE else index[frame.target]
@@ -303,15 +311,21 @@ class TableBuilder:
         return tuple(tables)
 
     def _round(
-        self, frame: Frame, grid: Grid, promised: Mapping[Row, Promise], free: int, rule: str
+        self,
+        frame: Frame,
+        grid: Grid,
+        promised: Mapping[Row, Promise],
+        free: int,
+        rule: str,
+        carrying: list[Row],
     ) -> tuple[str, Bursts | Overload]:
         windows = frame.span // grid.window
         if rule != CONTROLLED:
             bursts = whole(promised)
-            excess = overload(bursts, windows, free)
+            excess = overload(bursts, windows, free, carrying)
             if excess is None or rule == WHOLE:
                 return WHOLE, excess or bursts
-        return CONTROLLED, controlled(promised, windows, free)
+        return CONTROLLED, controlled_seams(promised, windows, free, carrying)
 
     def _over_capacity(
         self,
@@ -320,22 +334,24 @@ class TableBuilder:
         rounding: str,
         promised: Mapping[Row, Promise],
         units: tuple[RegulatedUnit, ...],
+        carrying: int,
     ) -> Diagnostic:
         """Explain with the numbers, and name the bandwidths with which it would fit."""
         p = self.platform
         reserve = sum(sum(unit.overshoot.values()) for unit in units)
         free = max(0, found.room)
         kept = f", of which {reserve} bytes are reserved for overshoot" if reserve else ""
+        kept += "; a burst shown in the window before may pass in it" if carrying else ""
         message = (
             f"window {found.window} needs {found.needed} bursts of {p.burst} bytes, there is room for {free} "
             f"(capacity {p.window_capacity} bytes{kept})"
         )
         needed = found.needed  # in the worst window where whole, in the first that overflows where controlled
         if rounding == CONTROLLED:
-            needed = max(needed, ceil(max(_fluid(promised))))
+            needed = max(needed, ceil(max(_fluid(promised))) + carrying)
         lone = max(max(bursts) for bursts in whole(promised).values())
         capacity = -(-(needed * p.burst + reserve) * p.clock // p.cycles)
-        lower = free * p.guaranteed // needed
+        lower = max(0, free - carrying) * p.guaranteed // max(1, needed - carrying)
         choices = [f'"capacity: {format_bandwidth(capacity)}"'] if capacity <= p.bus * p.clock else []
         choices += [f'"guaranteed: {format_bandwidth(lower)}"'] if lower and rounding == CONTROLLED else []
         choices += ["scheduling with --quantise"] if lone <= free else []

@@ -10,6 +10,9 @@ Why it is safe, where it is not obvious:
 * A version claims of each window the highest sum of its bounds there, so that the original keeps the rule at every
   instant; and at least what the rule *whole* of the export grants it: the bytes promised within the window, read and
   written, rounded up to bursts. Two jobs of a unit share no window, since starts are on the grid.
+* A burst that was shown at the end of a window may pass in the next one, whatever the budget there. So one burst is
+  kept for every row, and a claim counts what it has above that: then the sum over all rows of their bursts, or of one
+  where they have none, has room in every window.
 * The deadline becomes, over the versions, the smallest C' + floor(deadline - C), with C' the rounded WCET: a start on
   the grid keeps it exactly if it keeps the original.
 * A job really ends up to a window before its rounded end, so that windows from the end of a predecessor shrink at the
@@ -46,7 +49,9 @@ class BurstGrid:
     """The grid of a platform called `name`: a `window`, a multiple of `cycle`; sizes in bytes per window.
 
     A bound of 1 on `resource` (empty: the only one) promises `promise`; of `capacity`, `reserve` is kept for each unit
-    and direction that may use it. Budgets are whole bursts of `burst` bytes. Accesses of no kind write if `writes`.
+    and direction that may use it, for both directions of such units, or for all that are `regulated` (`reserves`:
+    ``used``, ``units``, ``all``). With `carries`, a burst shown in one window may pass in the next. Budgets are whole
+    bursts of `burst` bytes. Accesses of no kind write if `writes`.
     """
 
     name: str
@@ -58,6 +63,9 @@ class BurstGrid:
     burst: int
     reserve: int
     writes: bool = False
+    reserves: str = "used"
+    regulated: frozenset[str] = frozenset()
+    carries: bool = False
 
     def up(self, duration: Duration) -> Duration:
         """Return the next multiple of the window from `duration` on."""
@@ -104,11 +112,12 @@ def describe(model: TaskModel, grid: BurstGrid) -> str:
     """Return what the grid makes of the model, in numbers, for people whose model no longer fits."""
     resource = _resource(model, grid)
     room = _room(model, grid, resource)
-    rows = len(_rows(model, grid, resource))
+    kept = _kept(model, grid, resource)
     full = format_rational(Fraction(int(grid.promise / grid.burst * 100), 100))
+    what = "overshoot and bursts carried over" if grid.carries else "overshoot"
     return (
         f"windows of {grid.window} have room for {room} bursts of {grid.burst} bytes ({grid.capacity} bytes less "
-        f"{grid.reserve * rows} for overshoot), a bound of 1 is {full}; bounds are rounded up to whole bursts, WCETs "
+        f"{kept} for {what}), a bound of 1 is {full}; bounds are rounded up to whole bursts, WCETs "
         "and access phases to whole windows"
     )
 
@@ -139,17 +148,28 @@ def _rows(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bo
     }
 
 
+def _kept(model: TaskModel, grid: BurstGrid, resource: str) -> int:
+    """Return the bytes of a window that are kept: for overshoot, and for a burst of every row that is carried over."""
+    rows = _rows(model, grid, resource)
+    reserved = {
+        "used": len(rows),
+        "units": 2 * len({unit for unit, _ in rows}),
+        "all": 2 * len(grid.regulated & {unit.name for unit in model.units}),
+    }[grid.reserves]
+    return grid.reserve * reserved + (grid.burst * len(rows) if grid.carries else 0)
+
+
 def _room(model: TaskModel, grid: BurstGrid, resource: str) -> int:
-    return (grid.capacity - grid.reserve * len(_rows(model, grid, resource))) // grid.burst
+    return (grid.capacity - _kept(model, grid, resource)) // grid.burst
 
 
 def _no_room(model: TaskModel, grid: BurstGrid, resource: str) -> Diagnostic:
-    rows = len(_rows(model, grid, resource))
+    rows, kept = len(_rows(model, grid, resource)), _kept(model, grid, resource)
     message = (
-        f"a window of {grid.window} carries {grid.capacity} bytes, of which {grid.reserve} are kept for each of {rows} "
-        f"units and directions; that leaves no burst of {grid.burst} bytes"
+        f"a window of {grid.window} carries {grid.capacity} bytes, of which {kept} are kept for what {rows} units and "
+        f"directions may move above their budgets; that leaves no burst of {grid.burst} bytes"
     )
-    least = Fraction(grid.reserve * rows + grid.burst, grid.capacity) * (grid.window / grid.cycle)
+    least = Fraction(kept + grid.burst, grid.capacity) * (grid.window / grid.cycle)
     help = f"use a window of at least {ceil(least)} cycles"
     return GRID_ROOM(message, at=model.at, path=f'platform "{grid.name}"', help=help)
 
@@ -252,14 +272,18 @@ class _Tasks:
         return max(sum((a.bound for a in accesses if a.start <= t < a.end), Fraction(0)) for t in instants)
 
     def _bursts(self, accesses: list[Access], start: Duration, gang: int) -> int:
-        """Return the bursts of the window at `start` for all units of a gang: reads and writes, each rounded up."""
+        """Return the bursts of the window at `start` for all units of a gang: reads and writes, each rounded up.
+
+        Without those that are kept for each row anyway.
+        """
         volumes = [Fraction(0), Fraction(0)]
         for access in accesses:
             overlap = min(access.end, start + self.grid.window) - max(access.start, start)
             if overlap > ZERO:
                 writes = self.grid.writes if access.kind is None else access.kind == AccessKind.WRITE
                 volumes[writes] += access.bound / gang * self.grid.promise * (overlap / self.grid.window)
-        return gang * sum(ceil(volume / self.grid.burst) for volume in volumes)
+        bursts = [ceil(volume / self.grid.burst) for volume in volumes]
+        return gang * sum(max(0, n - 1) if self.grid.carries else n for n in bursts)
 
     def _check_bursts(self, accesses: list[Access], bursts: dict[Duration, int], path: str) -> None:
         """Report the first window that needs more than there is room for."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator.backends.axi_realm import AxiRealm
 from halpipe.exporters.regulator.backends.memguard import MemGuard
+from halpipe.exporters.regulator.backends.mpam import Mpam
 from halpipe.exporters.regulator.backends.qos400 import Qos400
 from halpipe.exporters.regulator.backends.resctrl import Resctrl
 from halpipe.exporters.regulator.backends.table import TableUnit
@@ -16,7 +17,7 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from halpipe.exporters.regulator.backends.base import Backend
 
-REGISTER: dict[str, Backend] = {b.name: b for b in (TableUnit(), AxiRealm(), Qos400(), MemGuard(), Resctrl())}
+REGISTER: dict[str, Backend] = {b.name: b for b in (TableUnit(), AxiRealm(), Qos400(), MemGuard(), Resctrl(), Mpam())}
 
 
 def backend(name: str) -> Backend:

@@ -4,8 +4,9 @@ What its RTL was measured to do decides how it is programmed:
 
 * A budget is loaded at the end of a period only, so that it is written in the window before it applies.
 * A greedy manager gets one burst more than its budget: that is the overshoot.
-* A budget of 0 in any region or direction isolates the manager as a whole, so that 0 is never written: what a unit
-  never uses is left open, and a row that is idle in a window keeps a budget of one burst, for which room is reserved.
+* A budget of 0 in any region or direction isolates the manager as a whole. That is what a unit gets that never uses the
+  resource. Of any other unit, a direction that is idle, now or always, keeps a budget of one burst, for which room is
+  reserved; only regions that hold no address are left open.
 * A period written before its budget starts with budget 0; budgets come first.
 """
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Table, Tables
 
-GUARD, CLAIM = 0x7FC, 0x7
+CLAIM = 0x7
 ENABLE = 0x0C
 OPEN = 0x7FFFFFFF
 
@@ -48,6 +49,13 @@ class RegisterMap:
         """One bit for each manager."""
         return self.len_limit + -(-self.managers // 4) * 4
 
+    @property
+    def guard(self) -> int:
+        """Who owns the registers; it lies behind them, at the top of the next larger power of two."""
+        counters, facts = 4, 13  # banks to be read only; then isolation and what the RTL was built with
+        size = self.bank(END_OF_BANKS + counters, 0, 0) + 4 * facts
+        return (2 << (size - 1).bit_length()) - 4
+
     def bank(self, number: int, manager: int, region: int) -> int:
         """Return a register of one of the banks with one register for each manager and region."""
         count = self.managers * self.regions
@@ -55,6 +63,7 @@ class RegisterMap:
 
 
 START_LOW, START_HIGH, END_LOW, END_HIGH, WRITE_BUDGET, READ_BUDGET, WRITE_PERIOD, READ_PERIOD = range(8)
+END_OF_BANKS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +81,9 @@ class AxiRealm:
     name = "axi-realm"
     summary = "AXI-REALM: register writes for set-up and for every window, as script and as C arrays"
     least = 1
+    reserves = "units"
+    rates = False
+    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return one burst: the bus is cut after the budget is spent."""
@@ -85,7 +97,14 @@ class AxiRealm:
         """Return how much software has to write."""
         worst, where = _worst(tables)
         limit = int(tables.platform.settings[self.name]["writes-per-window"])
-        return {"writes_per_window": worst, "worst_window": where, "writes_allowed": limit}
+        regulated = {unit.manager for unit in tables.units}
+        free = [m for m in range(_map(tables).managers) if m not in regulated]
+        return {
+            "writes_per_window": worst,
+            "worst_window": where,
+            "writes_allowed": limit,
+            "managers_not_regulated": " ".join(map(str, free)) or "none",
+        }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return ``setup.txt``, a script for every table, and ``axi_realm.h``."""
@@ -116,9 +135,9 @@ def _map(tables: Tables) -> RegisterMap:
 
 def _setup(tables: Tables) -> Iterator[Write]:
     """Yield the writes of the set-up: claim, burst length, regions, default budgets, and only then periods."""
-    p, registers, rows = tables.platform, _map(tables), set(tables.rows)
+    p, registers, rows = tables.platform, _map(tables), set(_bound(tables))
     beats = p.burst // p.bus - 1
-    yield Write(0, GUARD, CLAIM)
+    yield Write(0, registers.guard, CLAIM)
     for offset in range(registers.len_limit, registers.imtu_enable, 4):
         yield Write(0, offset, beats * 0x01010101)
     for unit in tables.units:
@@ -127,17 +146,24 @@ def _setup(tables: Tables) -> Iterator[Write]:
             for bank, value in ((START_LOW, low), (START_HIGH, low), (END_LOW, high), (END_HIGH, high)):
                 yield Write(0, registers.bank(bank, unit.manager, region), value)
             for direction in DIRECTIONS:
-                is_bound = region == 0 and Row(unit.name, direction) in rows
-                yield Write(
-                    0, _budget(registers, unit, direction, region), unit.default[direction] if is_bound else OPEN
-                )
-    for unit in tables.units:
+                budget = OPEN
+                if region == 0:
+                    is_bound = Row(unit.name, direction) in rows
+                    budget = max(unit.default[direction], p.burst) if is_bound else 0
+                yield Write(0, _budget(registers, unit, direction, region), budget)
+    for unit in tables.units:  # a period that is written loads the budget, so budgets come first
         for region in range(registers.regions):
             for bank in (WRITE_PERIOD, READ_PERIOD):
                 yield Write(0, registers.bank(bank, unit.manager, region), p.cycles - 1)
     mask = sum(1 << unit.manager for unit in tables.units)
     yield Write(0, ENABLE, mask)
     yield Write(0, registers.imtu_enable, mask)  # one write for all, so that their windows are aligned
+
+
+def _bound(tables: Tables) -> list[Row]:
+    """Return both directions of every unit that has a budget somewhere."""
+    used = {row.unit for row in tables.rows}
+    return [Row(unit.name, d) for unit in tables.units if unit.name in used for d in DIRECTIONS]
 
 
 def _budget(registers: RegisterMap, unit: RegulatedUnit, direction: str, region: int = 0) -> int:
@@ -147,7 +173,7 @@ def _budget(registers: RegisterMap, unit: RegulatedUnit, direction: str, region:
 def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
     """Return for every budget register its bytes in every window; never 0."""
     registers, burst = _map(tables), tables.platform.burst
-    rows = set(tables.rows)
+    rows = set(_bound(tables))
     bound = ((unit, d) for unit in tables.units for d in DIRECTIONS if Row(unit.name, d) in rows)
     return {
         _budget(registers, unit, d): [max(n, AxiRealm.least) * burst for n in table.row(Row(unit.name, d))]
@@ -172,7 +198,7 @@ def _changes(tables: Tables, table: Table) -> list[Write]:
 
 def _worst(tables: Tables) -> tuple[int, str]:
     """Return the most writes in any one window, and where; a switch writes every budget."""
-    worst, where = len(tables.rows), "any switch"
+    worst, where = len(_bound(tables)), "any switch"
     for table in tables.tables:
         counts: dict[int, int] = {}
         for write in _changes(tables, table):

@@ -5,29 +5,38 @@ from __future__ import annotations
 import re
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from halpipe.diagnostics import printable
+from halpipe.exporters.regulator.frames import MODE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     import jinja2
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
-    from halpipe.exporters.regulator.tables import Tables
+    from halpipe.exporters.regulator.tables import Table, Tables
+
+K = TypeVar("K")
 
 
 class Backend(Protocol):
     """A kind of regulator. It decides nothing about budgets: it says what must be reserved, checks, and writes.
 
-    `least` is the smallest budget that a row can be given, in bursts: what an idle row may use all the same.
+    `least` is the smallest budget that a row can be given, in bursts: what an idle row may use all the same. `reserves`
+    says for which rows that and the overshoot are kept: those that are ``used``, both directions of units that are
+    (``units``), or ``all``. Of a back-end with `rates`, a unit has one rate for a whole table and no windows. With
+    `carries`, a burst that was shown in a window may pass in the next one, whatever the budget there.
     """
 
     name: str
     summary: str
     least: int
+    reserves: str
+    rates: bool
+    carries: bool
 
     def overshoot(self, platform: Platform) -> int:
         """Return the bytes that may pass above a budget, per window and direction."""
@@ -44,6 +53,22 @@ class Backend(Protocol):
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return the files by name, which go into a folder of the back-end; `digest` is the schedule's hash."""
         ...
+
+
+def predecessors(tables: Tables, table: Table) -> list[Table]:
+    """Return the tables after whose end `table` may begin: itself if it repeats, and those that lead to it."""
+    modes = {t.frame.source: t.index for t in tables.tables if t.frame.kind == MODE}
+    asking = {modes[switch.source] for switch in tables.switches if switch.request == table.index}
+    return [t for t in tables.tables if t.successor == table.index or t.index in asking]
+
+
+def falls_first(before: Sequence[Mapping[K, int]], new: Mapping[K, int]) -> list[tuple[K, int]]:
+    """Return the values to write, in an order that is safe whichever of the settings `before` was in force.
+
+    First everything falls to what is in all of them, then it rises: at no instant is the sum above both settings.
+    """
+    floors = {key: min([value, *(b[key] for b in before if key in b)]) for key, value in new.items()}
+    return [*floors.items(), *((key, value) for key, value in new.items() if value != floors[key])]
 
 
 def identifiers(names: Iterable[str]) -> list[str]:

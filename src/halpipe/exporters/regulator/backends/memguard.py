@@ -1,29 +1,40 @@
 """MemGuard (heechul/memguard): events per core and period, for units that are cores of a CPU.
 
 Limits are written as events, not as MB/s: the module's own conversion divides 10^6 by the period in integers and is
-wrong unless it divides. A limit of 0 is rejected. The period is the platform's window; it is not aligned with the
-schedule, so each mode has one limit per core, that of its largest bound.
+wrong unless it divides. A limit of 0 is rejected, and cores that a line does not reach keep what they had, which after
+loading is no limit at all; so every line has every core. The period is not aligned with the schedule, so each mode has
+one limit per core, that of its largest bound, rounded up.
+
+What a core reads it may write back: without room for its write-backs it would stall at the first of them. Reads, and
+accesses of no kind, therefore bring `write-backs` lines written for each line read with them.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import seconds
-from halpipe.exporters.regulator.backends.base import file_names, render
-from halpipe.exporters.regulator.backends.rates import check_peaks, peaks
-from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT, SHARED_MANAGER
+from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
+from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of
+from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS
-from halpipe.quantities import parse_size
+from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
+from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
+
+LEAST_PERIOD = 1000
+"""Microseconds: below, the interrupts that end and begin periods take a core's time themselves."""
+
+MOST_PERIOD = 10**6
+LONGEST_LINE = 255
+"""Characters that the module takes of one line."""
 
 
 class MemGuard:
@@ -32,34 +43,37 @@ class MemGuard:
     name = "memguard"
     summary = "MemGuard: a script for every mode with the events per period of every core"
     least = 0
+    reserves = "used"
+    rates = True
+    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; what passes until the interrupt is taken is for the platform to state."""
         return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
-        """Return units that are no cores, a period that is not whole microseconds, and rates that do not fit."""
+        """Return units that are no cores, a period that does not do, and rates that do not fit."""
         found = [*_check_cores(tables), *_check_period(tables.platform)]
-        return found + check_peaks(
-            tables, "use the back-end table or axi-realm, or make the bounds of the units smaller"
-        )
+        for table in () if found else tables.tables:
+            found += _check_limits(tables, table)
+        return found
 
     def facts(self, tables: Tables) -> dict[str, Any]:
         """Return the events of every table, by core."""
         return {
-            "period_us": str(tables.platform.window.in_unit("us")),
+            "period_us": _period(tables.platform),
+            "cores": _count(tables),
             "events": {t.name: {d: _events(tables, t, d) for d in DIRECTIONS} for t in tables.tables},
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return a script for every table, and one that loads the module."""
-        values = {"platform": tables.platform, "model": tables.model, "digest": digest}
-        period = int(tables.platform.window.in_unit("us"))
-        defaults = {d: _defaults(tables, d) for d in DIRECTIONS}
-        files = {"setup.sh": render("memguard_setup.sh.j2", period=period, events=defaults, **values)}
+        values = {"platform": tables.platform, "model": tables.model, "digest": digest, "cores": _count(tables)}
+        defaults = [(d, _defaults(tables)[d]) for d in DIRECTIONS]
+        period = _period(tables.platform)
+        files = {"setup.sh": render("memguard_setup.sh.j2", period=period, limits=defaults, **values)}
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
-            events = {d: _events(tables, table, d) for d in DIRECTIONS}
-            files[f"{stem}.sh"] = render("memguard.sh.j2", table=table, events=events, **values)
+            files[f"{stem}.sh"] = render("memguard.sh.j2", table=table, limits=list(_lines(tables, table)), **values)
         return files
 
 
@@ -68,48 +82,127 @@ def _cores(tables: Tables) -> dict[int, str]:
     return {core: name for name, core in ports if core is not None}
 
 
+def _count(tables: Tables) -> int:
+    """Return the number of cores of the machine: as stated, else up to the last that is a unit."""
+    return int(tables.platform.settings[MemGuard.name]["cores"]) or max(_cores(tables), default=-1) + 1
+
+
 def _line(platform: Platform) -> int:
     return parse_size(platform.settings[MemGuard.name]["line"])
 
 
+def _period(platform: Platform) -> int:
+    """Return the period in microseconds: as stated, else the window."""
+    stated = platform.settings[MemGuard.name]["period"]
+    return int(stated) if stated else int(platform.window.in_unit("us"))
+
+
+def _bytes(platform: Platform, rate: Fraction) -> Fraction:
+    return rate * _period(platform) / 10**6
+
+
 def _events(tables: Tables, table: Table, direction: str) -> list[int]:
-    """Return the events per period of every core from 0 on: the largest bound of the table, rounded down to lines."""
+    """Return the events per period of every core: the largest bound of the table, rounded up to lines."""
     cores, highest = _cores(tables), peaks(table.frame)
-    promised = tables.platform.promise / _line(tables.platform)
-    bounds = (highest.get(Row(cores.get(n, ""), direction), Fraction(0)) for n in range(max(cores, default=-1) + 1))
-    return [max(1, int(bound * promised)) for bound in bounds]
+    line, backs = _line(tables.platform), _write_backs(tables.platform)
+
+    def events(unit: str, direction: str) -> int:
+        bound = highest.get(Row(unit, direction), Fraction(0))
+        return ceil(_bytes(tables.platform, rate_of(tables, bound)) / line)
+
+    units = [cores.get(core, "") for core in range(_count(tables))]
+    if direction == READ:
+        return [max(1, events(unit, READ)) for unit in units]
+    return [max(1, events(unit, WRITE) + ceil(backs * events(unit, READ))) for unit in units]
 
 
-def _defaults(tables: Tables, direction: str) -> list[int]:
-    by_name = {unit.name: unit.default[direction] for unit in tables.units}
-    line = _line(tables.platform)
-    return [max(1, by_name[name] // line) for _, name in sorted(_cores(tables).items())]
+def _write_backs(platform: Platform) -> Fraction:
+    return parse_rational(platform.settings[MemGuard.name]["write-backs"])
+
+
+def _defaults(tables: Tables) -> dict[str, list[int]]:
+    """Return the events per period before the first table; reads leave room for their write-backs."""
+    p, cores = tables.platform, _cores(tables)
+    budgets = {unit.name: unit.default for unit in tables.units}
+    periods = Fraction(_period(p) * p.clock, p.cycles * 10**6)  # windows in a period
+    found: dict[str, list[int]] = {d: [] for d in DIRECTIONS}
+    for core in range(_count(tables)):
+        budget = budgets.get(cores.get(core, ""), dict.fromkeys(DIRECTIONS, 0))
+        read = max(1, int(budget[READ] * periods / (1 + _write_backs(p)) / _line(p)))
+        found[READ].append(read)
+        found[WRITE].append(max(1, int(budget[WRITE] * periods / _line(p) + _write_backs(p) * read)))
+    return found
+
+
+def _lines(tables: Tables, table: Table) -> Iterator[tuple[str, list[int]]]:
+    """Yield the limits to write: those that fall, of reads and writes, before those that rise."""
+
+    def all_of(table: Table) -> dict[tuple[str, int], int]:
+        return {(d, core): n for d in DIRECTIONS for core, n in enumerate(_events(tables, table, d))}
+
+    new = all_of(table)
+    floors: dict[tuple[str, int], int] = {}
+    for key, value in falls_first([all_of(t) for t in predecessors(tables, table)], new):
+        floors.setdefault(key, value)
+    for values in (floors, new) if floors != new else (new,):
+        for d in DIRECTIONS:
+            yield d, [values[d, core] for core in range(_count(tables))]
+
+
+# ------------------------------------------------------------------------------------------------- checks
 
 
 def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
-    owner: dict[int, str] = {}
-    for unit in tables.units:
-        port = tables.platform.units[unit.name]
-        path = f'unit "{unit.name}"'
+    ports = [tables.platform.units[unit.name] for unit in tables.units]
+    for port in ports:
         if port.core is None:
             help = 'state "core: N", the number of the core as the system counts them'
-            yield NO_MANAGER("is no core: it has no number for MemGuard", at=port.at, path=path, help=help)
-        elif owner.setdefault(port.core, unit.name) != unit.name:
-            message = f'core {port.core} is the one of unit "{owner[port.core]}", too'
-            yield SHARED_MANAGER(message, at=port.at, path=path, help="give each unit a core of its own")
-    gaps = sorted(set(range(max(owner, default=0))) - set(owner))
-    if gaps and owner:
+            message = "is no core: it has no number for MemGuard"
+            yield NO_MANAGER(message, at=port.at, path=f'unit "{port.unit}"', help=help)
+    yield from check_owners(((port.unit, port.core, port.at) for port in ports if port.core is not None), "core")
+    known = _cores(tables)
+    stated = int(tables.platform.settings[MemGuard.name]["cores"])
+    last = max(known, default=0)
+    if stated and last >= stated:
+        message = f"core {last} does not exist; the platform has {stated} cores"
+        help = f'use 0 to {stated - 1}, or state "memguard: {{cores: {last + 1}}}"'
+        yield NO_MANAGER(message, at=tables.platform.at, path=f'unit "{known[last]}"', help=help)
+    gaps = sorted(set(range(last)) - set(known))
+    if gaps and not stated:
         message = f"cores {', '.join(map(str, gaps))} belong to no unit, and MemGuard wants a limit for every core"
-        help = "add units for them to the model and the platform; what no task runs on gets the lowest limit"
+        help = f'state "memguard: {{cores: {last + 1}}}" if they run nothing that counts: they get the lowest limit'
         yield NO_MANAGER(message, at=tables.platform.at, path="platform units", help=help)
 
 
 def _check_period(platform: Platform) -> Iterator[Diagnostic]:
-    period = platform.window.in_unit("us")
-    if period.denominator != 1:
-        cycles = [n * platform.clock // 10**6 for n in (int(period), int(period) + 1) if n]
-        whole = [n for n in cycles if n * 10**6 % platform.clock == 0]
-        near = " or ".join(f"{n} cycles ({seconds(Fraction(n, platform.clock))})" for n in whole)
-        message = f"the window of {platform.window} is the period of MemGuard, which counts in whole microseconds"
-        help = f"use {near}" if near else "use a clock and a window that give whole microseconds"
-        yield RATE_DOES_NOT_FIT(message, at=platform.at, path="platform window", help=help)
+    stated = platform.settings[MemGuard.name]["period"]
+    period = Fraction(int(stated)) if stated else platform.window.in_unit("us")
+    path = "platform memguard" if stated else "platform window"
+    if period.denominator != 1 or not LEAST_PERIOD <= period <= MOST_PERIOD:
+        what = f"{stated}us are" if stated else f"the window of {platform.window} is"
+        message = f"{what} no period for MemGuard, which counts in whole microseconds, from {LEAST_PERIOD} on"
+        near = min(MOST_PERIOD, max(LEAST_PERIOD, ceil(period)))
+        help = f'state "memguard: {{period: {near}us}}"; a period need not be the window'
+        yield RATE_DOES_NOT_FIT(message, at=platform.at, path=path, help=help)
+
+
+def _check_limits(tables: Tables, table: Table) -> Iterator[Diagnostic]:
+    p, cores, line = tables.platform, _cores(tables), _line(tables.platform)
+    highest = peaks(table.frame)
+    given: dict[str, Fraction] = {}
+    for d in DIRECTIONS:
+        events = _events(tables, table, d)
+        for core, number in enumerate(events):
+            given[f"{cores.get(core, f'core {core}')} {d}"] = Fraction(number * line * 10**6, _period(p))
+        text = " ".join(map(str, events))
+        if len(text) > LONGEST_LINE or max(events) >= 2**31:
+            message = f"the limits of {len(events)} cores are {len(text)} characters; the module takes {LONGEST_LINE}"
+            help = "use a shorter period, or leave cores out of the system"
+            yield RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)
+    promised: Mapping[str, Fraction] = dict.fromkeys(given, Fraction(0)) | {
+        f"{row.unit} {row.direction}": rate_of(tables, bound) for row, bound in highest.items()
+    }
+    backs = p.settings[MemGuard.name]["write-backs"]
+    other = f'state "memguard: {{write-backs: ...}}", measured, which is {backs} lines written per line read'
+    if sum(given.values()) > limit_of(tables):
+        yield from over_limit(tables, table, given, promised, other)

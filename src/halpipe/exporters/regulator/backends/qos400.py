@@ -11,19 +11,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import groupby
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.exporters.regulator.backends.base import file_names, identifiers, render
-from halpipe.exporters.regulator.backends.rates import Segment, check_peaks, peaks, rate_of, segments
-from halpipe.exporters.regulator.codes import COARSE_RATE, NO_MANAGER, RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
+from halpipe.exporters.regulator.backends.rates import (
+    Segment,
+    check_owners,
+    over_limit,
+    peaks,
+    rate_of,
+    rate_text,
+    segments,
+)
+from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
-from halpipe.quantities import format_bandwidth
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
@@ -59,6 +67,9 @@ class Qos400:
     name = "qos400"
     summary = "ZynqMP QoS-400: Jailhouse command lines, and addresses with values for EL3 firmware"
     least = 0
+    reserves = "all"
+    rates = True
+    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return the burstiness: what a full token bucket lets pass at once."""
@@ -67,12 +78,8 @@ class Qos400:
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return units without a port, rates that do not fit, and rates that are not what was promised."""
         found = list(_check_ports(tables))
-        if not found and not _is_phased(tables):
-            help = 'set "qos400: {granularity: phase}", or use the back-end table or axi-realm'
-            found += check_peaks(tables, help)
-        if not found:
-            for table in tables.tables:
-                found += _check_rates(tables, table)
+        for table in () if found else tables.tables:
+            found += _check_rates(tables, table)
         return found
 
     def facts(self, tables: Tables) -> dict[str, Any]:
@@ -87,13 +94,16 @@ class Qos400:
         """Return a script for every table, and ``qos400.h``."""
         values = {"platform": tables.platform, "model": tables.model, "digest": digest}
         settings = [_settings(tables, table) for table in tables.tables]
+        orders = [
+            list(_orders(_before(tables, settings, table), several))
+            for table, several in zip(tables.tables, settings, strict=True)
+        ]
         files = {}
-        for stem, table, several in zip(
-            file_names(t.name for t in tables.tables), tables.tables, settings, strict=True
-        ):
-            lines = [(setting, list(_commands(tables, setting))) for setting in several]
+        for stem, table, several in zip(file_names(t.name for t in tables.tables), tables.tables, orders, strict=True):
+            now: dict[Row, int] = {}
+            lines = [(setting, list(_commands(tables, writes, now))) for setting, writes in several]
             files[f"{stem}.sh"] = render("qos400.sh.j2", table=table, lines=lines, **values)
-        arrays = [list(_writes(tables, several)) for several in settings]
+        arrays = [list(_writes(tables, several)) for several in orders]
         names = identifiers(table.name for table in tables.tables)
         files["qos400.h"] = render(
             "qos400.h.j2",
@@ -119,29 +129,35 @@ def _settings(tables: Tables, table: Table) -> list[Setting]:
     return [Setting(tables.grid.ns(segment.begin), _steps(tables, segment.bounds)) for segment in several]
 
 
-def _limit(tables: Tables) -> int:
-    """Return the steps that fit into the capacity, all ports and directions together."""
-    p = tables.platform
-    left = p.capacity - Fraction(tables.reserve * p.clock, p.cycles)
-    return int(left / _step(p))
-
-
 def _steps(tables: Tables, bounds: dict[Row, Fraction]) -> dict[Row, int]:
-    """Return the steps of every port and direction: rounded up where all fit, else as many as fit, never 0."""
-    exact: dict[Row, Fraction] = {
-        Row(unit.name, d): rate_of(tables, bounds.get(Row(unit.name, d), Fraction(0))) / _step(tables.platform)
+    """Return the least steps of every port and direction that keep its promise, never 0."""
+    step = _step(tables.platform)
+    return {
+        Row(unit.name, d): max(1, ceil(rate_of(tables, bounds.get(Row(unit.name, d), Fraction(0))) / step))
         for unit in tables.units
         for d in DIRECTIONS
     }
-    steps: dict[Row, int] = {row: max(1, ceil(rate)) for row, rate in exact.items()}
-    excess = sum(steps.values()) - _limit(tables)
-    losing = sorted((row for row, rate in exact.items() if steps[row] > rate > 1), key=lambda row: exact[row] % 1)
-    for row in losing[: max(0, excess)]:  # those first that lose least
-        steps[row] -= 1
-    return steps
+
+
+def _before(tables: Tables, settings: list[list[Setting]], table: Table) -> list[dict[Row, int]]:
+    """Return the steps that may be in force when a table begins."""
+    return [settings[t.index][-1].steps for t in predecessors(tables, table)]
+
+
+def _orders(before: list[dict[Row, int]], several: list[Setting]) -> Iterator[tuple[Setting, list[tuple[Row, int]]]]:
+    """Yield each setting of a table with its writes: those that fall come first; later ones write what changes."""
+    for setting in several:
+        writes = falls_first(before, setting.steps)
+        if setting is not several[0]:
+            (now,) = before
+            writes = [(row, steps) for row, steps in writes if steps != now[row]]
+        yield setting, writes
+        before = [setting.steps]
 
 
 def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
+    ports = [tables.platform.units[unit.name] for unit in tables.units]
+    yield from check_owners(((port.unit, port.port, port.at) for port in ports if port.port), "port")
     for unit in tables.units:
         port = tables.platform.units[unit.name]
         if port.port not in PORTS:
@@ -151,44 +167,42 @@ def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
 
 
 def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
-    """Compare what is set with what was promised, once for every row and table."""
-    found: dict[tuple[Row | None, str], Diagnostic] = {}
-    step, path, limit = _step(tables.platform), table.frame.path, _limit(tables)
+    """Return rates that no register holds, and settings whose rates exceed the capacity together; each once."""
+    found: dict[str, Diagnostic] = {}
+    step, path = _step(tables.platform), table.frame.path
     several = segments(table.frame) if _is_phased(tables) else [Segment(0, peaks(table.frame))]
     for segment in several:
         steps = _steps(tables, segment.bounds)
-        total = sum(steps.values())
-        if total > limit:
-            message = f"{total} steps of {_rate(step)} are needed for all ports together, {limit} fit the capacity"
-            help = "leave ports out that need none, or raise the capacity of the platform"
-            found[None, "sum"] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help=help)
-        for row, bound in segment.bounds.items():
-            promised, given = rate_of(tables, bound), steps[row] * step
-            where = f'{path} unit "{row.unit}"'
+        names = {row: f"{row.unit} {row.direction}" for row in steps}
+        promised = {names[row]: rate_of(tables, segment.bounds.get(row, Fraction(0))) for row in steps}
+        for row in segment.bounds:
             if steps[row] >= STEPS:
-                message = (
-                    f"{row.direction} rate {_rate(promised)} is {steps[row]} steps; the register holds {STEPS - 1}"
-                )
-                help = f"use longer bursts or a faster clock: at most {_rate(step * (STEPS - 1))} can be set"
-                found[row, "range"] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
-            elif given < promised:
-                message = f"{row.direction} rate is set to {_rate(given)}, less than the {_rate(promised)} promised"
-                help = "not all rates can be rounded up within the capacity; raise it, or lower a bound"
-                found[row, "less"] = COARSE_RATE(message, at=table.frame.at, path=where, help=help)
+                most = step * (STEPS - 1)
+                rate = rate_text(promised[names[row]])
+                message = f"{row.direction} rate {rate} is more than the {rate_text(most)} that the register holds"
+                help = f"use longer bursts or a faster clock, or bounds of at most {rate_text(most)}"
+                where = f'{path} unit "{row.unit}"'
+                found[where] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
+        given = {names[row]: count * step for row, count in steps.items()}
+        fault = over_limit(tables, table, given, promised, _OTHERWISE[_is_phased(tables)])
+        if fault:
+            found.setdefault("sum", fault[0])
     return list(found.values())
 
 
-def _rate(value: Fraction) -> str:
-    return format_bandwidth(value.numerator // value.denominator)
+_OTHERWISE = {
+    False: 'set "qos400: {granularity: phase}", or use the back-end table or axi-realm',
+    True: "leave out ports that need no rate, or use the back-end table or axi-realm",
+}
 
 
-def _commands(tables: Tables, setting: Setting) -> Iterator[str]:
+def _commands(tables: Tables, writes: list[tuple[Row, int]], now: dict[Row, int]) -> Iterator[str]:
+    """Yield a command for every run of writes to one port; `now` is what the rows hold, and is brought up to date."""
     burstiness = tables.platform.settings[Qos400.name]["burstiness"]
-    for unit in tables.units:
-        parameters = ",".join(
-            f"{PREFIX[d]}_b={burstiness},{PREFIX[d]}_r={setting.steps[Row(unit.name, d)]}" for d in DIRECTIONS
-        )
-        yield f"jailhouse qos {tables.platform.units[unit.name].port}:{parameters}"
+    for unit, run in groupby(writes, key=lambda write: write[0].unit):
+        now |= dict(run)
+        parameters = ",".join(f"{PREFIX[d]}_b={burstiness},{PREFIX[d]}_r={now[Row(unit, d)]}" for d in DIRECTIONS)
+        yield f"jailhouse qos {tables.platform.units[unit].port}:{parameters}"
 
 
 def _init(tables: Tables) -> Iterator[tuple[int, int]]:
@@ -202,15 +216,9 @@ def _init(tables: Tables) -> Iterator[tuple[int, int]]:
         yield base + QOS_CNTL, ENABLE_RATES
 
 
-def _writes(tables: Tables, settings: list[Setting]) -> Iterator[tuple[int, int, int]]:
-    """Yield (nanoseconds, address, value) of a table: all rates at its start, then those that change.
-
-    Rates that fall come before those that rise, so that the sum is never above both settings.
-    """
-    before: dict[Row, int] = {}
-    for setting in settings:
-        changed = [row for row, steps in setting.steps.items() if before.get(row) != steps]
-        for row in sorted(changed, key=lambda row: setting.steps[row] > before.get(row, 0)):
+def _writes(tables: Tables, orders: Iterable[tuple[Setting, list[tuple[Row, int]]]]) -> Iterator[tuple[int, int, int]]:
+    """Yield (nanoseconds, address, value) of a table: all rates at its start, then those that change."""
+    for setting, writes in orders:
+        for row, steps in writes:
             address = PORTS[tables.platform.units[row.unit].port] + RATE[row.direction]
-            yield int(setting.at_ns), address, setting.steps[row] << 20
-        before = setting.steps
+            yield int(setting.at_ns), address, steps << 20

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass
 from fractions import Fraction
+from math import ceil
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.regulator.codes import RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
 from halpipe.exporters.regulator.rounding import pieces
-from halpipe.quantities import format_rational
+from halpipe.quantities import format_bandwidth
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from collections.abc import Hashable, Iterable, Iterator, Mapping
+
+    from halpipe.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.frames import Frame, Row
-    from halpipe.exporters.regulator.tables import Tables
+    from halpipe.exporters.regulator.tables import Table, Tables
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,24 +58,61 @@ def peaks(frame: Frame) -> dict[Row, Fraction]:
     return dict(sorted(highest.items()))
 
 
-def check_peaks(tables: Tables, other: str) -> list[Diagnostic]:
-    """Return a finding for every table whose peak rates exceed the capacity together; `other` says what to do."""
+def limit_of(tables: Tables) -> Fraction:
+    """Return the bytes per second that all units may have together: the capacity less what is kept for overshoot."""
     p = tables.platform
-    limit = Fraction(p.capacity * p.cycles - tables.reserve * p.clock, p.guaranteed * p.cycles)
-    found = []
-    for table in tables.tables:
-        highest = peaks(table.frame)
-        total = sum(highest.values(), Fraction(0))
-        if total > limit:
-            each = ", ".join(f"{row.unit} {row.direction} {format_rational(b)}" for row, b in highest.items())
-            message = (
-                f"the largest bounds of the units sum to {format_rational(total)} ({each}), at most "
-                f"{format_rational(limit)} fits: one rate for the whole {table.frame.kind} cannot keep to the capacity"
-            )
-            found.append(RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=other))
-    return found
+    return p.capacity - Fraction(tables.reserve * p.clock, p.cycles)
+
+
+def over_limit(
+    tables: Tables, table: Table, given: Mapping[str, Fraction], promised: Mapping[str, Fraction], other: str
+) -> list[Diagnostic]:
+    """Return a finding if the rates `given`, by owner, exceed the capacity together; `other` says what helps."""
+    limit, total = limit_of(tables), sum(given.values(), Fraction(0))
+    if total <= limit:
+        return []
+    capacity = tables.platform.capacity + ceil(total - limit)
+    each = ", ".join(f"{name} {rate_text(rate)} for {rate_text(promised[name])}" for name, rate in given.items())
+    message = (
+        f"one rate per unit for the whole {table.frame.kind} comes to {rate_text(total)}, there is room for "
+        f"{rate_text(limit)}: the least that can be set for what is promised is {each}"
+    )
+    help = f'state "capacity: {format_bandwidth(capacity)}" if memory serves it, or {other}'
+    return [RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)]
+
+
+def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: Fraction) -> list[Diagnostic]:
+    """Return a finding if a unit is given more than it was promised, by a quarter or more."""
+    if not promised or given * 4 < promised * 5:
+        return []
+    message = f"{rate_text(given)} is the least that can be set for the {rate_text(promised)} promised"
+    help = "choose bounds on the steps of the regulator, or regulate this unit by another back-end"
+    return [COARSE_RATE(message, at=table.frame.at, path=f'{table.frame.path} unit "{unit}"', help=help)]
+
+
+def unit_rates(tables: Tables, table: Table) -> dict[str, Fraction]:
+    """Return the bytes per second promised to every unit at its most, reads and writes together."""
+    rates = dict.fromkeys((unit.name for unit in tables.units), Fraction(0))
+    for row, bound in peaks(table.frame).items():
+        rates[row.unit] += rate_of(tables, bound)
+    return rates
 
 
 def rate_of(tables: Tables, bound: Fraction) -> Fraction:
     """Return the bytes per second that a bound promises."""
     return bound * tables.platform.guaranteed
+
+
+def rate_text(rate: Fraction) -> str:
+    """Return a bandwidth for people, in whole bytes per second."""
+    return format_bandwidth(rate.numerator // rate.denominator)
+
+
+def check_owners(owners: Iterable[tuple[str, Hashable, Location]], what: str) -> Iterator[Diagnostic]:
+    """Yield a finding for each of `owners` (unit, what it owns, place) whose property another unit has already."""
+    first: dict[Hashable, str] = {}
+    for unit, owned, at in owners:
+        if first.setdefault(owned, unit) != unit:
+            message = f'{what} {owned} is the one of unit "{first[owned]}", too; what is written last holds for both'
+            help = f"give each unit a {what} of its own, or model what shares it as one unit"
+            yield SHARED_MANAGER(message, at=at, path=f'unit "{unit}"', help=help)

@@ -1,8 +1,7 @@
 """Linux resctrl: shares of the memory bandwidth for groups of tasks, in the coarse steps of the processor.
 
-Values between two steps go to the next step up on Intel, and to the nearest on Arm MPAM, which both promise more than
-there is; so every value is a step at or below what was promised. Shares are approximate and no hard bound.
-Source: Linux, Documentation/filesystems/resctrl.rst.
+Every value is the least step that keeps the promise, and what belongs to no unit (the root group, and other domains)
+gets the least there is. Shares are approximate and no hard bound. Source: Linux, Documentation/filesystems/resctrl.rst.
 """
 
 from __future__ import annotations
@@ -11,9 +10,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.exporters.regulator.backends.base import file_names, render
-from halpipe.exporters.regulator.backends.rates import check_peaks, peaks, rate_of
-from halpipe.exporters.regulator.codes import COARSE_RATE, NO_MANAGER
+from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
+from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.quantities import format_bandwidth
 
 if TYPE_CHECKING:
@@ -26,102 +25,164 @@ if TYPE_CHECKING:
 EIGHTH = 125_000_000
 """AMD counts in eighths of a GB/s."""
 
+ROOT = "."
+"""The group of all tasks that are in no other: the folder of resctrl itself."""
+
+KERNELS = {
+    "intel": "Linux 4.12 or later, a processor with MBA",
+    "amd": "Linux 5.0 or later, a processor with QoS for memory bandwidth",
+    "mpam": "Linux with the resctrl driver of MPAM, a memory system with MBW_MAX",
+}
+
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """The value written for a group, and the bytes per second that it stands for."""
+class Steps:
+    """The values that the processor takes: from `least` on in steps of `step` up to `most`."""
 
-    group: str
-    unit: str
-    value: int
-    promised: Fraction
-    given: Fraction
+    kind: str
+    least: int
+    step: int
+    most: int
+    width: int
+    capacity: int
+
+    def given(self, value: int) -> Fraction:
+        """Return the bytes per second that a value stands for."""
+        if self.kind == "amd":
+            return Fraction(value * EIGHTH)
+        if self.kind == "intel":
+            return Fraction(value * self.capacity, 100)
+        parts = 2**self.width  # the driver takes the nearest part, at least one
+        return Fraction(max(1, (value * parts * 2 + 100) // 200) * self.capacity, parts)
+
+    def least_for(self, rate: Fraction) -> int | None:
+        """Return the smallest value that gives `rate`, None if there is none."""
+        low, high = 0, (self.most - self.least) // self.step
+        if self.given(self.least + high * self.step) < rate:
+            return None
+        while low < high:
+            middle = (low + high) // 2
+            if self.given(self.least + middle * self.step) < rate:
+                low = middle + 1
+            else:
+                high = middle
+        return self.least + low * self.step
 
 
 class Resctrl:
-    """One script for each table: a line ``MB:`` for the group of every unit."""
+    """One script for each table: a line ``MB:`` for the group of every unit, and for everything else."""
 
     name = "resctrl"
     summary = "Linux resctrl: a script for every mode with the bandwidth share of every unit's group"
     least = 0
+    reserves = "used"
+    rates = True
+    carries = False
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0; resctrl knows no windows."""
         return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
-        """Return units without a group, rates that do not fit, and shares that are not what was promised."""
+        """Return units without a group of their own, rates that do not fit, and shares far above the promise."""
         found = list(_check_groups(tables))
-        found += check_peaks(tables, "use the back-end table or axi-realm, or make the bounds of the units smaller")
-        for table in () if any(d.is_error for d in found) else tables.tables:
+        for table in () if found else tables.tables:
             found += _check_shares(tables, table)
         return found
 
     def facts(self, tables: Tables) -> dict[str, Any]:
-        """Return the value of every group in every table."""
-        return {"shares": {t.name: {s.unit: s.value for s in _shares(tables, t)} for t in tables.tables}}
+        """Return the value of every group in every table, and what the rest gets."""
+        names = {tables.platform.units[unit.name].group: unit.name for unit in tables.units}
+        return {
+            "kernel": KERNELS[tables.platform.settings[self.name]["kind"]],
+            "least": steps_of(tables.platform).least,
+            "shares": {
+                t.name: {names[g]: v for g, v in _values(tables, t).items() if g in names} for t in tables.tables
+            },
+        }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return a script for every table."""
-        values = {"platform": tables.platform, "model": tables.model, "digest": digest}
-        domain = tables.platform.settings[self.name]["domain"]
-        return {
-            f"{stem}.sh": render("resctrl.sh.j2", table=table, shares=_shares(tables, table), domain=domain, **values)
-            for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True)
+        settings = tables.platform.settings[self.name]
+        groups = [tables.platform.units[unit.name].group for unit in tables.units]
+        steps = steps_of(tables.platform)
+        tail = "".join(f";{domain}={steps.least}" for domain in settings["others"].split())
+        values = {
+            "platform": tables.platform,
+            "model": tables.model,
+            "digest": digest,
+            "groups": groups,
+            "kernel": KERNELS[settings["kind"]],
+            "steps": steps,
+            "settings": settings,
         }
+        files = {}
+        for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
+            before = [_values(tables, t) for t in predecessors(tables, table)]
+            lines = [
+                (group, f"MB:{settings['domain']}={value}{tail}")
+                for group, value in falls_first(before, _values(tables, table))
+            ]
+            files[f"{stem}.sh"] = render("resctrl.sh.j2", table=table, lines=lines, **values)
+        return files
 
 
-def _shares(tables: Tables, table: Table) -> list[Share]:
-    bounds: dict[str, Fraction] = {}
-    for row, bound in peaks(table.frame).items():
-        bounds[row.unit] = bounds.get(row.unit, Fraction(0)) + bound
-    shares = []
-    for unit in tables.units:
-        promised = rate_of(tables, bounds.get(unit.name, Fraction(0)))
-        value, given = _step(tables.platform, promised)
-        shares.append(Share(tables.platform.units[unit.name].group, unit.name, value, promised, given))
-    return shares
-
-
-def _step(platform: Platform, rate: Fraction) -> tuple[int, Fraction]:
-    """Return the largest value that gives no more than `rate`, or the smallest there is, and what it gives."""
+def steps_of(platform: Platform) -> Steps:
+    """Return the steps of the platform: those stated, else those that the kernel has for this kind."""
     settings = platform.settings[Resctrl.name]
-    least, step = int(settings["min"]), int(settings["step"])
-    share = rate / platform.capacity
-    if settings["kind"] == "amd":
-        value = max(1, int(rate / EIGHTH))
-        return value, Fraction(value * EIGHTH)
-    if settings["kind"] == "intel":
-        value = max(least, least + (int(share * 100) - least) // step * step)
-        return value, Fraction(value * platform.capacity, 100)
-    parts = 2 ** int(settings["width"])
-    value = next((v for v in range(100, 0, -1) if _mpam(v, parts) <= share), 1)
-    return value, _mpam(value, parts) * platform.capacity
+    kind, width = settings["kind"], int(settings["width"])
+    grain = {"intel": 10, "amd": 1, "mpam": max(1, 100 // 2**width)}[kind]
+    least, step = int(settings["min"] or grain), int(settings["step"] or grain)
+    return Steps(kind, least, step, 2048 if kind == "amd" else 100, width, platform.capacity)
 
 
-def _mpam(percent: int, parts: int) -> Fraction:
-    """Return the share that Linux's driver makes of a value: the nearest of `parts` steps, at least one."""
-    return Fraction(max(1, (percent * parts * 2 + 100) // 200), parts)
+def _values(tables: Tables, table: Table) -> dict[str, int]:
+    """Return the value of every group; of what cannot be served the largest."""
+    steps = steps_of(tables.platform)
+    values = {ROOT: steps.least}
+    for unit, rate in unit_rates(tables, table).items():
+        value = steps.least_for(rate)
+        values[tables.platform.units[unit].group] = steps.most if value is None else value
+    return values
 
 
 def _check_groups(tables: Tables) -> Iterator[Diagnostic]:
-    for unit in tables.units:
-        port = tables.platform.units[unit.name]
+    ports = [tables.platform.units[unit.name] for unit in tables.units]
+    for port in ports:
         if not port.group:
             help = 'state "group: NAME", the folder in /sys/fs/resctrl for the tasks of this unit'
-            yield NO_MANAGER("has no group for resctrl", at=port.at, path=f'unit "{unit.name}"', help=help)
+            yield NO_MANAGER("has no group for resctrl", at=port.at, path=f'unit "{port.unit}"', help=help)
+        elif port.group in _RESERVED:
+            help = "name the group otherwise; resctrl has a folder of this name"
+            yield NO_MANAGER(f'has the group "{port.group}"', at=port.at, path=f'unit "{port.unit}"', help=help)
+    yield from check_owners(((port.unit, port.group, port.at) for port in ports if port.group), "group")
+    settings = tables.platform.settings[Resctrl.name]
+    if settings["domain"] in settings["others"].split():
+        message = f"domain {settings['domain']} is the one that is regulated and one of the others"
+        help = "list under others: only the further domains of the MB line"
+        yield RATE_DOES_NOT_FIT(message, at=tables.platform.at, path="platform resctrl", help=help)
+
+
+_RESERVED = {"info", "mon_groups", "mon_data", "schemata", "tasks", "cpus", "cpus_list", "mode", "size", ".", ".."}
 
 
 def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
-    shares = _shares(tables, table)
-    total, capacity = sum(share.given for share in shares), tables.platform.capacity
-    for share in shares:
-        if share.given != share.promised and (share.promised or total > capacity):
-            word = "more" if share.given > share.promised else "less"
-            message = f"the share of {_rate(share.given)} is {word} than the {_rate(share.promised)} promised"
-            help = "resctrl has coarse steps; choose bounds on them, or regulate this unit in hardware"
-            yield COARSE_RATE(message, at=table.frame.at, path=f'{table.frame.path} unit "{share.unit}"', help=help)
-
-
-def _rate(value: Fraction) -> str:
-    return format_bandwidth(value.numerator // value.denominator)
+    steps = steps_of(tables.platform)
+    found: list[Diagnostic] = []
+    promised = {"everything else": Fraction(0), **unit_rates(tables, table)}
+    given = {}
+    for unit, rate in promised.items():
+        value = steps.least_for(rate)
+        given[unit] = steps.given(steps.most if value is None else value)
+        if value is None:
+            message = f"is promised {rate_text(rate)}; the largest share is {rate_text(given[unit])}"
+            capacity = -(-rate.numerator // rate.denominator)
+            help = f'state "capacity: {format_bandwidth(capacity)}" or lower the bound'
+            path = f'{table.frame.path} unit "{unit}"'
+            found.append(RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help=help))
+        else:
+            found += coarse(tables, table, unit, given[unit], rate)
+    yield from found
+    if not any(d.is_error for d in found):
+        other = "use a processor with finer steps, or the back-end table or axi-realm"
+        yield from over_limit(tables, table, given, promised, other)

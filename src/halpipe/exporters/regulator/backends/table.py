@@ -35,6 +35,9 @@ class TableUnit:
     name = "table"
     summary = "generic table-driven regulator: memory images, C header, binary, Verilog and registers"
     least = 0
+    reserves = "used"
+    rates = False
+    carries = True
 
     def overshoot(self, platform: Platform) -> int:
         """Return 0: see the class."""
