@@ -14,7 +14,7 @@ from halpipe.durations import Duration
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.models import AccessKind, Schedule, Status, TransitionTable
-from support import access, job, mode, model, schedule, task, version
+from support import access, job, mode, model, ms, schedule, task, version
 
 WINDOW = "0.64us"
 PLATFORM = """halpipe-regulator: 1
@@ -83,6 +83,13 @@ def system(shift="0ns"):
         model_sha256="",
         modes=(first, second),
         transitions=(_switch("full", "lean", us(20), early), _switch("lean", "full", "0ns", ())),
+    )
+
+
+def switch(source, target, length, latency, jobs):
+    """A transition table of milliseconds."""
+    return TransitionTable(
+        source=source, target=target, length=ms(length), worst_latency=ms(latency), status=Status.VALID, jobs=jobs
     )
 
 

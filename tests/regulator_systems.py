@@ -48,7 +48,7 @@ class Shape:
 def random_shape(rng):
     bus = rng.choice([8, 16])
     burst = bus * rng.choice([4, 8, 16])
-    window = rng.choice([2, 3, 4, 6]) * 64
+    window = rng.choice([4, 6, 8, 12]) * 64
     return Shape(
         units=4,
         window=window,
@@ -150,12 +150,18 @@ def _phases(rng, units, span, shape):
 
 
 def export(folder, model, schedule, shape, *, rounding="controlled"):
-    """The bundle that the exporter writes for a platform of this shape, with room for whole bursts in every window."""
+    """The bundle that the exporter writes for a platform of this shape.
+
+    What is not guaranteed has room for a burst of every row that is carried over.
+    """
     path = folder / "platform.yaml"
-    bandwidth = shape.bus * 100
+    capacity = shape.bus * 100 * 10**6
+    carried = 2 * shape.units * shape.burst * 100 * 10**6
+    guaranteed = capacity - -(-carried // shape.window)
     units = "".join(f"  {unit.name}: {{manager: {n}}}\n" for n, unit in enumerate(model.units))
     path.write_text(
         f"halpipe-regulator: 1\nname: random\nresource: mem\nclock: 100MHz\nbus: {shape.bus * 8}bit\n"
-        f"burst: {shape.burst}B\nwindow: {shape.window}\nguaranteed: {bandwidth}MB/s\nbackend: table\nunits:\n{units}"
+        f"burst: {shape.burst}B\nwindow: {shape.window}\nguaranteed: {guaranteed}B/s\n"
+        f"capacity: {capacity}B/s\nbackend: table\nunits:\n{units}"
     )
     return RegulatorExporter().write(model, schedule, RegulatorOptions(platform=str(path), rounding=rounding))

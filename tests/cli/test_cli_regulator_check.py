@@ -31,7 +31,7 @@ def test_a_sound_bundle_passes(bundle, capsys):
 def test_a_wrong_bundle_fails_and_says_where(bundle, capsys):
     assert invoke(["deploy", "check", bundle(bundles.FAULTS["one burst more"])]) == 1
     shown = capsys.readouterr()
-    assert "no simulation: the tables are wrong" in shown.out
+    assert "nothing executed: the tables are wrong" in shown.out
     assert (
         'tables.json: error[HAL1017] table "full", unit "u1", read: 5 bursts in window 20, promised are 4' in shown.err
     )

@@ -1,4 +1,7 @@
-"""The check of regulator bundles: exact arithmetic on the tables, then simulation of the Verilog that plays them."""
+"""The check of regulator bundles: exact arithmetic on the tables, then what is loaded is executed.
+
+Of the generic unit its Verilog plays the tables, in simulation; of the other back-ends, a model of the device does.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import Checked, CheckOptions, Target
+    from halpipe.deploy.regulator.arithmetic import Planned
+    from halpipe.deploy.regulator.facts import Facts
     from halpipe.deploy.regulator.reading import Tables
     from halpipe.deploy.regulator.simulate import Played
     from halpipe.diagnostics import Diagnostic
@@ -14,31 +19,37 @@ ARITHMETIC = "arithmetic"
 
 
 class RegulatorDeployment:
-    """Checks what `halpipe export regulator` wrote; of other back-ends than the generic unit, the tables only."""
+    """Checks what `halpipe export regulator` wrote."""
 
     name = "regulator"
-    summary = "budgets of memory regulators: exact arithmetic, and simulation of the generic unit"
+    summary = "budgets of memory regulators: exact arithmetic, and what is loaded executed"
     engines = ("auto", ARITHMETIC, "verilator", "icarus")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
         from halpipe.deploy.base import Checked
         from halpipe.deploy.regulator.arithmetic import Arithmetic
+        from halpipe.deploy.regulator.facts import compare_facts, read_facts
         from halpipe.deploy.regulator.forms import check_forms
         from halpipe.deploy.regulator.reading import read_tables
         from halpipe.diagnostics import sort_diagnostics
 
         _refuse_unknown(options.engine)
-        tables = read_tables(target.bundle)
+        tables, facts = read_tables(target.bundle), read_facts(target.bundle)
         arithmetic = Arithmetic(target, tables)
-        findings = list(arithmetic.findings())
+        findings = [*compare_facts(target.bundle, tables, facts), *arithmetic.findings()]
         if tables.backend == "table":
             findings += check_forms(target.bundle, tables)
         wrong = f"{len(findings)} findings" if findings else "exact"
         text = f"{len(tables.tables)} tables of {len(tables.units)} units, {arithmetic.budgets} budgets"
-        lines = [f"arithmetic: {wrong}; {text}, {arithmetic.windows} sums against {tables.capacity_bytes} B a window"]
+        sums = f", {arithmetic.windows} sums against {tables.capacity_bytes} B a window" if arithmetic.windows else ""
+        lines = [f"arithmetic: {wrong}; {text}{sums}"]
         if findings and options.engine == "auto":
-            lines.append("no simulation: the tables are wrong (name an --engine to play them all the same)")
+            lines.append("nothing executed: the tables are wrong (name an --engine to play them all the same)")
+        elif tables.backend != "table":
+            found, told = _execute(target, tables, facts, arithmetic.planned)
+            findings += found
+            lines += told
         else:
             found, told = _simulate(target, tables, options)
             findings += found
@@ -57,14 +68,30 @@ def _refuse_unknown(engine: str) -> None:
         raise HalpipeError(NO_ENGINE(f'there is no engine "{engine}" for regulators', help=help), exit=Exit.USAGE)
 
 
+def _execute(
+    target: Target, tables: Tables, facts: Facts, planned: list[Planned]
+) -> tuple[list[Diagnostic], list[str]]:
+    """Execute what is loaded on a model of the device."""
+    from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
+    from halpipe.deploy.regulator.devices import Case, device
+    from halpipe.diagnostics import HalpipeError
+
+    run = device(tables.backend)
+    if run is None:
+        text = f'there is no model of the back-end "{tables.backend}"'
+        raise HalpipeError(UNUSABLE_TABLES(text, at=target.bundle.at("tables.json"), help="export the bundle again"))
+    case = Case(target.bundle, tables, facts, planned)
+    run(case)
+    wrong = f"{len(case.findings)} findings" if case.findings else "grants what is promised"
+    return case.findings, [f"device: {tables.backend} {wrong}; {case.steps} writes executed on its model"]
+
+
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
     from halpipe.deploy.regulator.simulate import choose_engine, simulate
 
     if options.engine == ARITHMETIC:
         return [], []
-    if tables.backend != "table":
-        return [], [f'no simulation: the back-end is "{tables.backend}", the bench has the generic unit (table)']
     engine, told = choose_engine(options.engine)
     if engine is None:
         return [], [told]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.bundles import Bundle
     from halpipe.deploy.base import Target
     from halpipe.deploy.regulator.promise import Phase, Row, Timeline
-    from halpipe.deploy.regulator.reading import Table, Tables
+    from halpipe.deploy.regulator.reading import Table, Tables, Unit
     from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import ModeSchedule, TransitionTable
 
@@ -41,6 +41,7 @@ class Arithmetic:
     tables: Tables
     windows: int = 0
     budgets: int = 0
+    planned: list[Planned] = field(default_factory=list)
 
     @property
     def bundle(self) -> Bundle:
@@ -58,7 +59,7 @@ class Arithmetic:
         yield from self._facts()
         yield from self._units()
         yield from self._defaults()
-        planned: list[Planned] = []
+        planned = self.planned
         yield from self._modes(planned)
         yield from self._transitions(planned)
         yield from self._surplus(planned)
@@ -67,7 +68,7 @@ class Arithmetic:
             yield from self._length(plan)
             if promise.windows_of(plan.timeline, self.tables.platform) == plan.table.windows:
                 yield from self._budgets(plan)
-        for table in self.tables.tables:
+        for table in () if self.tables.backend in RATES else self.tables.tables:
             yield from self._capacity(table)
 
     def _found(self, code: Code, message: str, path: str = "", help: str = _AGAIN) -> Diagnostic:
@@ -122,6 +123,8 @@ class Arithmetic:
             used = self.tables.is_used(unit, direction)
             total += budget + (unit.overshoot[direction] if used or budget else 0)
             path = f'unit "{unit.name}", {direction} default'
+            if self.tables.backend in RATES:
+                continue  # no bursts are counted
             if budget % platform.burst_bytes:
                 text = f"{budget} B are not whole bursts of {platform.burst_bytes} B"
                 yield self._found(codes.UNSAFE_DEFAULT, text, path)
@@ -254,13 +257,13 @@ class Arithmetic:
     def _capacity(self, table: Table) -> Iterator[Diagnostic]:
         """Check the sums; they change only where some unit's entry begins."""
         self.windows += table.windows
-        reserve = sum(unit.overshoot[d] for unit, d in self.tables.rows() if self.tables.is_used(unit, d))
+        reserve = sum(sum(unit.overshoot.values()) for unit in self.tables.units)
         changes: dict[int, int] = {}
-        for entries in table.entries.values():
+        for unit, direction in self.tables.rows():
             before = 0
-            for entry in entries:
-                changes[entry.window] = changes.get(entry.window, 0) + entry.read + entry.write - before
-                before = entry.read + entry.write
+            for window, budget in self._charged(table, unit, direction):
+                changes[window] = changes.get(window, 0) + budget - before
+                before = budget
         total, over = 0, []
         for window in sorted(changes):
             total += changes[window]
@@ -274,8 +277,29 @@ class Arithmetic:
             )
             yield self._found(codes.OVER_CAPACITY, text, _path(table))
 
+    def _charged(self, table: Table, unit: Unit, direction: str) -> Iterator[tuple[int, int]]:
+        """Yield what a row may use from which window on.
+
+        The unit in Verilog cannot withdraw a burst that it has shown: one of the window before may be taken in a window
+        without a budget. Before window 0 any row that is ever used may have had one, in another table or by default.
+        """
+        entries = table.entries[unit.name]
+        if self.tables.backend != "table":
+            yield from ((entry.window, entry.budget(direction)) for entry in entries)
+            return
+        burst, had = self.tables.platform.burst_bytes, self.tables.is_used(unit, direction)
+        ends = [*(entry.window for entry in entries[1:]), table.windows]
+        for entry, end in zip(entries, ends, strict=True):
+            budget = entry.budget(direction)
+            yield entry.window, budget or (burst if had else 0)
+            if had and not budget and entry.window + 1 < end:
+                yield entry.window + 1, 0
+            had = budget > 0
+
 
 MAX_TABLES = 255
+RATES = ("qos400", "memguard", "resctrl", "mpam")
+"""Back-ends that hold one rate per unit, and no budgets per window: their sums are those of what they are set to."""
 
 
 def _path(table: Table, row: Row | None = None) -> str:

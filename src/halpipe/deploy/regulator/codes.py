@@ -1,4 +1,4 @@
-"""The diagnostics of the check of regulator bundles: HAL1010 to HAL1029."""
+"""The diagnostics of the check of regulator bundles: HAL1010 to HAL1029, and HAL1060 to HAL1079."""
 
 from halpipe.diagnostics import error
 
@@ -107,4 +107,34 @@ BROKE_PROTOCOL = error(
     "Regulator broke a rule of the bus in simulation",
     "A burst was shown and withdrawn or changed, passed on one side only, data was shown before its address, or a "
     "register did not hold what it should.",
+)
+NOT_UNDERSTOOD = error(
+    "HAL1060",
+    "What is loaded has something that the device does not know",
+    "A script, a list of register writes or a header has a line that is not in the documented form, lacks a part, or "
+    "is of another schedule. Nothing is guessed: what is not understood is not executed.",
+)
+DEVICE_REFUSES = error(
+    "HAL1061",
+    "Device refuses what is loaded",
+    "Executed on a model of the device, a register write or a line is refused: the device is not claimed, there is no "
+    "such register, group or value, or the order is one that the device does not take.",
+)
+GRANTS_DIFFER = error(
+    "HAL1062",
+    "Device grants something else than was promised",
+    "What was loaded has been executed on a model of the device. What it then grants a unit is not the least that the "
+    "device can be set to for the schedule's promise.",
+)
+DEVICE_OVER_CAPACITY = error(
+    "HAL1063",
+    "Device lets more pass than the capacity",
+    "What was loaded has been executed on a model of the device. What all units together are then granted, with what "
+    "passes above a budget and while settings change, is more than the memory surely serves.",
+)
+NOT_PROVEN = error(
+    "HAL1064",
+    "Regulator has traffic that breaks a property",
+    "The solver found cycles after which the Verilog of the bundle breaks one of the properties that it is to keep for "
+    "all traffic, or could not show that there are none.",
 )

@@ -122,7 +122,7 @@ class _Judge:
         if number >= len(self._run.expected):
             return
         expected = self._run.expected[number]
-        total = total_new = 0
+        total = 0
         for unit in self._tables.units:
             base = FIELDS * unit.index
             self._played(number, expected, unit.name, fields[base], fields[base + 1])
@@ -132,10 +132,9 @@ class _Judge:
                 budget = self._budgets.of(expected, unit.index, direction)
                 self._row(number, 2 * unit.index + half, count, budget)
                 total += count.taken
-                total_new += count.taken - count.carried
         self.verdict.largest_sum = max(self.verdict.largest_sum, total)
-        if total_new > self._tables.capacity_bytes:
-            text = f"{total_new} B in window {number}, the capacity is {self._tables.capacity_bytes} B"
+        if total > self._tables.capacity_bytes:
+            text = f"{total} B in window {number}, the capacity is {self._tables.capacity_bytes} B"
             self._note(codes.SHARED_TOO_MUCH, "all units", text)
 
     def _row(self, number: int, row: int, count: Count, budget: int) -> None:

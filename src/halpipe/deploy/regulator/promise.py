@@ -211,3 +211,17 @@ def _inside(timeline: Timeline, phases: Iterable[Phase]) -> Iterator[tuple[Fract
             end = min(phase.end, turn + span)
             yield begin - turn, end - turn, phase.share
             begin = end
+
+
+def rate_steps(timeline: Timeline, phases: Iterable[Phase]) -> list[tuple[Fraction, Fraction]]:
+    """Return the rate of a row as (instant, rate from there on), as shares of the resource; from 0 on."""
+    changes: dict[Fraction, Fraction] = {ZERO: ZERO}
+    for begin, end, share in _inside(timeline, phases):
+        changes[begin] = changes.get(begin, ZERO) + share
+        changes[end] = changes.get(end, ZERO) - share
+    rate, found = ZERO, []
+    for instant in sorted(changes):
+        rate += changes[instant]
+        if instant < timeline.span:
+            found.append((instant, rate))
+    return found

@@ -180,14 +180,17 @@ def controlled_seams(
 
     One burst kept for every row of `carrying` is always enough; fewer are tried first.
     """
-    kept, most = 0, len(carrying)
-    while True:
-        found = controlled(promised, count, room - kept) if room > kept else Overload(0, room + 1, room)
+    kept, fault = 0, None
+    while kept <= max(0, room):
+        found = controlled(promised, count, room - kept)
         if isinstance(found, Overload):
-            return Overload(found.window, max(found.needed, room - kept + 1) + most, room)
-        if overload(found, count, room, carrying) is None:
+            return fault or found
+        excess = overload(found, count, room, carrying)
+        if excess is None:
             return found
-        kept = min(most, 2 * kept or 1)
+        fault = fault or excess
+        kept = min(len(carrying), 2 * kept or 1)
+    return fault or Overload(0, 1, room)
 
 
 def _busy(due: list[list[int]], allowed: list[list[int]], count: int) -> list[list[int]]:

@@ -270,7 +270,8 @@ class TableBuilder:
         stated = {row: platform.units[row.unit].default[row.direction] for row in reserved}
         free = platform.window_capacity - sum(reserved.values()) - sum(v or 0 for v in stated.values())
         open_rows = [row for row, value in stated.items() if value is None and row in used]
-        share = max(0, free) // (platform.burst * max(1, len(open_rows))) * platform.burst
+        grain = 1 if self.backend.rates else platform.burst
+        share = max(0, free) // (grain * max(1, len(open_rows))) * grain
         defaults = {row: (share if row in used else 0) if value is None else value for row, value in stated.items()}
         path = "platform units"
         if free < 0:
@@ -278,8 +279,8 @@ class TableBuilder:
             help = f"lower the defaults; a window carries {platform.window_capacity} bytes"
             self.findings.add(UNSAFE_DEFAULTS(message, at=platform.at, path=path, help=help))
         for row, value in defaults.items():
-            if value % platform.burst or (row in used and value < platform.burst and free >= 0):
-                least = max(1, -(-value // platform.burst)) * platform.burst
+            if value % grain or (row in used and value < grain and free >= 0):
+                least = max(1, -(-value // grain)) * grain
                 message = (
                     f"default for {row.direction}s is {value} bytes per window, which is not whole bursts from 1 on"
                 )

@@ -111,8 +111,20 @@ def test_a_window_may_be_full_and_not_a_byte_more(files):
     assert found(bundles.changed(files, overshoot("u1", "read", 512 - peak + 1))) == ids(codes.OVER_CAPACITY)
 
 
-def test_overshoot_of_a_row_that_is_never_used_is_not_counted(files):
-    assert found(bundles.changed(files, overshoot("u3", "write", 10_000))) == []
+def test_overshoot_is_what_the_platform_and_the_back_end_give(files):
+    other = bundles.changed(files, overshoot("u3", "write", 64))
+    checked = DEPLOYMENT.check(bundles.target(other), CheckOptions(engine="arithmetic"))
+    assert codes.WRONG_FACTS.id in {d.code for d in checked.diagnostics}
+
+
+@pytest.mark.parametrize("fact", ["clock_hz", "bus_bytes", "window_cycles", "capacity", "table_depth"])
+def test_the_facts_are_those_of_the_platform_file(files, fact):
+    def change(data):
+        data["platform"][fact] *= 2
+
+    checked = DEPLOYMENT.check(bundles.target(bundles.changed(files, change)), CheckOptions(engine="arithmetic"))
+    told = [d.message for d in checked.diagnostics if d.code == codes.WRONG_FACTS.id]
+    assert any(message.startswith(fact) and "platform.yaml gives" in message for message in told)
 
 
 def default(unit, direction, amount):
@@ -215,7 +227,7 @@ def test_more_tables_than_a_unit_can_name(files, monkeypatch):
 def test_a_wrong_bundle_is_not_simulated_unless_asked(files):
     faulty = bundles.changed(files, bundles.FAULTS["one burst more"])
     checked = DEPLOYMENT.check(bundles.target(faulty), CheckOptions())
-    assert any("no simulation: the tables are wrong" in line for line in checked.lines)
+    assert any("nothing executed: the tables are wrong" in line for line in checked.lines)
     assert {d.code for d in checked.diagnostics} >= {codes.WRONG_BUDGET.id, codes.FORMS_DIFFER.id}
 
 
@@ -225,11 +237,12 @@ def test_arithmetic_alone_says_so(files):
     assert checked.lines == ("arithmetic: exact; 3 tables of 3 units, 600 budgets, 100 sums against 512 B a window",)
 
 
-def test_tables_for_other_back_ends_are_checked_and_not_simulated(files):
-    other = bundles.changed(files, put("backend", "axi-realm"))
+def test_tables_for_other_back_ends_are_executed_on_a_model_of_the_device(files):
+    """This bundle has nothing in it that the device could load."""
+    other = bundles.changed(files, put("backend", "memguard"))
     checked = DEPLOYMENT.check(bundles.target(other), CheckOptions())
-    assert checked.diagnostics == ()
-    assert 'no simulation: the back-end is "axi-realm"' in checked.lines[1]
+    assert {d.code for d in checked.diagnostics} == {codes.NOT_UNDERSTOOD.id, codes.DEVICE_REFUSES.id}
+    assert checked.lines[1].startswith("device: memguard")
 
 
 def test_an_engine_that_does_not_exist_is_a_mistake_of_the_caller(files):

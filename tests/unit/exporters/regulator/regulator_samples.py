@@ -21,9 +21,12 @@ burst: 64B
 window: 1000
 guaranteed: 6.4MB/s
 units:
-  u1: {manager: 0, port: afifm2, core: 0, group: one}
-  u2: {manager: 2, port: afifm3, core: 1, group: two}
+  u1: {manager: 0, port: afifm2, core: 0, group: one, partid: 1}
+  u2: {manager: 2, port: afifm3, core: 1, group: two, partid: 2}
 """
+
+FULL = {"capacity": "6.6MB/s"}
+"""Room for the burst of every row that may be carried over, beside a bound of 1."""
 
 
 def platform_file(folder, text=PLATFORM, **changes):

@@ -9,6 +9,7 @@ import subprocess
 import zlib
 from dataclasses import replace
 from fractions import Fraction
+from math import ceil
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.backends import REGISTER, backend
 from halpipe.exporters.regulator.backends.axi_realm import OPEN, RegisterMap
-from halpipe.exporters.regulator.backends.base import comment, file_names, identifiers
+from halpipe.exporters.regulator.backends.base import comment, falls_first, file_names, identifiers
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import BACKENDS
 from support import access, job, mode, model, task, version
@@ -26,7 +27,15 @@ from support import access, job, mode, model, task, version
 GOLDEN = Path(__file__).parents[3] / "golden" / "exporters"
 DIGEST = "0123456789abcdef" * 4
 WIDE = {"capacity": "7.4MB/s"}
-LOW = {"table": {}, "axi-realm": {}, "qos400": {"qos400": "{clock: 1MHz}"}, "memguard": {}, "resctrl": {}}
+ROOMY = {"capacity": "16MB/s", "bus": "128bit"}  # for the steps of cores, and what they write back
+LOW = {
+    "table": {},
+    "axi-realm": {},
+    "qos400": {"qos400": "{clock: 1MHz}"},
+    "memguard": ROOMY,
+    "resctrl": ROOMY,
+    "mpam": ROOMY,
+}
 
 
 def low_bounds():
@@ -86,7 +95,8 @@ def test_every_text_states_the_schedule(tmp_path, name):
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 @pytest.mark.parametrize(
-    ("name", "header"), [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h")]
+    ("name", "header"),
+    [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h"), ("mpam", "mpam.h")],
 )
 @pytest.mark.parametrize("sample", [low_bounds, two_units])
 def test_headers_compile_without_a_warning(tmp_path, name, header, sample):
@@ -244,6 +254,13 @@ def writes(content):
     return [(None if len(w) == 2 or w[0] == "-" else int(w[0]), int(w[-2], 16), int(w[-1], 16)) for w in lines]
 
 
+@pytest.mark.parametrize(
+    ("managers", "regions", "guard"), [(8, 2, 0x7FC), (16, 2, 0xFFC), (8, 8, 0x1FFC), (4, 2, 0x3FC)]
+)
+def test_the_guard_lies_behind_the_registers(managers, regions, guard):
+    assert RegisterMap(managers, regions).guard == guard
+
+
 def test_set_up_claims_first_and_writes_budgets_before_periods_and_enables_last(tmp_path):
     setup = [offset for _, offset, _ in writes(files(tmp_path, "axi-realm")["setup.txt"])]
     assert setup[0] == 0x7FC
@@ -253,13 +270,13 @@ def test_set_up_claims_first_and_writes_budgets_before_periods_and_enables_last(
     assert max(budgets) < min(periods)
 
 
-def test_no_budget_is_ever_zero_and_what_is_not_used_is_open(tmp_path):
+def test_no_budget_of_a_used_unit_is_zero_and_only_empty_regions_are_open(tmp_path):
     for name, content in files(tmp_path, "axi-realm").items():
         if name.endswith(".txt"):
             budgets = {offset: value for _, offset, value in writes(content) if 0x124 <= offset < 0x1A4}
             assert all(budgets.values())
             if name == "setup.txt":
-                assert budgets[0x124] == OPEN  # u1 never writes
+                assert budgets[0x124] == 64  # u1 never writes; 0 would stop its reads as well
                 assert budgets[0x164 + 4] == OPEN  # an unused region
                 assert budgets[0x164] < OPEN
 
@@ -297,7 +314,7 @@ def test_budgets_below_what_may_be_pending_are_reported(tmp_path):
 
 
 def test_more_writes_than_the_handler_can_do_are_refused(tmp_path):
-    for limit, expected in ((3, []), (2, [codes.TOO_MANY_WRITES.id])):
+    for limit, expected in ((4, []), (3, [codes.TOO_MANY_WRITES.id])):
         settings = {"axi-realm": f"{{pending: 1, writes-per-window: {limit}}}"}
         found = made(tmp_path, "axi-realm", **settings)[1]
         assert [d.code for d in found if d.is_error] == expected
@@ -313,8 +330,10 @@ def test_managers_beyond_the_register_file_are_refused(tmp_path):
 
 
 def steps(script):
-    lines = re.findall(r"qos (\w+):ar_b=1,ar_r=(\d+),aw_b=1,aw_r=(\d+)", script.decode())
-    return {(port, d): int(r) for port, *both in lines for d, r in zip(("read", "write"), both, strict=True)}
+    lines = re.findall(r"qos (\w+):(\S+)", script.decode())
+    names = {"ar_r": "read", "aw_r": "write"}
+    pairs = [(port, *text.split("=")) for port, several in lines for text in several.split(",")]
+    return {(port, names[name]): int(value) for port, name, value in pairs if name in names}
 
 
 def test_rates_are_rounded_up_and_never_zero(tmp_path):
@@ -330,7 +349,7 @@ def test_a_rate_beyond_twelve_bits_is_refused(tmp_path):
     found = made(tmp_path, "qos400", qos400="{clock: 25kHz}")[1]
     errors = [d for d in found if d.is_error]
     assert {d.code for d in errors} == {codes.RATE_DOES_NOT_FIT.id}
-    assert "the register holds 4095" in errors[0].message
+    assert errors[0].message == "read rate 1.6MB/s is more than the 1599609B/s that the register holds"
 
 
 def nearly_all():
@@ -345,22 +364,18 @@ def test_rates_that_do_not_all_fit_rounded_up_are_reported(tmp_path):
     # A step is 156250 B/s; the rates are 21.82 and 17.86 steps, and two ports that only have the lowest: 40 fit.
     rates = {"capacity": "6.4MB/s", "guaranteed": "6.2MB/s"}
     found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates)[1]
-    assert [(d.code, d.path) for d in found] == [
-        (codes.COARSE_RATE.id, 'mode "all" unit "u1"'),
-        (codes.COARSE_RATE.id, 'mode "all" unit "u2"'),
-    ]
-    # With steps of 468750 B/s, 7 + 5 + 1 + 1 are more than the 13 that fit, though both are rounded down.
-    found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 30MHz}", **rates)[1]
-    assert [d.message for d in found if d.is_error] == [
-        "14 steps of 468750B/s are needed for all ports together, 13 fit the capacity"
-    ]
+    assert [(d.code, d.path) for d in found] == [(codes.RATE_DOES_NOT_FIT.id, 'mode "all"')]
+    assert "comes to 6562.5kB/s, there is room for 6000KiB/s" in found[0].message  # a transfer of each is kept
+    capacity = found[0].help.split('"capacity: ')[1].split('"')[0]
+    assert made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates | {"capacity": capacity})[1] == []
 
 
 def test_one_rate_for_a_mode_needs_the_largest_bounds_of_all_units_to_fit(tmp_path):
     found = made(tmp_path, "qos400", two_units, capacity="8MB/s")[1]
     (peak,) = [d for d in found if d.is_error]
     assert peak.code == codes.RATE_DOES_NOT_FIT.id
-    assert "sum to 1.75 (u1 read 0.25, u2 read 1, u2 write 0.5)" in peak.message
+    assert "u1 read 1609375B/s for 1.6MB/s" in peak.message
+    assert "u2 write 3203125B/s for 3.2MB/s" in peak.message
     assert "granularity: phase" in peak.help
 
 
@@ -373,7 +388,7 @@ def test_phases_change_the_rates_when_the_bounds_change(tmp_path):
     ]
     read2 = [(at, r) for at, address, r in values if address == 0xFD74A100 + 0x2C]
     full = -(-6_400_000 * 4096 // (64 * 2 * 10**6))
-    assert read2 == [(0, full), (10**6, 1)]
+    assert read2 == [(0, 1), (0, full), (10**6, 1)][-len(read2) :]
 
 
 def test_rates_fall_before_others_rise(tmp_path):
@@ -400,10 +415,41 @@ def test_ports_must_be_those_of_the_chip(tmp_path):
 # ---------------------------------------------------------------------------------------------- MemGuard, resctrl
 
 
-def test_memguard_counts_lines_per_period_rounded_down_and_never_zero(tmp_path):
-    script = files(tmp_path, "memguard", memguard="{line: 60B}")["1-slow.sh"].decode()
-    assert f"echo 1 {int(Fraction(3, 10) * 6400 / 60)} > read_limit" in script
-    assert f"echo 1 {int(Fraction(1, 10) * 6400 / 60)} > write_limit" in script
+def limits(script):
+    """The lines that a script leaves behind, for reads and for writes."""
+    return dict(re.findall(r"^put (\w+)_limit '([0-9 ]+)'$", script.decode(), re.MULTILINE))
+
+
+@pytest.mark.parametrize("backs", ["0", "0.5", "1"])
+def test_memguard_counts_lines_per_period_rounded_up_with_what_they_write_back(tmp_path, backs):
+    script = files(tmp_path, "memguard", memguard=f"{{line: 60B, write-backs: {backs}}}")["1-slow.sh"]
+    read = ceil(Fraction(3, 10) * 6400 / 60)
+    write = ceil(Fraction(1, 10) * 6400 / 60) + ceil(Fraction(backs) * read)
+    assert limits(script) == {"read": f"1 {read}", "write": f"1 {write}"}
+
+
+def test_memguard_gives_every_core_of_the_machine_a_limit(tmp_path):
+    script = files(tmp_path, "memguard", memguard="{cores: 4}")
+    assert limits(script["0-fast.sh"]) == {"read": "25 1 1 1", "write": "25 1 1 1"}
+    assert '"$(nproc --all)" = 4' in script["setup.sh"].decode()
+    found = made(tmp_path, "memguard", memguard="{cores: 1}")[1]
+    assert [(d.code, d.path) for d in found] == [(codes.NO_MANAGER.id, 'unit "u2"')]
+
+
+def test_memguard_with_all_write_backs_may_not_fit_and_names_the_ratio(tmp_path):
+    (found, *_) = made(tmp_path, "memguard", bus="64bit", capacity="6.4MB/s", guaranteed="6.4MB/s", sample=nearly_all)[
+        1
+    ]
+    assert (found.code, "write-backs" in found.help) == (codes.RATE_DOES_NOT_FIT.id, True)
+
+
+def test_memguard_takes_no_period_that_stalls_its_cores(tmp_path):
+    found = made(tmp_path, "memguard", window="100us", capacity="16MB/s")[1]
+    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+    assert "period: 1000us" in found[0].help
+    script = files(tmp_path, "memguard", window="100us", memguard="{period: 2ms}")
+    assert "g_period_us=2000" in script["setup.sh"].decode()
+    assert limits(script["0-fast.sh"])["read"] == "50 1"  # 1.6 MB/s are 50 lines in 2 ms
 
 
 def test_memguard_wants_a_number_for_every_core(tmp_path):
@@ -422,13 +468,13 @@ def test_memguard_wants_a_number_for_every_core(tmp_path):
 def test_memguard_counts_whole_microseconds(tmp_path):
     found = made(tmp_path, "memguard", clock="3MHz", window="1000")[1]
     assert [d.code for d in found if d.is_error] == [codes.RATE_DOES_NOT_FIT.id]
-    assert "999 cycles (333us) or 1002 cycles (334us)" in found[-1].help
+    assert "period: 1000us" in found[-1].help
 
 
-@pytest.mark.parametrize("name", ["memguard", "resctrl"])
+@pytest.mark.parametrize("name", ["memguard", "resctrl", "mpam"])
 def test_one_limit_per_mode_needs_the_largest_bounds_to_fit(tmp_path, name):
-    found = [d for d in made(tmp_path, name, two_units)[1] if d.is_error]
-    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+    found = [d for d in made(tmp_path, name, two_units, capacity="8MB/s")[1] if d.is_error]
+    assert {d.code for d in found} == {codes.RATE_DOES_NOT_FIT.id}
 
 
 def shares(tmp_path, setting, **changes):
@@ -436,21 +482,79 @@ def shares(tmp_path, setting, **changes):
     return json.loads(json.dumps(backend("resctrl").facts(tables)))["shares"], found
 
 
-def test_resctrl_takes_the_step_at_or_below_the_promise(tmp_path):
+def test_resctrl_takes_the_least_step_that_keeps_the_promise(tmp_path):
     found, warnings = shares(tmp_path, "{kind: intel, min: 10, step: 10}", capacity="6.4MB/s")
     assert found["slow"] == {"u1": 10, "u2": 40}
-    assert found["fast"]["u1"] == 20  # of 25 per cent
-    assert codes.COARSE_RATE.id in {d.code for d in warnings}
-    assert "less than" in next(d.message for d in warnings if "u1" in d.path)
+    assert found["fast"]["u1"] == 30  # for 25 per cent
+    assert warnings == []
 
 
-def test_resctrl_on_arm_never_rounds_up_to_more_than_the_promise(tmp_path):
-    for width in (4, 6, 8):
-        found, _ = shares(tmp_path, f"{{kind: mpam, width: {width}}}", capacity="6.4MB/s")
-        for percent, share in ((found["fast"]["u1"], Fraction(1, 4)), (found["slow"]["u2"], Fraction(4, 10))):
-            given = Fraction(max(1, int(Fraction(percent * 2**width, 100) + Fraction(1, 2))), 2**width)
-            above = Fraction(max(1, int(Fraction((percent + 1) * 2**width, 100) + Fraction(1, 2))), 2**width)
-            assert given <= share < above
+def test_resctrl_with_three_groups_and_the_rest_fits_by_the_next_step(tmp_path):
+    """300, 250 and 200 of 1200 MB/s: 30, 30 and 20 per cent, and 10 for all that is in no group."""
+    rates = {"u1": 300, "u2": 250, "u3": 200}
+    tasks = [task(u, 10, version("v", 5, u, access("mem", 0, 5, Fraction(r, 1200), "read"))) for u, r in rates.items()]
+    system = model(*tasks, units="u1 u2 u3", resources="mem", modes=[mode("m", tasks)])
+    schedule = one_mode(system, 10, *(job(system, u, 0, 0, u) for u in rates))
+    text = PLATFORM + "  u3: {manager: 3, group: three}\n"
+    changes = {"clock": "1GHz", "guaranteed": "1200MB/s", "window": "1ms"}
+    tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", text=text, **changes)
+    assert not any(d.is_error for d in backend("resctrl").check(tables))
+    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 30, "u2": 30, "u3": 20}}
+    script = backend("resctrl").write(tables, DIGEST)["0-m.sh"].decode()
+    assert "put . 'MB:0=10'" in script
+
+
+@pytest.mark.parametrize("width", [4, 6, 8])
+def test_resctrl_on_arm_takes_the_least_part_that_keeps_the_promise(tmp_path, width):
+    found, _ = shares(tmp_path, f"{{kind: mpam, width: {width}}}", capacity="6.4MB/s")
+    step = max(1, 100 // 2**width)
+
+    def given(percent):
+        return Fraction(max(1, int(Fraction(percent * 2**width, 100) + Fraction(1, 2))), 2**width)
+
+    for percent, share in ((found["fast"]["u1"], Fraction(1, 4)), (found["slow"]["u2"], Fraction(4, 10))):
+        assert given(percent - step) < share <= given(percent)
+
+
+def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
+    script = files(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 2}")["0-fast.sh"].decode()
+    assert "put one 'MB:1=10;0=10;2=10'" in script
+    assert "put . 'MB:1=10;0=10;2=10'" in script
+    found = made(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 1}")[1]
+    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("qos400", "port: afifm3", "port: afifm2"),
+        ("resctrl", "group: two", "group: one"),
+        ("mpam", "partid: 2", "partid: 1"),
+    ],
+)
+def test_two_units_cannot_share_what_is_written_for_both(tmp_path, name, old, new):
+    found = made(tmp_path, name, text=PLATFORM.replace(old, new))[1]
+    assert [(d.code, d.path) for d in found if d.is_error] == [(codes.SHARED_MANAGER.id, 'unit "u2"')]
+
+
+def test_mpam_needs_partitions_that_the_component_has(tmp_path):
+    for partid, code in (("0", codes.NO_MANAGER.id), ("32", codes.DOES_NOT_FIT.id)):
+        found = made(tmp_path, "mpam", text=PLATFORM.replace("partid: 2", f"partid: {partid}"))[1]
+        assert [d.code for d in found if d.is_error] == [code]
+
+
+def test_mpam_writes_the_least_parts_with_a_hard_limit(tmp_path):
+    lines = files(tmp_path, "mpam", mpam="{width: 4}")["1-slow.txt"].decode().splitlines()
+    words = [tuple(int(word, 16) for word in line.split()) for line in lines if not line.startswith("#")]
+    assert words[-3:] == [(0x100, 2), (0x208, 0x80002FFF), (0x200, 0x2FFF)]  # 2.56 of 16 MB/s: 3 of 16 parts
+
+
+def test_rate_back_ends_are_not_refused_for_windows_that_they_do_not_have(tmp_path):
+    """Half a burst per window that no budget can hold is no matter for one rate per unit."""
+    changes = {"guaranteed": "6.42MB/s", "capacity": "6.43MB/s", "burst": "3312B", "bus": "128bit"}
+    with pytest.raises(HalpipeError):
+        build(tmp_path, *nearly_all(), backend_name="table", **changes)
+    assert build(tmp_path, *nearly_all(), backend_name="memguard", **changes)[0].tables[0].rounding == "whole"
 
 
 def test_resctrl_on_amd_counts_eighths_of_a_gigabyte(tmp_path):
@@ -459,7 +563,7 @@ def test_resctrl_on_amd_counts_eighths_of_a_gigabyte(tmp_path):
     schedule = one_mode(system, 10, job(system, "a", 0, 0, "u1"))
     changes = {"clock": "1GHz", "guaranteed": "4.3GB/s", "capacity": None, "resctrl": "{kind: amd}"}
     tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", **changes)
-    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 8, "u2": 1}}  # 1.075 GB/s are 8.6 eighths
+    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 9, "u2": 1}}  # 1.075 GB/s are 8.6 eighths
 
 
 def test_resctrl_needs_groups(tmp_path):
@@ -470,5 +574,12 @@ def test_resctrl_needs_groups(tmp_path):
 
 def test_platform_settings_are_kept_with_their_defaults(tmp_path):
     assert platform(tmp_path, resctrl="{min: 5}").settings["resctrl"] == {
-        "kind": "intel", "domain": "0", "min": "5", "step": "10", "width": "8",
+        "kind": "intel", "domain": "0", "others": "", "min": "5", "step": "", "width": "8",
     }  # fmt: skip
+
+
+def test_settings_fall_to_what_all_before_have_and_rise_then():
+    before = [{"a": 5, "b": 1}, {"a": 2, "b": 4}]
+    assert falls_first(before, {"a": 3, "b": 1}) == [("a", 2), ("b", 1), ("a", 3)]
+    assert falls_first([], {"a": 3}) == [("a", 3)]
+    assert falls_first([{"a": 1}], {"a": 3}) == [("a", 3)]  # nothing is above it that has to fall

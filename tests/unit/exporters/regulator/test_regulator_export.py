@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from regulator_samples import PLATFORM, platform_file, switching, two_units
+from regulator_samples import FULL, PLATFORM, platform_file, switching, two_units
 
 from halpipe.bundles import open_bundle
 from halpipe.diagnostics import Findings, HalpipeError
@@ -22,7 +22,7 @@ SHARED = {
 
 
 def export(tmp_path, sample=two_units, text=PLATFORM, **options):
-    platform = platform_file(tmp_path, text)
+    platform = platform_file(tmp_path, text, **({} if "capacity" in text else FULL))
     return FORMAT.write(*sample(), RegulatorOptions(platform=platform, **options))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from regulator_samples import build, gang, one_mode, switching, two_units
+from regulator_samples import FULL, build, gang, one_mode, switching, two_units
 
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.backends import backend
@@ -75,13 +75,13 @@ def found_in(tmp_path, system, schedule, rule=CONTROLLED, **changes):
 
 def test_a_bound_below_one_burst_is_answered_with_the_nearest_that_is_not(tmp_path):
     system, schedule = tenth("0.0025")
-    (found,) = found_in(tmp_path, system, schedule)
+    (found,) = found_in(tmp_path, system, schedule, **FULL)
     assert found.code == codes.BELOW_BURST.id
     assert "bound 0.0025 is 0.25 bursts of 64 bytes per window" in found.message
     assert "one burst every 4 windows" in found.message
     assert "a bound of at least 0.01, or use" not in found.help
     assert found.help == "use a bound of at least 0.01, or a window of at least 4000 cycles"
-    assert found_in(tmp_path, *tenth("0.01")) == []
+    assert found_in(tmp_path, *tenth("0.01"), **FULL) == []
 
 
 def test_a_whole_burst_in_each_window_is_no_ration(tmp_path):
@@ -147,7 +147,7 @@ def test_the_table_object_as_json(tmp_path):
 
 
 def test_the_report_sums_every_window_and_names_every_phase(tmp_path):
-    tables, findings = build(tmp_path, *two_units())
+    tables, findings = build(tmp_path, *two_units(), **FULL)
     found = json.loads(format_json(describe_export(tables, backend("table"), findings, "ab" * 32)))
     (table,) = found["tables"]
     assert (table["peak_bytes"], table["peak_window"]) == (6400, 0)
@@ -169,11 +169,11 @@ def test_json_has_one_entry_to_a_line():
 
 
 def test_the_summary_has_a_line_for_every_table(tmp_path):
-    tables, _ = build(tmp_path, *two_units())
+    tables, _ = build(tmp_path, *two_units(), **FULL)
     text = summarise(tables, backend("table"), "ab" * 32)
     assert "window 1000 cycles = 1ms, burst 64 B, guaranteed 6.4MB/s" in text
-    assert "room for 100 bursts per window" in text
-    assert text.splitlines()[7].split() == ["all", "10", "all", "whole", "100.00", "%", "30.00", "%", "0", "4"]
+    assert "room for 103 bursts per window" in text
+    assert text.splitlines()[7].split() == ["all", "10", "all", "whole", "96.96", "%", "29.09", "%", "0", "4"]
 
 
 # ------------------------------------------------------------------------------------------------------- pictures
@@ -190,18 +190,18 @@ def areas(svg):
 
 
 def test_the_picture_stacks_the_units_under_the_capacity(tmp_path):
-    tables, _ = build(tmp_path, *two_units())
+    tables, _ = build(tmp_path, *two_units(), capacity="8MB/s")
     found = areas(draw(tables))
     assert set(found) == {"u1 read", "u2 read", "u2 write", "capacity"}
-    assert found["u1 read"] == "M90 90L450 90L450 120L90 120Z"  # a quarter of 120, for windows 1 to 4 of 10 on 900
-    assert found["u2 read"] == "M0 0L90 0L90 120L0 120Z"
-    assert found["u2 write"] == "M450 60L630 60L630 120L450 120Z"
+    assert found["u1 read"] == "M90 96L450 96L450 120L90 120Z"  # 1600 of 8000 B are 24 of 120, windows 1 to 4 of 10
+    assert found["u2 read"] == "M0 24L90 24L90 120L0 120Z"
+    assert found["u2 write"] == "M450 72L630 72L630 120L450 120Z"
 
 
 def test_the_line_of_what_is_reserved(tmp_path):
     tables, _ = build(tmp_path, *two_units(), overshoot="64B", capacity="7.68MB/s")
     assert "reserved for overshoot above this line" in areas(draw(tables))
-    tables, _ = build(tmp_path, *two_units())
+    tables, _ = build(tmp_path, *two_units(), **FULL)
     assert "reserved for overshoot above this line" not in areas(draw(tables))
 
 

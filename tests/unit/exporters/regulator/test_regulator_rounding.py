@@ -4,10 +4,20 @@ from fractions import Fraction
 from math import ceil, floor
 
 import pytest
-from regulator_samples import build, gang, one_mode, switching, two_units
+from regulator_samples import FULL, build, gang, one_mode, switching, two_units
 
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.rounding import CONTROLLED, WHOLE, Overload, Promise, controlled, overload, whole
+from halpipe.exporters.regulator.rounding import (
+    CONTROLLED,
+    WHOLE,
+    Overload,
+    Promise,
+    charged,
+    controlled,
+    controlled_seams,
+    overload,
+    whole,
+)
 from support import access, job, model, task, version
 
 A, B = Row("a", "read"), Row("b", "read")
@@ -34,7 +44,7 @@ def integral(system, schedule, unit, direction, window, per_window):
 @pytest.mark.parametrize("rounding", [WHOLE, CONTROLLED])
 def test_promises_are_the_integral_of_the_bounds(tmp_path, sample, rounding):
     system, schedule = sample()
-    tables, _ = build(tmp_path, system, schedule, rounding)
+    tables, _ = build(tmp_path, system, schedule, rounding, **FULL)
     (table,) = tables.tables
     for unit in ("u1", "u2"):
         for direction in ("read", "write"):
@@ -48,7 +58,7 @@ def test_promises_are_the_integral_of_the_bounds(tmp_path, sample, rounding):
 
 def test_a_whole_burst_phase_gets_just_that_by_either_rule(tmp_path):
     for rounding in (WHOLE, CONTROLLED):
-        tables, _ = build(tmp_path, *two_units(), rounding)
+        tables, _ = build(tmp_path, *two_units(), rounding, **FULL)
         (table,) = tables.tables
         assert table.row(Row("u1", "read")) == [0, 25, 25, 25, 25, 0, 0, 0, 0, 0]
         assert table.row(Row("u2", "write")) == [0, 0, 0, 0, 0, 50, 50, 0, 0, 0]
@@ -125,3 +135,18 @@ def test_whole_rounds_every_window_up_and_overload_names_the_worst():
     assert bursts == {A: [3, 1, 0], B: [1, 2, 0]}
     assert overload(bursts, 3, 4) is None
     assert overload(bursts, 3, 3) == Overload(0, 4, 3)
+
+
+def test_a_burst_of_the_window_before_is_charged_where_there_is_no_budget():
+    bursts = {A: [2, 0, 0, 3], B: [0, 4, 0, 0]}
+    assert charged(bursts, 4, [A, B]) == [3, 5, 1, 3]  # before window 0, either may have been served
+    assert charged({A: [2, 0, 0, 3]}, 4, [A, B]) == [3, 1, 0, 3]  # B is used in other tables
+    assert overload(bursts, 4, 4, [A, B]) == Overload(1, 5, 4)
+    assert overload(bursts, 4, 4) is None
+
+
+def test_controlled_leaves_room_for_what_is_carried_over():
+    turns = {A: promise(3, 0, 3, 0), B: promise(0, 3, 0, 3)}
+    found = controlled_seams(turns, 4, 4, [A, B])
+    assert found == {A: [3, 0, 3, 0], B: [0, 3, 0, 3]}
+    assert controlled_seams(turns, 4, 3, [A, B]) == Overload(0, 4, 3)

@@ -59,7 +59,7 @@ def large(modes):
 @pytest.mark.slow
 @pytest.mark.parametrize("rounding", ["whole", "controlled"])
 def test_the_time_of_an_export_grows_with_the_modes_and_switches(tmp_path, rounding):
-    (tmp_path / "p.yaml").write_text(PLATFORM + ("capacity: 3.4GB/s\n" if rounding == "whole" else ""))
+    (tmp_path / "p.yaml").write_text(PLATFORM + "capacity: 3.6GB/s\n")
     options = RegulatorOptions(platform=str(tmp_path / "p.yaml"), rounding=rounding)
 
     def prepare(modes):

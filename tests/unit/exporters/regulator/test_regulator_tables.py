@@ -5,7 +5,7 @@ from fractions import Fraction
 from math import ceil
 
 import pytest
-from regulator_samples import PLATFORM, build, gang, one_mode, switching, two_units
+from regulator_samples import FULL, PLATFORM, build, gang, one_mode, switching, two_units
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
@@ -51,14 +51,14 @@ def test_a_switch_without_a_table_requests_the_mode_itself(tmp_path):
 
 
 def test_entries_are_run_length_over_windows_and_cover_both_directions(tmp_path):
-    tables, _ = build(tmp_path, *two_units())
+    tables, _ = build(tmp_path, *two_units(), **FULL)
     (table,) = tables.tables
     assert table.entries("u1") == [Entry(0, 0, 0), Entry(1, 25, 0), Entry(5, 0, 0)]
     assert table.entries("u2") == [Entry(0, 100, 0), Entry(1, 0, 0), Entry(5, 0, 50), Entry(7, 0, 0)]
 
 
 def test_units_of_the_model_come_in_its_order_with_their_managers(tmp_path):
-    tables, findings = build(tmp_path, *two_units())
+    tables, findings = build(tmp_path, *two_units(), **FULL)
     assert [(u.index, u.name, u.manager) for u in tables.units] == [(0, "u1", 0), (1, "u2", 2)]
     assert tables.rows == [Row("u1", "read"), Row("u2", "read"), Row("u2", "write")]
     assert findings == []  # u3 has no regulator and needs none
@@ -167,7 +167,7 @@ def test_the_remedies_that_are_named_work(tmp_path):
 
 def test_scheduling_on_the_grid_is_only_named_where_it_can_help(tmp_path):
     system, schedule = two_units()  # has a phase that takes all of the bandwidth
-    (found,) = refusal(tmp_path, system, schedule, overshoot="640B")
+    (found,) = refusal(tmp_path, system, schedule, overshoot="640B", **FULL)
     assert "--quantise" not in found.help
     t = task("t", 10, version("v", 2, "u1", access("mem", 0, 1, "0.6")))
     o = task("o", 10, version("v", 2, "u2", access("mem", 0, 1, "0.4")))
@@ -189,7 +189,7 @@ def test_overshoot_is_reserved_for_the_rows_that_are_used(tmp_path):
 
 def test_axi_realm_reserves_a_burst_for_overshoot_and_one_that_it_cannot_deny(tmp_path):
     tables, _ = build(tmp_path, *one_phase(0, 1), backend_name="axi-realm", capacity="7MB/s")
-    assert tables.reserve == 128
+    assert tables.reserve == 256  # of writes, too, which the unit never does and which cannot be denied on their own
 
 
 def test_less_overshoot_than_the_back_end_has_is_refused(tmp_path):
@@ -218,13 +218,14 @@ def defaults(tmp_path, first="", second="", sample=two_units, **changes):
 
 
 def test_defaults_share_the_capacity_equally_among_the_rows_that_are_used(tmp_path):
-    assert defaults(tmp_path) == {"u1": {"read": 2112, "write": 0}, "u2": {"read": 2112, "write": 2112}}
-    assert 3 * 2112 <= 6400 < 3 * (2112 + 64)
+    expected = {"u1": {"read": 2176, "write": 0}, "u2": {"read": 2176, "write": 2176}}
+    assert defaults(tmp_path, **FULL) == expected
+    assert 3 * 2176 <= 6600 < 3 * (2176 + 64)
 
 
 def test_stated_defaults_are_kept_and_the_others_share_the_rest(tmp_path):
-    found = defaults(tmp_path, ", default-read: 640B, default-write: 64B")
-    assert found == {"u1": {"read": 640, "write": 64}, "u2": {"read": 2816, "write": 2816}}
+    found = defaults(tmp_path, ", default-read: 640B, default-write: 64B", **FULL)
+    assert found == {"u1": {"read": 640, "write": 64}, "u2": {"read": 2944, "write": 2944}}
 
 
 @pytest.mark.parametrize(

@@ -67,8 +67,10 @@ def falls_first(before: Sequence[Mapping[K, int]], new: Mapping[K, int]) -> list
 
     First everything falls to what is in all of them, then it rises: at no instant is the sum above both settings.
     """
-    floors = {key: min([value, *(b[key] for b in before if key in b)]) for key, value in new.items()}
-    return [*floors.items(), *((key, value) for key, value in new.items() if value != floors[key])]
+    known = {key: [setting[key] for setting in before] for key in new}
+    floors = {key: min([value, *known[key]]) for key, value in new.items()}
+    falls = [(key, low) for key, low in floors.items() if low == new[key] or any(low < now for now in known[key])]
+    return [*falls, *((key, value) for key, value in new.items() if value != floors[key])]
 
 
 def identifiers(names: Iterable[str]) -> list[str]:

@@ -15,7 +15,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
+from halpipe.exporters.regulator.backends.base import file_names, predecessors, render
 from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
@@ -122,15 +122,15 @@ def _write_backs(platform: Platform) -> Fraction:
 
 def _defaults(tables: Tables) -> dict[str, list[int]]:
     """Return the events per period before the first table; reads leave room for their write-backs."""
-    p, cores = tables.platform, _cores(tables)
+    p, cores, backs = tables.platform, _cores(tables), _write_backs(tables.platform)
     budgets = {unit.name: unit.default for unit in tables.units}
-    periods = Fraction(_period(p) * p.clock, p.cycles * 10**6)  # windows in a period
+    lines = int(_bytes(p, limit_of(tables)) / _line(p)) - 2 * _count(tables)  # beside the one that everybody has
     found: dict[str, list[int]] = {d: [] for d in DIRECTIONS}
     for core in range(_count(tables)):
         budget = budgets.get(cores.get(core, ""), dict.fromkeys(DIRECTIONS, 0))
-        read = max(1, int(budget[READ] * periods / (1 + _write_backs(p)) / _line(p)))
-        found[READ].append(read)
-        found[WRITE].append(max(1, int(budget[WRITE] * periods / _line(p) + _write_backs(p) * read)))
+        share = {d: Fraction(max(0, lines) * budget[d], p.window_capacity) for d in DIRECTIONS}
+        found[READ].append(1 + int(share[READ] / (1 + backs)))
+        found[WRITE].append(1 + int(share[WRITE]) + int(backs * int(share[READ] / (1 + backs))))
     return found
 
 
@@ -141,12 +141,14 @@ def _lines(tables: Tables, table: Table) -> Iterator[tuple[str, list[int]]]:
         return {(d, core): n for d in DIRECTIONS for core, n in enumerate(_events(tables, table, d))}
 
     new = all_of(table)
-    floors: dict[tuple[str, int], int] = {}
-    for key, value in falls_first([all_of(t) for t in predecessors(tables, table)], new):
-        floors.setdefault(key, value)
-    for values in (floors, new) if floors != new else (new,):
-        for d in DIRECTIONS:
-            yield d, [values[d, core] for core in range(_count(tables))]
+    floors = dict(new)
+    for setting in [all_of(t) for t in predecessors(tables, table)]:
+        floors = {key: min(value, setting[key]) for key, value in floors.items()}
+    for d in DIRECTIONS:
+        yield d, [floors[d, core] for core in range(_count(tables))]
+    for d in DIRECTIONS:
+        if any(new[d, core] != floors[d, core] for core in range(_count(tables))):
+            yield d, [new[d, core] for core in range(_count(tables))]
 
 
 # ------------------------------------------------------------------------------------------------- checks

@@ -100,8 +100,7 @@ class Qos400:
         ]
         files = {}
         for stem, table, several in zip(file_names(t.name for t in tables.tables), tables.tables, orders, strict=True):
-            now: dict[Row, int] = {}
-            lines = [(setting, list(_commands(tables, writes, now))) for setting, writes in several]
+            lines = [(setting, list(_commands(tables, writes))) for setting, writes in several]
             files[f"{stem}.sh"] = render("qos400.sh.j2", table=table, lines=lines, **values)
         arrays = [list(_writes(tables, several)) for several in orders]
         names = identifiers(table.name for table in tables.tables)
@@ -196,12 +195,12 @@ _OTHERWISE = {
 }
 
 
-def _commands(tables: Tables, writes: list[tuple[Row, int]], now: dict[Row, int]) -> Iterator[str]:
-    """Yield a command for every run of writes to one port; `now` is what the rows hold, and is brought up to date."""
+def _commands(tables: Tables, writes: list[tuple[Row, int]]) -> Iterator[str]:
+    """Yield a command for every run of writes to one port."""
     burstiness = tables.platform.settings[Qos400.name]["burstiness"]
     for unit, run in groupby(writes, key=lambda write: write[0].unit):
-        now |= dict(run)
-        parameters = ",".join(f"{PREFIX[d]}_b={burstiness},{PREFIX[d]}_r={now[Row(unit, d)]}" for d in DIRECTIONS)
+        rates = ((PREFIX[row.direction], steps) for row, steps in run)
+        parameters = ",".join(f"{prefix}_b={burstiness},{prefix}_r={steps}" for prefix, steps in rates)
         yield f"jailhouse qos {tables.platform.units[unit].port}:{parameters}"
 
 

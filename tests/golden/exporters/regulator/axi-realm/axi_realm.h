@@ -26,8 +26,8 @@ static const struct realm_write realm_setup[37] = {
   {0u, 0x064u, 0x00000000u},
   {0u, 0x0a4u, 0xffffffffu},
   {0u, 0x0e4u, 0xffffffffu},
-  {0u, 0x164u, 0x00000900u},
-  {0u, 0x124u, 0x7fffffffu},
+  {0u, 0x164u, 0x000008c0u},
+  {0u, 0x124u, 0x00000040u},
   {0u, 0x028u, 0xffffffffu},
   {0u, 0x068u, 0xffffffffu},
   {0u, 0x0a8u, 0xffffffffu},
@@ -38,8 +38,8 @@ static const struct realm_write realm_setup[37] = {
   {0u, 0x074u, 0x00000000u},
   {0u, 0x0b4u, 0xffffffffu},
   {0u, 0x0f4u, 0xffffffffu},
-  {0u, 0x174u, 0x00000900u},
-  {0u, 0x134u, 0x00000900u},
+  {0u, 0x174u, 0x000008c0u},
+  {0u, 0x134u, 0x000008c0u},
   {0u, 0x038u, 0xffffffffu},
   {0u, 0x078u, 0xffffffffu},
   {0u, 0x0b8u, 0xffffffffu},
@@ -58,8 +58,9 @@ static const struct realm_write realm_setup[37] = {
   {0u, 0x01cu, 0x00000005u},
 };
 
-static const struct realm_write realm_entry_0[3] = {
+static const struct realm_write realm_entry_0[4] = {
   {0u, 0x164u, 0x00000640u},
+  {0u, 0x124u, 0x00000040u},
   {0u, 0x174u, 0x00000040u},
   {0u, 0x134u, 0x00000040u},
 };
@@ -67,8 +68,9 @@ static const struct realm_write realm_change_0[2] = {
   {1u, 0x164u, 0x00000040u},
   {6u, 0x164u, 0x00000640u},
 };
-static const struct realm_write realm_entry_1[3] = {
+static const struct realm_write realm_entry_1[4] = {
   {0u, 0x164u, 0x00000040u},
+  {0u, 0x124u, 0x00000040u},
   {0u, 0x174u, 0x00000780u},
   {0u, 0x134u, 0x00000040u},
 };
@@ -78,8 +80,9 @@ static const struct realm_write realm_change_1[4] = {
   {1u, 0x174u, 0x00000040u},
   {3u, 0x174u, 0x00000780u},
 };
-static const struct realm_write realm_entry_2[3] = {
+static const struct realm_write realm_entry_2[4] = {
   {0u, 0x164u, 0x00000640u},
+  {0u, 0x124u, 0x00000040u},
   {0u, 0x174u, 0x00000780u},
   {0u, 0x134u, 0x00000040u},
 };
@@ -90,8 +93,9 @@ static const struct realm_write realm_change_2[5] = {
   {2u, 0x174u, 0x00000040u},
   {4u, 0x174u, 0x00000780u},
 };
-static const struct realm_write realm_entry_3[3] = {
+static const struct realm_write realm_entry_3[4] = {
   {0u, 0x164u, 0x00000040u},
+  {0u, 0x124u, 0x00000040u},
   {0u, 0x174u, 0x00000780u},
   {0u, 0x134u, 0x00000040u},
 };
@@ -103,10 +107,10 @@ static const struct realm_write realm_change_3[4] = {
 };
 
 static const struct realm_table realm_tables[REALM_TABLES] = {
-  {10u, 0u, 3u, 2u, realm_entry_0, realm_change_0},
-  {5u, 1u, 3u, 4u, realm_entry_1, realm_change_1},
-  {6u, 1u, 3u, 5u, realm_entry_2, realm_change_2},
-  {10u, 0u, 3u, 4u, realm_entry_3, realm_change_3},
+  {10u, 0u, 4u, 2u, realm_entry_0, realm_change_0},
+  {5u, 1u, 4u, 4u, realm_entry_1, realm_change_1},
+  {6u, 1u, 4u, 5u, realm_entry_2, realm_change_2},
+  {10u, 0u, 4u, 4u, realm_entry_3, realm_change_3},
 };
 
 /* To go from one mode to another, play this table after the end of the one being played. */

@@ -47,10 +47,10 @@ static const struct qos400_write qos400_write_2[4] = {
   {0u, 0xfd74a120u, 0x02900000u},
 };
 static const struct qos400_write qos400_write_3[4] = {
-  {0u, 0xfd74712cu, 0x06700000u},
   {0u, 0xfd747120u, 0x00100000u},
   {0u, 0xfd74a12cu, 0x07b00000u},
   {0u, 0xfd74a120u, 0x02900000u},
+  {0u, 0xfd74712cu, 0x06700000u},
 };
 
 static const struct qos400_table qos400_tables[4] = {

@@ -1,0 +1,63 @@
+"""Models of the devices: what a bundle loads is executed on them, and their grants are held against the schedule.
+
+Each model is written from the device's documentation and knows nothing of the exporter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.regulator.arithmetic import Planned
+    from halpipe.deploy.regulator.facts import Facts
+    from halpipe.deploy.regulator.reading import Tables
+    from halpipe.diagnostics import Code, Diagnostic
+
+
+@dataclass(slots=True)
+class Case:
+    """What a device is loaded with, and what it must then grant; `findings` are collected, `steps` counted."""
+
+    bundle: Bundle
+    tables: Tables
+    facts: Facts
+    planned: Sequence[Planned]
+    findings: list[Diagnostic] = field(default_factory=list)
+    steps: int = 0
+
+    @property
+    def folder(self) -> str:
+        """The folder of the bundle that is loaded."""
+        return self.tables.backend
+
+    def note(self, code: Code, name: str, text: str, *, line: int = 0, path: str = "") -> None:
+        """Add a finding about a file of the folder."""
+        at = self.bundle.at(f"{self.folder}/{name}", line) if line else self.bundle.at(f"{self.folder}/{name}")
+        help = "export the bundle again; what is loaded was changed, or the exporter is wrong: report it"
+        self.findings.append(code(text, at=at, path=path, help=help))
+
+
+class Device(Protocol):
+    """A model of a device: executes what is loaded and notes what is wrong in the case."""
+
+    def __call__(self, case: Case) -> None:
+        """Execute everything that the folder of the back-end has."""
+        ...
+
+
+def device(backend: str) -> Device | None:
+    """Return the model of what a back-end writes for, None if its Verilog is simulated instead."""
+    from halpipe.deploy.regulator.devices import axi_realm, memguard, mpam, qos400, resctrl
+
+    known: dict[str, Device] = {
+        "axi-realm": axi_realm.execute,
+        "qos400": qos400.execute,
+        "memguard": memguard.execute,
+        "resctrl": resctrl.execute,
+        "mpam": mpam.execute,
+    }
+    return known.get(backend)

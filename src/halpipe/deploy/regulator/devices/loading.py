@@ -1,0 +1,191 @@
+"""Reads what is loaded: scripts line by line, and C headers. Nothing is skipped but comments."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import NOT_UNDERSTOOD, OTHER_SCHEDULE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.deploy.regulator.devices import Case
+
+WORD = 2**32
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line that is no comment, with its number."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Script:
+    """A script: its name in the folder, its comments, and its other lines without the space at their ends."""
+
+    name: str
+    comments: tuple[Line, ...]
+    lines: tuple[Line, ...]
+
+
+def files_of(case: Case) -> dict[str, bytes]:
+    """Return the files of the back-end's folder by their names in it."""
+    prefix = f"{case.folder}/"
+    return {name[len(prefix) :]: data for name, data in case.bundle.files.items() if name.startswith(prefix)}
+
+
+def scripts_of(case: Case, suffix: str, *others: str) -> tuple[dict[str, Script], dict[int, Script]]:
+    """Return the `others` by name, and the script of every table by its number; note what is missing or too much."""
+    found = files_of(case)
+    named: dict[str, Script] = {}
+    numbered: dict[int, Script] = {}
+    for name in sorted(found):
+        match = re.fullmatch(r"([0-9]{1,3})-[A-Za-z0-9_.-]+" + re.escape(suffix), name)
+        if name in others:
+            named[name] = _script(case, name, found[name])
+        elif match and int(match[1]) < len(case.tables.tables) and int(match[1]) not in numbered:
+            numbered[int(match[1])] = _script(case, name, found[name])
+        elif not name.endswith(".h"):
+            case.note(NOT_UNDERSTOOD, name, "belongs to no table and to no part of the set-up")
+    for name in others:
+        if name not in named:
+            case.note(NOT_UNDERSTOOD, name, "is missing")
+    for table in case.tables.tables:
+        if table.index not in numbered:
+            case.note(NOT_UNDERSTOOD, f"{table.index}-...{suffix}", f'there is no script of table "{table.name}"')
+    return named, numbered
+
+
+def _script(case: Case, name: str, data: bytes) -> Script:
+    lines = [Line(n, text.rstrip()) for n, text in enumerate(data.decode("utf-8", "replace").splitlines(), 1)]
+    comments = tuple(line for line in lines if line.text.startswith("#"))
+    if not any(f"schedule {case.tables.schedule_sha256}" in line.text for line in comments):
+        case.note(OTHER_SCHEDULE, name, "does not state the schedule of this bundle")
+    return Script(name, comments, tuple(line for line in lines if line.text and not line.text.startswith("#")))
+
+
+def take(case: Case, script: Script, begin: Sequence[str]) -> Iterator[Line]:
+    """Yield the lines after those that every such script begins with; note where it does not begin so."""
+    for number, (line, want) in enumerate(zip(script.lines, begin, strict=False)):
+        if line.text != want:
+            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}", expected "{want[:60]}"', line=line.number)
+            return
+        if number + 1 == len(begin):
+            yield from script.lines[len(begin) :]
+            return
+    case.note(NOT_UNDERSTOOD, script.name, f'ends before "{begin[len(script.lines)]}"')
+
+
+def hexadecimal(text: str) -> int | None:
+    """Return a word of 32 bits written as ``0x...``, None if it is none."""
+    if not re.fullmatch(r"0x[0-9a-f]{1,16}", text):
+        return None
+    return int(text, 16)
+
+
+# ------------------------------------------------------------------------------------------------- C headers
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """A C header: what it defines and declares, the type of each array, and its rows; numbers as text."""
+
+    name: str
+    defines: dict[str, str]
+    types: dict[str, str]
+    kinds: dict[str, str]
+    arrays: dict[str, list[list[str]]]
+
+    def numbers(self, array: str) -> list[tuple[int, ...]]:
+        """Return the rows of an array of numbers; no rows if it is not there, or a value is no number."""
+        rows = self.arrays.get(array, [])
+        try:
+            return [tuple(int(word, 0) for word in row) for row in rows]
+        except ValueError:
+            return []
+
+
+_DEFINE = re.compile(r'#define (\w+)(?: ("[^"\n]*"|\w+))?')
+_ARRAY = re.compile(r"static const (struct \w+|struct \{[^}]*\}) (\w+)\[(\w+)\] = \{(.*?)\n\};", re.DOTALL)
+_ROW = re.compile(r"\s*\{([^{}]*)\},")
+_TYPE = re.compile(r"(struct \w+) \{([^}]*)\};")
+_VALUE = re.compile(r"(0x[0-9a-f]+|[0-9]+)u|0|[a-z]\w*")
+
+
+def header_of(case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str) -> Header | None:
+    """Return the header `name`, which declares `types` (with members) and has the schedule in the macro `digest`.
+
+    `arrays` gives the type of each array by its name, without the number of its table.
+    """
+    data = files_of(case).get(name)
+    if data is None:
+        case.note(NOT_UNDERSTOOD, name, "is missing")
+        return None
+    text = re.sub(r"/\*.*?\*/", "", data.decode("utf-8", "replace"), flags=re.DOTALL)
+    header = Header(name, {}, {}, {}, {})
+    text = _ARRAY.sub(lambda match: _array(case, header, match), text)
+    text = _TYPE.sub(lambda match: _declare(header, match), text)
+    rest = [line.strip() for line in text.splitlines() if line.strip()]
+    guard = name.upper().replace(".", "_")
+    known = {f"#ifndef {guard}", f"#define {guard}", "#include <stdint.h>", "#endif"}
+    for line in rest:
+        match = _DEFINE.fullmatch(line)
+        if line not in known and match is None:
+            case.note(NOT_UNDERSTOOD, name, f'has "{line[:60]}"')
+        elif match is not None and line not in known:
+            if match[1] in header.defines:
+                case.note(NOT_UNDERSTOOD, name, f"defines {match[1]} twice")
+            header.defines[match[1]] = (match[2] or "").strip('"').removesuffix("u")
+    if [line for line in rest if line in known] != [
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "#include <stdint.h>",
+        "#endif",
+    ]:
+        case.note(NOT_UNDERSTOOD, name, "is not guarded and closed as documented")
+    if list(header.types.items()) != list(types.items()):
+        case.note(NOT_UNDERSTOOD, name, f"declares {list(header.types)}, not {list(types)} as documented")
+    for array, kind in header.kinds.items():
+        if arrays.get(re.sub(r"_[0-9]+$", "", array)) != kind:
+            case.note(NOT_UNDERSTOOD, name, f"has an array {array} of {kind}")
+    if header.defines.get(digest) != case.tables.schedule_sha256:
+        case.note(OTHER_SCHEDULE, name, "does not state the schedule of this bundle")
+    return header
+
+
+def _declare(header: Header, match: re.Match[str]) -> str:
+    members = " ".join(match[2].split())
+    header.types[match[1]] = members if match[1] not in header.types else f"{members} twice"
+    return ""
+
+
+def _array(case: Case, header: Header, match: re.Match[str]) -> str:
+    type, name, size, body = match.groups()
+    rows = [[word.strip() for word in row.split(",")] for row in _ROW.findall(body)]
+    if _ROW.sub("", body).strip() or not all(_VALUE.fullmatch(word) for row in rows for word in row):
+        case.note(NOT_UNDERSTOOD, header.name, f"{name} has more than rows of numbers")
+    if name in header.arrays:
+        case.note(NOT_UNDERSTOOD, header.name, f"{name} is there twice")
+    stated = header_number(text) if (text := _lookup(case, header.name, size)) else header_number(size)
+    if stated is not None and stated != len(rows):
+        case.note(NOT_UNDERSTOOD, header.name, f"{name} has {len(rows)} rows, declared are {stated}")
+    header.arrays[name] = [[word.removesuffix("u") for word in row] for row in rows]
+    header.kinds[name] = type
+    return ""
+
+
+def _lookup(case: Case, name: str, size: str) -> str:
+    """Return what a size stands for where it is a macro."""
+    match = re.search(rf"#define {re.escape(size)} (\w+)", files_of(case)[name].decode("utf-8", "replace"))
+    return match[1] if match else ""
+
+
+def header_number(text: str) -> int | None:
+    """Return a number of C, None if it is none."""
+    plain = text.removesuffix("u")
+    return int(plain, 0) if re.fullmatch(r"0x[0-9a-f]+|[0-9]+", plain) else None

@@ -1,0 +1,205 @@
+"""MemGuard on a model of the module: what its debugfs files take, and how many lines each core then gets in a period.
+
+From the module's source (heechul/memguard): a line has one number for every core in order; cores that it does not reach
+keep their limit, which after loading is none; 0 is not taken; 255 characters of a line are read.
+"""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from math import ceil
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
+from halpipe.deploy.regulator.devices import rates
+from halpipe.deploy.regulator.devices.loading import scripts_of, take
+from halpipe.deploy.regulator.promise import ZERO
+from halpipe.quantities import parse_rational, parse_size
+
+if TYPE_CHECKING:
+    from halpipe.deploy.regulator.devices import Case
+    from halpipe.deploy.regulator.devices.loading import Line, Script
+    from halpipe.deploy.regulator.reading import Table
+
+PUT = (
+    "put() {",
+    "  core=0",
+    '  echo "$2" > "$1"',
+    "  for events in $2; do",
+    '    grep -q "^CPU$core: $events " "$1" || { echo "$1: core $core did not take $events" >&2; exit 1; }',
+    "    core=$((core + 1))",
+    "  done",
+    "}",
+)
+"""Writes a limit and reads it back, core by core."""
+
+FOLDER = "cd /sys/kernel/debug/memguard"
+LINE = re.compile(r"put (read|write)_limit '([0-9 ]+)'")
+LONGEST = 255
+SHORTEST_PERIOD, LONGEST_PERIOD = 1000, 10**6
+
+Limits = dict[str, int]
+"""Events per period, by owner: unit (or core) and direction."""
+
+
+class Module:
+    """The module: limits of every core and direction, none after loading."""
+
+    def __init__(self, case: Case) -> None:
+        stated = case.facts.number("memguard", "cores")
+        numbers = {unit.name: case.facts.units[unit.name].get("core") for unit in case.tables.units}
+        self.names = {int(core): unit for unit, core in numbers.items() if core is not None}
+        self.cores = stated or max(self.names, default=-1) + 1
+        settings = case.facts.settings["memguard"]
+        self.line = parse_size(settings["line"])
+        self.backs = parse_rational(settings["write-backs"])
+        period = settings["period"]
+        self.period = _microseconds(period) if period else case.facts.seconds * 10**6
+        self.limits: Limits = {}
+
+    def owner(self, core: int, direction: str) -> str:
+        """Return who has a limit."""
+        return f"{self.names.get(core, f'core {core}')} {direction}"
+
+    def write(self, direction: str, text: str) -> str:
+        """Write a line of limits; return what the module does not take, empty if it takes all."""
+        words = text.split(" ")
+        if len(text) > LONGEST or len(words) != self.cores or not all(word.isdecimal() for word in words):
+            return f"{len(words)} limits in {len(text)} characters; there are {self.cores} cores"
+        for core, word in enumerate(words):
+            if not 0 < int(word) < 2**31:
+                return f"core {core} does not take {word}"
+            self.limits[self.owner(core, direction)] = int(word)
+        return ""
+
+    def rate(self, events: int) -> Fraction:
+        """Return the bytes per second of a limit."""
+        return Fraction(events * self.line * 10**6) / self.period
+
+    def events(self, rate: Fraction) -> int:
+        """Return the least events that give a rate."""
+        return ceil(rate * self.period / (self.line * 10**6))
+
+
+def _microseconds(text: str) -> Fraction:
+    from halpipe.durations import Duration
+
+    return Duration.parse(text).in_unit("us")
+
+
+def execute(case: Case) -> None:
+    """Execute the set-up and every table."""
+    named, numbered = scripts_of(case, ".sh", "setup.sh")
+    module = Module(case)
+    for unit in case.tables.units:
+        core = case.facts.units[unit.name].get("core")
+        if core is None or module.names.get(int(core)) != unit.name or int(core) >= module.cores:
+            text = "has no core of its own in the machine"
+            case.note(DEVICE_REFUSES, "setup.sh", text, path=f'unit "{unit.name}"')
+    if module.period.denominator != 1 or not SHORTEST_PERIOD <= module.period <= LONGEST_PERIOD:
+        case.note(DEVICE_REFUSES, "setup.sh", f"{module.period} us are no period")
+        return
+    if "setup.sh" in named:
+        _set_up(case, module, named["setup.sh"])
+    final = {index: _last(case, script) for index, script in numbered.items()}
+    for plan in case.planned:
+        script = numbered.get(plan.table.index)
+        if script is None:
+            continue
+        lines = _limits(case, script, ("set -e", FOLDER, *PUT))
+        formers = rates.followers(case, plan.table)
+        for former in formers:
+            _rise(case, script.name, plan.table, final.get(former.index, {}), lines)
+        after = Module(case)
+        writes: list[tuple[str, int]] = []
+        for line, direction, text in lines:
+            case.steps += 1
+            before = dict(after.limits)
+            refused = after.write(direction, text) or ("changes no limit" if after.limits == before else "")
+            if refused:
+                case.note(DEVICE_REFUSES, script.name, refused, line=line.number)
+            writes += [(owner, n) for owner, n in after.limits.items() if owner.endswith(direction)]
+        rates.fall_first(case, script.name, plan.table, writes, [final.get(t.index, {}) for t in formers])
+        promised = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
+        _compare(case, script.name, plan.table, after, _wanted(module, promised))
+
+
+def _limits(case: Case, script: Script, begin: tuple[str, ...]) -> list[tuple[Line, str, str]]:
+    found = []
+    for line in take(case, script, begin):
+        match = LINE.fullmatch(line.text)
+        if match is None:
+            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}"', line=line.number)
+        else:
+            found.append((line, match[1], match[2]))
+    return found
+
+
+def _last(case: Case, script: Script) -> Limits:
+    """Return the limits that a script leaves behind, as far as the module takes them."""
+    module = Module(case)
+    for line in script.lines:
+        match = LINE.fullmatch(line.text)
+        if match:
+            module.write(match[1], match[2])
+    return module.limits
+
+
+def _rise(case: Case, name: str, table: Table, before: Limits, lines: list[tuple[Line, str, str]]) -> None:
+    module = Module(case)
+    module.limits = dict(before)
+    for line, direction, text in lines:
+        known = len(case.findings)
+        module.write(direction, text)
+        granted = {owner: module.rate(n) for owner, n in module.limits.items()}
+        rates.hold(case, name, table, granted, f" while limits change in line {line.number}")
+        if len(case.findings) > known:
+            return
+
+
+def _wanted(module: Module, promised: dict[str, Fraction]) -> Limits:
+    """Return the least limits: of writes also what the lines read with them write back; at least one."""
+    wanted: Limits = {}
+    for core in range(module.cores):
+        read = module.events(promised.get(module.owner(core, "read"), ZERO))
+        write = module.events(promised.get(module.owner(core, "write"), ZERO)) + ceil(module.backs * read)
+        wanted[module.owner(core, "read")] = max(1, read)
+        wanted[module.owner(core, "write")] = max(1, write)
+    return wanted
+
+
+def _compare(case: Case, name: str, table: Table, module: Module, wanted: Limits) -> None:
+    path = f'table "{table.name}"'
+    for owner, events in wanted.items():
+        have = module.limits.get(owner)
+        if have != events:
+            text = f"{owner}: {'no limit' if have is None else f'{have} lines a period'}, the promise takes {events}"
+            case.note(GRANTS_DIFFER, name, text, path=path)
+    rates.hold(case, name, table, {owner: module.rate(n) for owner, n in module.limits.items()}, "")
+
+
+def _set_up(case: Case, module: Module, script: Script) -> None:
+    cores = (
+        f'[ "$(nproc --all)" = {module.cores} ] || {{ echo "there are $(nproc --all) cores, '
+        f'the platform file says {module.cores}" >&2; exit 1; }}'
+    )
+    begin = ("set -e", cores, f"insmod memguard.ko g_period_us={module.period}", FOLDER, *PUT)
+    switches = ("echo exclusive 0 > control", "echo reclaim 0 > control")
+    for line, direction, text in _limits(case, script, (*begin, *switches)):
+        case.steps += 1
+        former = dict(module.limits)
+        refused = module.write(direction, text) or ("changes no limit" if module.limits == former else "")
+        if refused:
+            case.note(DEVICE_REFUSES, script.name, refused, line=line.number)
+    free = int(rates.limit(case) * module.period / (module.line * 10**6)) - 2 * module.cores
+    defaults = {unit.name: unit.default for unit in case.tables.units}
+    wanted: Limits = {}
+    for core in range(module.cores):
+        default = defaults.get(module.names.get(core, ""), {"read": 0, "write": 0})
+        share = {d: Fraction(max(0, free) * n, case.tables.capacity_bytes) for d, n in default.items()}
+        read = int(share["read"] / (1 + module.backs))
+        wanted[module.owner(core, "read")] = 1 + read
+        wanted[module.owner(core, "write")] = 1 + int(share["write"]) + int(module.backs * read)
+    _compare(case, script.name, case.tables.tables[0], module, wanted)
+    module.limits = {}

@@ -1,0 +1,102 @@
+"""What back-ends with one rate per unit share: the rates promised, and how a device's rates are held against them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, GRANTS_DIFFER
+from halpipe.deploy.regulator.promise import ZERO, rate_steps
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from fractions import Fraction
+
+    from halpipe.deploy.regulator.arithmetic import Planned
+    from halpipe.deploy.regulator.devices import Case
+    from halpipe.deploy.regulator.promise import Row
+    from halpipe.deploy.regulator.reading import Table
+
+
+def peaks(case: Case, plan: Planned) -> dict[Row, Fraction]:
+    """Return the highest rate promised to every row in a table, in bytes per second; only rows that have any."""
+    found: dict[Row, Fraction] = {}
+    for row, phases in plan.timeline.by_row().items():
+        highest = max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO)
+        if highest:
+            found[row] = highest * case.facts.guaranteed
+    return found
+
+
+def unit_peaks(case: Case, plan: Planned) -> dict[str, Fraction]:
+    """Return for every unit its highest rates of reads and of writes together, in bytes per second."""
+    found = {unit.name: ZERO for unit in case.tables.units}
+    for (unit, _), rate in peaks(case, plan).items():
+        found[unit] = found.get(unit, ZERO) + rate
+    return found
+
+
+def limit(case: Case) -> Fraction:
+    """Return what all may have together, in bytes per second: the capacity less what passes above budgets."""
+    reserve = sum(unit.overshoot[d] for unit in case.tables.units for d in ("read", "write"))
+    return case.facts.capacity - reserve / case.facts.seconds
+
+
+def followers(case: Case, table: Table) -> list[Table]:
+    """Return the tables that may be in force when `table` begins: that which it follows, or asks for it."""
+    modes = {t.mode: t for t in case.tables.tables if not t.is_transition}
+    asking = [modes[s.source] for s in case.tables.switches if s.request == table.index and s.source in modes]
+    return [t for t in case.tables.tables if t.successor == table.index or t in asking]
+
+
+def compare(
+    case: Case,
+    name: str,
+    table: Table,
+    have: Mapping[str, int],
+    promised: Mapping[str, Fraction],
+    least: Callable[[Fraction], int],
+    given: Callable[[int], Fraction],
+) -> None:
+    """Note every owner whose setting is not the least that gives what was promised, and sums above the capacity."""
+    for owner, rate in promised.items():
+        want = least(rate)
+        if have.get(owner) != want:
+            setting = have.get(owner)
+            is_given = "nothing is set" if setting is None else f"{text(given(setting))} are granted"
+            message = f"{owner}: {is_given}, promised are {text(rate)}, for which {text(given(want))} are the least"
+            case.note(GRANTS_DIFFER, name, message, path=f'table "{table.name}"')
+    for owner in sorted(have.keys() - promised.keys()):
+        case.note(GRANTS_DIFFER, name, f"{owner} belongs to no unit of the platform", path=f'table "{table.name}"')
+    hold(case, name, table, {owner: given(setting) for owner, setting in have.items()}, "")
+
+
+def hold(case: Case, name: str, table: Table, granted: Mapping[str, Fraction], when: str) -> None:
+    """Note a sum above the capacity; `when` says at which instant, empty for the whole table."""
+    total = sum(granted.values(), ZERO)
+    if total > limit(case):
+        message = f"{text(total)} are granted together{when}, there is room for {text(limit(case))}"
+        case.note(DEVICE_OVER_CAPACITY, name, message, path=f'table "{table.name}"')
+
+
+def fall_first(
+    case: Case, name: str, table: Table, writes: Sequence[tuple[str, int]], before: Sequence[Mapping[str, int]]
+) -> None:
+    """Note a value on the way that is not what `before` and the table's own value have in common.
+
+    A setting is reached in at most two steps: down to the least of all that may be in force, then to its value.
+    """
+    final = dict(writes)
+    left: dict[str, int] = {}
+    for owner, _ in writes:
+        left[owner] = left.get(owner, 0) + 1
+    for owner, value in writes:
+        left[owner] -= 1
+        common = min([final[owner], *(setting[owner] for setting in before if owner in setting)])
+        if left[owner] and value != common:
+            message = f"{owner} is {value} on its way to {final[owner]}; {common} is what all settings before have"
+            case.note(GRANTS_DIFFER, name, message, path=f'table "{table.name}"')
+
+
+def text(rate: Fraction) -> str:
+    """Return a rate for people."""
+    return f"{rate.numerator // rate.denominator} B/s"
