@@ -498,7 +498,8 @@ def test_resctrl_with_three_groups_and_the_rest_fits_by_the_next_step(tmp_path):
     text = PLATFORM + "  u3: {manager: 3, group: three}\n"
     changes = {"clock": "1GHz", "guaranteed": "1200MB/s", "window": "1ms"}
     tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", text=text, **changes)
-    assert not any(d.is_error for d in backend("resctrl").check(tables))
+    found = backend("resctrl").check(tables)
+    assert [(d.code, d.path) for d in found] == [(codes.COARSE_RATE.id, 'mode "m" unit "u2"')]  # 360 for 250
     assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 30, "u2": 30, "u3": 20}}
     script = backend("resctrl").write(tables, DIGEST)["0-m.sh"].decode()
     assert "put . 'MB:0=10'" in script
