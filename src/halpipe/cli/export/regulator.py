@@ -21,7 +21,8 @@ PlatformFile = Annotated[str, typer.Option(metavar="FILE", help="The regulators 
 Backend = Annotated[
     str,
     typer.Option(
-        help="table, axi-realm, qos400, memguard, resctrl or mpam; otherwise what the platform names.", show_default=False
+        help="table, axi-realm, qos400, memguard, resctrl or mpam; otherwise what the platform names.",
+        show_default=False,
     ),
 ]
 Rounding = Annotated[
