@@ -117,6 +117,8 @@ class Problem:
     options: tuple[Option, ...]
     arrays: Arrays
     mean_wcet: int
+    services: Mapping[str, Service[Duration]]
+    """The interrupts of every unit."""
 
     def with_construction(self, order: Ints) -> Problem:
         """Return the problem with its entries constructed in another order."""
@@ -148,7 +150,12 @@ def build_problem(
 
 def is_bound(active: ActiveTask) -> bool:
     """Return whether the jobs of a task have to choose one unit set together."""
-    return active.task.binding is not Binding.JOB and any(len(v.units) > v.gang for v in active.versions)
+    has_choice = any(len(set(v.units)) > v.gang for v in active.versions) or len({*map(_units, active.versions)}) > 1
+    return active.task.binding is not Binding.JOB and has_choice
+
+
+def _units(version: Version) -> frozenset[str]:
+    return frozenset(version.units)
 
 
 def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
@@ -224,7 +231,8 @@ class _Builder:
             unit_weight=WINDOW_WEIGHT * weight,
             missing_cost=WINDOW_WEIGHT * weight * mean,
         )
-        return Problem(self.expansion, self.tick, self.groups, tuple(self.options), arrays, mean)
+        services = {name: service_of(self.units, [name]) for name in self.units}
+        return Problem(self.expansion, self.tick, self.groups, tuple(self.options), arrays, mean, services)
 
     # ---- lanes and options
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.models import Job
+from halpipe.durations import ZERO
+from halpipe.pipeline.parts import job_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from halpipe.durations import Duration
+    from halpipe.models import Job
     from halpipe.pipeline.solve.kernel.assign_units import Units
     from halpipe.pipeline.solve.problem import Problem
 
@@ -31,14 +33,9 @@ def named_jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Ite
             if version is None or version.wcet is None:
                 continue
             begin: Duration = problem.tick * int(start[job])
-            yield Job(
-                task=active.name,
-                index=(job - first + shift) % (last - first),
-                start=begin,
-                end=begin + version.wcet,
-                version=version.name,
-                units=units[job],
-            )
+            index = (job - first + shift) % (last - first)
+            service = tuple(interrupt for unit in units[job] for interrupt in problem.services[unit])
+            yield job_of(active.name, index, version, units[job], [(begin, ZERO, version.wcet)], service)
 
 
 def _rotation(problem: Problem, task: int, start: list[int]) -> int:
