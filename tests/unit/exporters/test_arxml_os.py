@@ -6,9 +6,11 @@ import pytest
 from exporter_samples import thirds, two_modes
 
 from arxml_reading import (
+    NS,
     by_path,
     containers,
     parameters,
+    q,
     references,
     seconds_per_tick,
     special,
@@ -18,7 +20,14 @@ from arxml_reading import (
     write,
 )
 from halpipe.diagnostics import HalpipeError
-from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, BAD_COUNTER, COUNTER_RANGE, MIN_CYCLE, NOT_ON_TICK
+from halpipe.exporters.arxml.codes import (
+    ACTIVATED_TWICE,
+    BAD_COUNTER,
+    COUNTER_RANGE,
+    MIN_CYCLE,
+    NOT_ON_TICK,
+    TOO_MANY_POINTS,
+)
 from halpipe.models import ModeSchedule, Status, TransitionTable
 from support import job, mode, model, ms, schedule, task, version
 
@@ -225,13 +234,51 @@ def test_all_tables_are_checked_against_a_given_tick():
 
 @pytest.mark.parametrize(
     "options",
-    [{"tick": ms(0)}, {"tick": ms(1001)}, {"min_cycle": 0}, {"min_cycle": 6, "max_value": 5}, {"max_value": 0}],
+    [{"tick": ms(0)}, {"tick": ms(1001)}, {"min_cycle": 0}, {"min_cycle": 6, "max_value": 5}, {"max_value": 0}]
+    + [{"max_value": 2**64}, {"max_points": 0}],
 )
 def test_impossible_counters_are_refused(options):
     assert [found[0] for found in refusals(SYSTEM, PLAN, **options)] == [BAD_COUNTER.id]
 
 
+def test_the_counter_holds_no_more_than_every_os_counts():
+    (value,) = {
+        parameters(c)["OsCounterMaxAllowedValue"] for c in containers(write(SYSTEM, PLAN), "OsCounter").values()
+    }
+    assert int(value) < 2**31
+
+
+def test_what_generators_demand_of_system_and_applications_is_stated():
+    root = write(SYSTEM, PLAN)
+    (system,) = containers(root, "OsOS").values()
+    flags = {"OsStackMonitoring", "OsUseGetServiceId", "OsUseParameterAccess", "OsUseResScheduler"}
+    assert flags <= parameters(system).keys()
+    (hooks,) = containers(root, "OsHooks").values()
+    assert {"OsErrorHook", "OsPostTaskHook", "OsPreTaskHook", "OsShutdownHook", "OsStartupHook"} <= parameters(
+        hooks
+    ).keys()
+    assert len(list(system.iterfind(q("SUB-CONTAINERS/*")))) == 1
+    for application in containers(root, "OsApplication").values():
+        assert len(list(application.iterfind(q("SUB-CONTAINERS/*")))) == 1
+
+
+def test_a_collection_names_the_modules_and_their_system():
+    root = write(SYSTEM, PLAN)
+    (collection,) = root.iter(NS + "ECUC-VALUE-COLLECTION")
+    paths = [collection.findtext(NS + "ECU-EXTRACT-REF"), *(e.text for e in collection.iterfind(q("ECUC-VALUES/*/*")))]
+    assert len(paths) == 4
+    assert all(by_path(root, path) is not None for path in paths)
+
+
 # ----------------------------------------------------------------------------------------------- rules of the OS
+
+
+def test_a_table_has_no_more_expiry_points_than_the_os_allows():
+    system, plan = one_mode(2, 8)
+    write(system, plan, max_points=2)
+    ((code, path, message, _),) = refusals(system, plan, max_points=1)
+    assert (code, path) == (TOO_MANY_POINTS.id, 'mode "all" on "u1"')
+    assert message == "has 2 expiry points, but the OS allows 1"
 
 
 def test_a_table_must_fit_into_its_counter():

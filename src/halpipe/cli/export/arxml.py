@@ -23,8 +23,11 @@ def arxml(
     ] = "/AUTOSAR/EcucDefs",
     tick: Annotated[str, typer.Option(metavar="TIME", help="Tick of the counters; otherwise the largest.")] = "",
     min_cycle: Annotated[int, typer.Option(metavar="TICKS", help="OsCounterMinCycle of the counters.")] = 1,
-    max_value: Annotated[int, typer.Option(metavar="TICKS", help="OsCounterMaxAllowedValue of the counters.")] = 2**32
+    max_value: Annotated[int, typer.Option(metavar="TICKS", help="OsCounterMaxAllowedValue of the counters.")] = 2**30
     - 1,
+    max_points: Annotated[
+        int, typer.Option(metavar="N", help="Expiry points that the OS allows in a table, 254 for ATK2; 0: any number.")
+    ] = 0,
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -42,5 +45,6 @@ def arxml(
         tick=parse_tick(tick),
         min_cycle=min_cycle,
         max_value=max_value,
+        max_points=max_points or None,
     )
     return export_files("arxml", model, schedule, output_file, options)

@@ -29,7 +29,8 @@ RELEASES = {
 PARTS = ("all", "system", "ecuc")
 DEFAULT_RELEASE = "R22-11"
 DEFAULT_PREFIX = "/AUTOSAR/EcucDefs"
-DEFAULT_MAX_VALUE = 2**32 - 1
+DEFAULT_MAX_VALUE = 2**30 - 1
+"""What the counters of all known operating systems hold; some have 32 bits with and some without a sign."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +41,7 @@ class ArxmlOptions(ExportOptions):
     - `ecuc_prefix` stands before the names of the modules in the paths of definitions; vendors have their own.
     - `tick` is the tick of the counters (None: the largest that all instants are multiples of); `min_cycle` and
       `max_value` are their OsCounterMinCycle and OsCounterMaxAllowedValue.
+    - `max_points` is how many expiry points a table of the target may have (None: any number).
     """
 
     release: str = DEFAULT_RELEASE
@@ -48,6 +50,7 @@ class ArxmlOptions(ExportOptions):
     tick: Duration | None = None
     min_cycle: int = 1
     max_value: int = DEFAULT_MAX_VALUE
+    max_points: int | None = None
 
 
 class ArxmlExporter:
@@ -80,7 +83,7 @@ class ArxmlExporter:
     )
     needs_schedule = False
     suffix = ".arxml"
-    keys = ("release", "part", "ecuc-prefix", "tick", "min-cycle", "max-value")
+    keys = ("release", "part", "ecuc-prefix", "tick", "min-cycle", "max-value", "max-points")
 
     def options(self, common: ExportOptions, fields: Fields, base: str) -> ArxmlOptions:
         """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
@@ -93,6 +96,7 @@ class ArxmlExporter:
             tick=fields.value("tick", Duration.parse, None),
             min_cycle=fields.value("min-cycle", _whole, 1),
             max_value=fields.value("max-value", _whole, DEFAULT_MAX_VALUE),
+            max_points=fields.value("max-points", _whole, None),
         )
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:

@@ -50,6 +50,12 @@ MIN_CYCLE = error(
     "The first offset of a schedule table (unless it is 0), each gap between expiry points, and the final delay "
     "must be at least OsCounterMinCycle (SWS_Os_00408, SWS_Os_00427).",
 )
+TOO_MANY_POINTS = error(
+    "HAL0879",
+    "Schedule table has more expiry points than the OS allows",
+    "The number of expiry points of a table is limited by some operating systems (254 by TOPPERS/ATK2). It is the number "
+    "of different instants at which jobs start on a core within the hyperperiod.",
+)
 ACTIVATED_TWICE = error(
     "HAL0878",
     "Task would be activated twice at one instant",

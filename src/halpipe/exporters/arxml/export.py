@@ -13,7 +13,7 @@ from halpipe.exporters.arxml.document import add, document, named, origin_of, pa
 from halpipe.exporters.arxml.guarantees import write_guarantees
 from halpipe.exporters.arxml.layout import Layout
 from halpipe.exporters.arxml.modes import disabled_modes, write_modes
-from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_cores, write_os
+from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os
 from halpipe.exporters.arxml.platform import write_platform
 from halpipe.exporters.arxml.rteconfig import write_rte
 from halpipe.exporters.arxml.software import write_software
@@ -77,12 +77,13 @@ def _write_system(
 def _write_ecuc(
     packages: etree._Element, model: TaskModel, schedule: Schedule, layout: Layout, options: ArxmlOptions
 ) -> None:
-    plan = make_plan(model, schedule, layout, choose_counter(schedule, options))
+    plan = make_plan(model, schedule, layout, choose_counter(schedule, options), options.max_points)
     names = OsNames(plan, layout)
     elements = package(packages, PACKAGE)
     write_cores(elements, plan, layout, options.ecuc_prefix)
     write_os(elements, plan, names, options.ecuc_prefix, options.release)
     write_rte(elements, model, plan, layout, names, options.ecuc_prefix)
+    write_collection(elements, layout)
 
 
 # ------------------------------------------------------------------------------------------------------ checks

@@ -4,12 +4,24 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import group, is_from, sd, sdx, seconds_text, special
+from halpipe.exporters.arxml.document import (
+    add,
+    group,
+    is_from,
+    named,
+    ref,
+    sd,
+    sdx,
+    seconds_text,
+    special,
+)
 from halpipe.exporters.arxml.ecuc import CONTAINER, Module
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.arxml.tables import DEFAULT_START, SYSTEM
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from lxml import etree
 
     from halpipe.exporters.arxml.ecuc import Container
@@ -18,6 +30,7 @@ if TYPE_CHECKING:
 
 PACKAGE = "Ecu"
 _POINT = "OsScheduleTableExpiryPoint"
+_HOOKS = ("Error", "Shutdown", "Startup")
 _SYMBOLIC = "ECUC-SYMBOLIC-NAME-REFERENCE-DEF"
 
 
@@ -61,13 +74,27 @@ def write_cores(elements: etree._Element, plan: Plan, layout: Layout, prefix: st
         hardware.inside("EcucCoreDefinition", layout.units[unit]).integer("EcucCoreId", number)
 
 
+def write_collection(elements: etree._Element, layout: Layout) -> None:
+    """Append the list of the configured modules, which says of which system they are."""
+    collection = named(elements, "ECUC-VALUE-COLLECTION", "EcuConfiguration")
+    ref(collection, "ECU-EXTRACT-REF", "SYSTEM", layout.path("System", "System"))
+    values = add(collection, "ECUC-VALUES")
+    for module in ("EcuC", "Os", "Rte"):
+        entry = add(values, "ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL")
+        path = layout.path(PACKAGE, module)
+        ref(entry, "ECUC-MODULE-CONFIGURATION-VALUES-REF", "ECUC-MODULE-CONFIGURATION-VALUES", path)
+
+
 def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, release: str) -> None:
     """Append the configuration of the Os."""
     module = Module(elements, "Os", prefix, names.base)
     system = module.container("OsOS", SYSTEM)
     system.define()
     system.integer("OsNumberOfCores", len(plan.units))
+    for name in ("OsStackMonitoring", "OsUseGetServiceId", "OsUseParameterAccess", "OsUseResScheduler"):
+        system.flag(name, value=False)
     system.choice("OsStatus", "STANDARD")
+    _hooks(system, "OsHooks", "Os", (*_HOOKS, "PostTask", "PreTask", "Protection"))
     for start in (DEFAULT_START, *names.starts.values()):
         module.container("OsAppMode", start).define()
     for name, work in plan.tasks.items():
@@ -80,6 +107,13 @@ def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, 
         _table(module, table, plan, names)
     for number, unit in enumerate(plan.units):
         _application(module, unit, number, plan, names, release)
+
+
+def _hooks(container: Container, kind: str, prefix: str, hooks: Iterable[str]) -> None:
+    """Append that there are no hooks, each of which generators want to be told."""
+    inside = container.inside(kind, kind)
+    for hook in hooks:
+        inside.flag(f"{prefix}{hook}Hook", value=False)
 
 
 def _task(module: Module, name: str, work: Work | None, layout: Layout) -> None:
@@ -128,6 +162,7 @@ def _application(module: Module, unit: str, number: int, plan: Plan, names: OsNa
             application.refer("OsAppScheduleTableRef", names.path(table.name))
     if has_cores:
         application.refer("OsApplicationCoreRef", names.core(unit), definition=_SYMBOLIC)
+    _hooks(application, "OsApplicationHooks", "OsApp", _HOOKS)
 
 
 # ------------------------------------------------------------------------------------------------------ tables

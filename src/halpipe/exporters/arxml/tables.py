@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings
-from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE
+from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
 
 if TYPE_CHECKING:
@@ -77,7 +77,9 @@ class Plan:
         return next((t for t in self.tables if (t.unit, t.mode, t.target) == wanted), None)
 
 
-def make_plan(model: TaskModel, schedule: Schedule, layout: Layout, counter: Counter) -> Plan:
+def make_plan(
+    model: TaskModel, schedule: Schedule, layout: Layout, counter: Counter, max_points: int | None = None
+) -> Plan:
     """Return the tables of a schedule; raise `HalpipeError` with every rule of the OS that one of them breaks."""
     jobs = [job for mode in schedule.modes for job in mode.jobs]
     jobs += [job for switch in schedule.transitions for job in switch.jobs]
@@ -104,6 +106,14 @@ def make_plan(model: TaskModel, schedule: Schedule, layout: Layout, counter: Cou
     findings = Findings()
     for table in tables:
         _check(table, counter, findings)
+        if max_points is not None and len(table.points) > max_points:
+            findings.add(
+                TOO_MANY_POINTS(
+                    f"has {len(table.points)} expiry points, but the OS allows {max_points}",
+                    path=table.path,
+                    help="choose a longer tick so that starts coincide, or split the mode",
+                )
+            )
     findings.stop_on_errors()
     switches = tuple((switch.source, switch.target) for switch in schedule.transitions)
     return Plan(counter, units, tasks, idle, tuple(tables), switches)
