@@ -234,8 +234,15 @@ def test_all_tables_are_checked_against_a_given_tick():
 
 @pytest.mark.parametrize(
     "options",
-    [{"tick": ms(0)}, {"tick": ms(1001)}, {"min_cycle": 0}, {"min_cycle": 6, "max_value": 5}, {"max_value": 0}]
-    + [{"max_value": 2**64}, {"max_points": 0}],
+    [
+        {"tick": ms(0)},
+        {"tick": ms(1001)},
+        {"min_cycle": 0},
+        {"min_cycle": 6, "max_value": 5},
+        {"max_value": 0},
+        {"max_value": 2**64},
+        {"max_points": 0},
+    ],
 )
 def test_impossible_counters_are_refused(options):
     assert [found[0] for found in refusals(SYSTEM, PLAN, **options)] == [BAD_COUNTER.id]

@@ -9,6 +9,7 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.export.writing import ModeName, OptionalSchedule, export_files
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Verbose
+from halpipe.diagnostics import Exit
 
 
 def arxml(
@@ -28,6 +29,13 @@ def arxml(
     max_points: Annotated[
         int, typer.Option(metavar="N", help="Expiry points that the OS allows in a table, 254 for ATK2; 0: any number.")
     ] = 0,
+    onto: Annotated[
+        str,
+        typer.Option(
+            metavar="PROJECT_DIR",
+            help="Put the schedule onto the project that the model was imported from; -o is a folder then.",
+        ),
+    ] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -37,6 +45,8 @@ def arxml(
     from halpipe.exporters.arxml import ArxmlOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
+    if onto:
+        return _put_onto(model, schedule, onto, output_file)
     options = ArxmlOptions(
         mode=mode,
         release=release,
@@ -48,3 +58,27 @@ def arxml(
         max_points=max_points or None,
     )
     return export_files("arxml", model, schedule, output_file, options)
+
+
+def _put_onto(model: str, schedule: str, project: str, target: str) -> int:
+    """Write what is added to a project, what changes in it, and the list of both; show the list."""
+    from halpipe.exporters.arxml.onto import CHANGES
+    from halpipe.files import write_directory
+    from halpipe.flow.onto import export_onto
+    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.native import read_model, read_schedule
+
+    if not schedule:
+        raise typer.BadParameter("a project gets a schedule; name its file after the model", param_hint="--onto")
+    onto = export_onto(read_model(model), read_schedule(schedule), project, ImportOptions())
+    write_directory(target, onto.files)
+    output.report(onto.findings)
+    if output.is_text():
+        for change in onto.summary:
+            what = f" {change.name}" if change.name else ""
+            value = f"{change.old} -> {change.new or '(nothing)'}" if change.old else f"+ {change.new}"
+            output.inform(f"{change.file}: {change.path}{what}: {value}")
+        output.inform(f"{target}: written")
+    else:
+        output.result(onto.files[CHANGES].decode().rstrip())
+    return Exit.OK

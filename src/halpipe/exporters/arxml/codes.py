@@ -53,8 +53,8 @@ MIN_CYCLE = error(
 TOO_MANY_POINTS = error(
     "HAL0879",
     "Schedule table has more expiry points than the OS allows",
-    "The number of expiry points of a table is limited by some operating systems (254 by TOPPERS/ATK2). It is the number "
-    "of different instants at which jobs start on a core within the hyperperiod.",
+    "The number of expiry points of a table is limited by some operating systems (254 by TOPPERS/ATK2). It is the "
+    "number of different instants at which jobs start on a core within the hyperperiod.",
 )
 ACTIVATED_TWICE = error(
     "HAL0878",

@@ -105,7 +105,7 @@ def make_plan(
                 tables.append(Table(name, unit, switch.source, switch.target, length, points))
     findings = Findings()
     for table in tables:
-        _check(table, counter, findings)
+        check_table(table, counter, findings)
         if max_points is not None and len(table.points) > max_points:
             findings.add(
                 TOO_MANY_POINTS(
@@ -168,7 +168,8 @@ class _Writer:
 # ------------------------------------------------------------------------------------------------------ checks
 
 
-def _check(table: Table, counter: Counter, findings: Findings) -> None:
+def check_table(table: Table, counter: Counter, findings: Findings) -> None:
+    """Report every rule of the OS that a table breaks on a counter."""
     if table.duration > counter.max_value + 1:
         tick = counter.tick
         findings.add(

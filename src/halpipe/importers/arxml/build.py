@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,8 @@ from halpipe.suggest import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.system.values import System
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.precedence import Edge
     from halpipe.importers.arxml.tasks.requirements import Requirements
@@ -63,7 +66,23 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     package = find_carried(tree)
     if package is not None:
         return read_carried(tree, package, options)
-    system = read_system(tree)
+    built = assemble(tree, read_system(tree), paths, options)
+    return built.model, built.coverage
+
+
+@dataclass(frozen=True, slots=True)
+class Built:
+    """A model with what it was made of: the tasks to be, and the units."""
+
+    model: TaskModel
+    coverage: Coverage
+    drafts: tuple[Draft, ...]
+    platform: Platform
+
+
+def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOptions) -> Built:
+    """Make the model of what was read; findings go to those of the tree."""
+    findings = tree.findings
     dataflow = find_dataflow(system)
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)
@@ -98,7 +117,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
-    return model, coverage
+    return Built(model, coverage, tuple(drafts), platform)
 
 
 def _check_granularity(granularity: str) -> None:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration
 from halpipe.importers.arxml.coverage import Ledger
+from halpipe.importers.arxml.files.special import Data, data_of, each_data, edited, microseconds, whole
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.own import codes as codes
-from halpipe.importers.arxml.own.special import Data, data_of, each_data, edited, microseconds, whole
 from halpipe.importers.arxml.own.tasks import Tasks, take_name
 from halpipe.importers.arxml.system.ecuc import container_kinds
 from halpipe.importers.arxml.system.swc import place_of

@@ -6,8 +6,8 @@ import re
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.importers.arxml.files.special import BLANKS, data_of, edited, microseconds, seconds_of, whole
 from halpipe.importers.arxml.names import legal_name, unique_name
-from halpipe.importers.arxml.own.special import BLANKS, data_of, edited, microseconds, seconds_of, whole
 from halpipe.importers.arxml.system.swc import place_of
 from halpipe.models import Access, AccessKind, Anchor, Precedence, Source, Task, Transfer, Version
 from halpipe.quantities import parse_rational, parse_size
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from halpipe.importers.arxml.coverage import Ledger
+    from halpipe.importers.arxml.files.special import Data
     from halpipe.importers.arxml.files.tree import Node, Tree
-    from halpipe.importers.arxml.own.special import Data
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
 _BLANK = re.compile(r"[ \t\r\n]")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_number
+from halpipe.importers.arxml.files.special import Data, each_data
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.system.values import (
     Configuration,
@@ -44,6 +45,10 @@ class Container:
         self.node = node
         self.kind = kind
         self._tree = tree
+
+    def data(self) -> list[Data]:
+        """Return the special data of a container that halpipe put on top of a project."""
+        return list(each_data(self._tree, self.node, "delta"))
 
     @property
     def place(self) -> Place:
@@ -116,15 +121,26 @@ class Containers:
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         self.by_path: dict[str, Container] = {}
+        self.added: dict[str, Container] = {}
         for node in tree.tagged(_CONTAINER):
             definition = tree.text(node, "DEFINITION-REF")
             steps = "".join(definition.value.split()).split("/") if definition else []
             if any(module in steps for module in _MODULES):
-                self.by_path[node.path] = Container(tree, node, steps[-1])
+                container = Container(tree, node, steps[-1])
+                self.by_path[node.path] = container
+                if container.data():
+                    self.added[node.path] = container
 
     def of(self, *kinds: str) -> list[Container]:
-        """Return the containers of the given definitions, in document order."""
-        return [container for container in self.by_path.values() if container.kind in kinds]
+        """Return the project's own containers of the given definitions, in document order.
+
+        What an export put on top of the project plays a schedule; it is no source of that schedule's model.
+        """
+        return [c for path, c in self.by_path.items() if c.kind in kinds and path not in self.added]
+
+    def own(self, path: str | None) -> str | None:
+        """Return the path of a container unless an export put it on top of the project."""
+        return None if path in self.added else path
 
     def beside(self, container: Container, kind: str) -> list[Container]:
         """Return the containers of a definition in the module configuration that holds `container`."""
@@ -221,8 +237,14 @@ def _task_period(container: Container) -> Duration | None:
 
 def _triggers(containers: Containers) -> Iterator[Trigger]:
     ticks = Ticks(containers)
+    stopped = {
+        group.target(_CONTAINER): group
+        for added in containers.added.values()
+        for data in added.data()
+        for group in data.groups("stopped")
+    }
     for alarm in containers.of("OsAlarm"):
-        yield from _alarm(containers, alarm, ticks)
+        yield from _alarm(containers, alarm, ticks, stopped.get(alarm.node.path))
     for table in containers.of("OsScheduleTable"):
         yield from _expiry_points(containers, table, ticks)
 
@@ -239,11 +261,13 @@ class Ticks:
         """Return the tick of the counter that `container` refers to by `name`, and the counter's place."""
         path = container.target(name)
         counter = self._containers.by_path.get(path or "")
-        if counter is None:
-            return None, ()
+        return (None, ()) if counter is None else (self.of(counter), (counter.place,))
+
+    def of(self, counter: Container) -> Duration | None:
+        """Return the tick of a counter, None if nothing tells it."""
         if counter.node.path not in self._known:
             self._known[counter.node.path] = self._tick(counter)
-        return self._known[counter.node.path], (counter.place,)
+        return self._known[counter.node.path]
 
     def _tick(self, counter: Container) -> Duration | None:
         number = counter.number("OsSecondsPerTick")
@@ -280,6 +304,13 @@ def _cycle(containers: Containers, alarm: Container) -> Fraction | None:
     return next((cycle for cycle in cycles if cycle), None)
 
 
+def _ticks(text: str) -> Fraction:
+    number = parse_number(text)
+    if number is None or number < 0:
+        raise ValueError(f"{text[:40]!r} is no number of ticks")
+    return number
+
+
 def _woken(containers: Containers, inside: Iterable[Container], kind: str) -> tuple[str, ...]:
     """Return the tasks that wait for the events set by an action: those it names, else those that list the event."""
     found: dict[str, None] = {}
@@ -296,15 +327,18 @@ def _woken(containers: Containers, inside: Iterable[Container], kind: str) -> tu
     return tuple(found)
 
 
-def _alarm(containers: Containers, alarm: Container, ticks: Ticks) -> Iterator[Trigger]:
+def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
+    """Yield what an alarm does again and again; one that a schedule table replaces did what its table remembers."""
     inside = list(containers.below(alarm))
-    cycle = _cycle(containers, alarm)
+    cycle = _cycle(containers, alarm) or (stopped.value("cycle", _ticks) if stopped else None)
     if not cycle:
         return
     tick, through = ticks.counter(alarm, "OsAlarmCounterRef")
     if tick is None:
         return
     start = next((n for n in (c.number("OsAlarmAlarmTime") for c in inside) if n), None)
+    if stopped and start is None:
+        start = stopped.value("start", _ticks)
     yield Trigger(
         place=alarm.place,
         period=tick * cycle,
@@ -360,7 +394,7 @@ def _mappings(containers: Containers) -> Iterator[Mapping]:
             place=container.place,
             prototype=_instance(containers, container),
             event=container.target("RteEventRef", "RteBswEventRef"),
-            task=container.target("RteMappedToTaskRef", "RteBswMappedToTaskRef"),
+            task=containers.own(container.target("RteMappedToTaskRef", "RteBswMappedToTaskRef")),
             position=int(position) if position is not None else None,
             offset=container.value("RteActivationOffset") or container.value("RteBswActivationOffset"),
             is_called=bool(container.refs("RteMappedToTaskRef", "RteBswMappedToTaskRef")),

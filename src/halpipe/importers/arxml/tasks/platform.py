@@ -15,7 +15,10 @@ DEFAULT_UNIT = "core0"
 
 
 class Platform:
-    """The execution units of a system; `assumed` are those that no file configures."""
+    """The execution units of a system; `assumed` are those that no file configures.
+
+    `core_of` has the unit of every OsApplication (path) that is bound to a core.
+    """
 
     def __init__(self, system: System) -> None:
         self._taken: set[str] = set()
@@ -27,6 +30,11 @@ class Platform:
         self.hardware: dict[str, str] = {}
         self.assumed: list[str] = []
         self._add_classic(system)
+        self.core_of = {
+            application.place.path: self._by_core[application.core]
+            for application in system.configuration.applications
+            if application.core in self._by_core
+        }
         self._classic = tuple(unit.name for unit in self._units)
         self._add_machines(system)
         self.units = tuple(self._units)

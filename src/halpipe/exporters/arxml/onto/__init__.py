@@ -1,0 +1,56 @@
+"""A schedule put onto the project that its model was imported from.
+
+A merge of ARXML files can add to a project, but neither change nor remove; so there are three outputs: `delta` has
+what is added, `edit` changes values in the project's own files and leaves every other byte, `changes` lists both.
+`plan` decides what each expiry point does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from halpipe.diagnostics import Diagnostic
+
+DELTA, CHANGES = "delta.arxml", "changes.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One value that is added (`old` None) or changed: where it stands, its container, its name; `new` None: not set.
+
+    `name` is empty where the container itself is added or removed.
+    """
+
+    file: str
+    path: str
+    name: str
+    old: str | None
+    new: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Onto:
+    """The folder to write by relative names, the list of changes, and what the user has to know."""
+
+    files: dict[str, bytes]
+    changes: tuple[Change, ...]
+    findings: tuple[Diagnostic, ...]
+
+    @property
+    def summary(self) -> list[Change]:
+        """The changes for people: a new container stands for all that is in it."""
+        new = {change.path for change in self.changes if not change.name and change.old is None}
+        return [c for c in self.changes if not _is_within(c, new)]
+
+
+def _is_within(change: Change, new: set[str]) -> bool:
+    if change.name and change.path in new:
+        return True
+    holder = change.path.rpartition("/")[0]
+    while holder:
+        if holder in new:
+            return True
+        holder = holder.rpartition("/")[0]
+    return False

@@ -1,0 +1,45 @@
+"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0887."""
+
+from halpipe.diagnostics import error, warning
+
+COUNTER_NEEDED = warning(
+    "HAL0880",
+    "Project's counter cannot express the schedule",
+    "Expiry points are whole ticks of their counter. None of the project's counters of a core has a tick, a range "
+    "and a minimal cycle that all starts fit; one that does is added, and needs a timer of the hardware. A schedule "
+    "made with --tick, or at the granularity of OsTasks, needs none.",
+)
+NOT_MAPPED = error(
+    "HAL0881",
+    "Task has no OsTask in the project",
+    "Expiry points activate OsTasks. An event that the Rte configuration maps to no OsTask must be mapped first.",
+)
+WRONG_CORE = error(
+    "HAL0882",
+    "Schedule runs an OsTask on another core",
+    "The OsApplication of an OsTask binds it to one core. Its jobs must be scheduled there, and an OsTask that is "
+    "bound to none cannot be placed by an export.",
+)
+SHARED_EVENT = warning(
+    "HAL0883",
+    "Several tasks wait for one OS event",
+    "The generated RTE lets one event start all runnables of a cycle. With an expiry point for each, which the "
+    "mappings now name, the generator makes an event for each: run it before the system is built.",
+)
+IN_THE_WAY = error(
+    "HAL0884",
+    "Project already has what would be added",
+    "A delta adds containers under names of its own. A container of such a name that is in the project, most often "
+    "from an export before, would be changed by it.",
+)
+ALARM_LEFT = warning(
+    "HAL0885",
+    "Alarm still starts what the schedule plays",
+    "The alarm is started by the OS and concerns tasks that the schedule plays, and others. It is left as it is.",
+)
+CANNOT_EDIT = error(
+    "HAL0886",
+    "File of the project cannot be edited in place",
+    "The value to change is not where it was when the project was read, or the file is in an encoding of more than one "
+    "byte for `<`.",
+)

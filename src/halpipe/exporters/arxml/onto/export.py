@@ -1,0 +1,208 @@
+"""The three outputs together: what is added, what is changed in place, and the list of both."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings
+from halpipe.exporters.arxml.document import seconds_text
+from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
+from halpipe.exporters.arxml.onto.codes import ALARM_LEFT, IN_THE_WAY
+from halpipe.exporters.arxml.onto.delta import Delta
+from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
+from halpipe.exporters.arxml.onto.plan import make_onto_plan
+from halpipe.exporters.arxml.osconfig import point_name
+from halpipe.files import MANIFEST, MANIFEST_KEY, sha256
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.exporters.arxml.onto.delta import Box
+    from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
+    from halpipe.models import Schedule, TaskModel
+    from halpipe.models.project import Call, Project, ProjectAlarm, ProjectCounter
+
+_POINT = "OsScheduleTableExpiryPoint"
+
+
+def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapping[str, tuple[str, bytes]]) -> Onto:
+    """Return what to write; raise `HalpipeError` with every reason why the schedule cannot be put onto the project.
+
+    `files` has the name inside the project, and the content, of each file by the name that places have.
+    """
+    findings = Findings()
+    _refuse_earlier(project, findings)
+    plan = make_onto_plan(model, schedule, project, findings)
+    writer = _Writer(schedule, project, plan, findings)
+    writer.run()
+    by_file: dict[str, list[Edit]] = {}
+    for edit in writer.edits:
+        by_file.setdefault(edit.file, []).append(edit)
+    contents = {DELTA: writer.delta.write()}
+    for file, edits in sorted(by_file.items()):
+        name, data = files[file]
+        contents[f"changed/{name}"] = apply_edits(data, name, edits)
+    changes = [Change(files[e.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
+    changes += writer.delta.changes()
+    contents[CHANGES] = (json.dumps([_as_json(c) for c in changes], indent=1, ensure_ascii=True) + "\n").encode()
+    manifest = {
+        MANIFEST_KEY: 1,
+        "kind": "arxml-onto",
+        "model": model.name,
+        "files": {name: sha256(contents[name]) for name in sorted(contents)},
+    }
+    contents[MANIFEST] = (json.dumps(manifest, indent=1, ensure_ascii=True) + "\n").encode()
+    return Onto(contents, tuple(changes), tuple(findings.items))
+
+
+def _as_json(change: Change) -> dict[str, str | None]:
+    return {
+        "file": change.file,
+        "path": change.path,
+        "parameter": change.name,
+        "old": change.old,
+        "new": change.new,
+    }
+
+
+def _refuse_earlier(project: Project, findings: Findings) -> None:
+    """Stop if a delta of an export before is part of the project: a second one beside it would play both."""
+    for item in project.items.values():
+        if item.is_added:
+            findings.add(
+                IN_THE_WAY(
+                    f"was put onto {project.items[project.os_module].at} by another export; {DELTA} would be a second",
+                    at=item.at,
+                    path=item.path,
+                    help="remove the delta of that export, and the changes that it lists, from the project",
+                )
+            )
+    findings.stop_on_errors()
+
+
+class _Writer:
+    """Fills the delta, and lists what must change for it."""
+
+    def __init__(self, schedule: Schedule, project: Project, plan: OntoPlan, findings: Findings) -> None:
+        self.delta = Delta(project)
+        self.edits: list[Edit] = []
+        self._schedule = schedule
+        self._project = project
+        self._plan = plan
+        self._findings = findings
+        self._os = self.delta.box(project.os_module)
+
+    def run(self) -> None:
+        """Write counters, tables and references; stop what starts the same tasks otherwise."""
+        stopped = self._stopped()
+        for counter in self._plan.new_counters:
+            self._counter(counter)
+        for index, placed in enumerate(self._plan.tables):
+            self._table(placed, stopped if index == 0 else ())
+        for task, calls in self._project.calls.items():
+            point = self._first_point(task)
+            for call in calls if point else ():
+                self._call(call, point)
+
+    # -------------------------------------------------------------------------------------------------- tables
+
+    def _counter(self, counter: ProjectCounter) -> None:
+        assert counter.tick is not None
+        box = self._os.new(counter.path.rpartition("/")[2], "OsCounter")
+        box.integer("OsCounterMaxAllowedValue", counter.max_value)
+        box.integer("OsCounterMinCycle", counter.min_cycle)
+        box.integer("OsCounterTicksPerBase", 1)
+        box.number("OsSecondsPerTick", seconds_text(counter.tick)[0])
+        box.choice("OsCounterType", "HARDWARE")
+        application = self._application(counter.unit)
+        if application:
+            self.delta.box(application).refer("OsAppCounterRef", counter.path)
+
+    def _application(self, unit: str) -> str:
+        """Return the first OsApplication of a unit that has an OsTask which a table starts, empty if there is none."""
+        started = {self._project.tasks[action.os_task].application for action in self._plan.actions.values()}
+        found = [path for path, bound in self._project.applications.items() if bound == unit]
+        return next((path for path in found if path in started), next(iter(found), ""))
+
+    def _table(self, placed: Placed, stopped: tuple[ProjectAlarm, ...]) -> None:
+        table = placed.table
+        box = self._os.new(table.name, "OsScheduleTable")
+        box.stopped = stopped
+        box.integer("OsScheduleTableDuration", table.duration)
+        box.flag("OsScheduleTableRepeating", value=table.is_repeating)
+        box.refer("OsScheduleTableCounterRef", placed.counter.path)
+        application = self._application(table.unit)
+        if application:
+            box.refer("OsSchTblAccessingApplication", application)
+            self.delta.box(application).refer("OsAppScheduleTableRef", box.path)
+        if table.is_repeating and table.mode == self._schedule.modes[0].name and self._project.app_modes:
+            self._autostart(box, placed.counter)
+        for point in table.points:
+            at = box.new(point_name(point.offset), _POINT)
+            at.integer("OsScheduleTblExpPointOffset", point.offset)
+            for number, key in enumerate(point.tasks):
+                self._action(at, number, key, application)
+
+    def _autostart(self, box: Box, counter: ProjectCounter) -> None:
+        start = box.new("OsScheduleTableAutostart", "OsScheduleTableAutostart")
+        start.choice("OsScheduleTableAutostartType", "ABSOLUTE")
+        start.integer("OsScheduleTableStartValue", counter.min_cycle)
+        start.refer("OsScheduleTableAppModeRef", self._project.app_modes[0])
+
+    def _action(self, at: Box, number: int, key: str, application: str) -> None:
+        action = self._plan.actions[key]
+        kind = "EventSetting" if action.event else "TaskActivation"
+        box = at.new(f"Action{number}", f"OsScheduleTable{kind}")
+        if action.event:
+            box.refer("OsScheduleTableSetEventRef", action.event)
+            box.refer("OsScheduleTableSetEventTaskRef", action.os_task)
+        else:
+            box.refer("OsScheduleTableActivateTaskRef", action.os_task)
+        owner = self._project.tasks[action.os_task].application
+        if application and owner and owner != application:
+            self.delta.box(action.os_task).refer("OsTaskAccessingApplication", application)
+
+    # ---------------------------------------------------------------------------------------------- references
+
+    def _first_point(self, task: str) -> str:
+        """Return the path of the expiry point at which a task first starts in the first mode that has it."""
+        for placed in self._plan.tables:
+            if placed.table.is_repeating and task in placed.first:
+                return f"{self._project.os_module}/{placed.table.name}/{point_name(placed.first[task])}"
+        return ""
+
+    def _call(self, call: Call, point: str) -> None:
+        """Name the expiry point that starts an event; an alarm chosen by hand excludes it (SWS_Rte_07808)."""
+        name = f"Rte{'Bsw' if call.is_bsw else ''}UsedOsSchTblExpiryPointRef"
+        if call.points:
+            first = next((value for value in call.points if not value.is_generated), None)
+            if first is not None:
+                self.edits.append(Edit(first.at.file, call.mapping, name, first.text, point))
+        else:
+            self.delta.box(call.mapping).refer(name, point)
+        for alarm in call.alarms if call.has_period else ():
+            if not alarm.is_generated:
+                self.edits.append(Edit(alarm.at.file, call.mapping, alarm.name, alarm.text, None))
+
+    # -------------------------------------------------------------------------------------------------- alarms
+
+    def _stopped(self) -> tuple[ProjectAlarm, ...]:
+        """Stop the alarms that the OS starts and that start what the tables do; return them."""
+        played = {action.os_task for action in self._plan.actions.values()}
+        stopped = []
+        for alarm in self._project.alarms:
+            if alarm.tasks and played.issuperset(alarm.tasks):
+                item = self._project.items[alarm.autostart]
+                self.edits.append(Edit(item.at.file, alarm.autostart))
+                stopped.append(alarm)
+            elif not played.isdisjoint(alarm.tasks):
+                self._findings.add(
+                    ALARM_LEFT(
+                        f"is started by the OS, and concerns {', '.join(alarm.tasks)}",
+                        at=self._project.items[alarm.path].at,
+                        path=f'OsAlarm "{alarm.path}"',
+                        help="stop it by hand for the tasks that the schedule plays",
+                    )
+                )
+        return tuple(stopped)

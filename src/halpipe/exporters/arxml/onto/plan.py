@@ -1,0 +1,252 @@
+"""What the schedule tables of a project do: which OsTask or event each expiry point starts, on which counter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, Location
+from halpipe.durations import Duration, greatest_common_divisor, seconds
+from halpipe.exporters.arxml.layout import ShortNames, short
+from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, WRONG_CORE
+from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
+from halpipe.exporters.arxml.ticks import Counter
+from halpipe.models.project import ProjectCounter
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from halpipe.models import Job, Schedule, TaskModel
+    from halpipe.models.project import Call, Project
+
+_LONGEST = seconds(1)
+_NEW_RANGE = 2**30 - 1
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """What an expiry point does: set an OsEvent of an OsTask, or activate the OsTask if it has none (paths)."""
+
+    os_task: str
+    event: str = ""
+
+    @property
+    def key(self) -> str:
+        """What tells actions apart."""
+        return self.event or self.os_task
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """A table with its counter; `first` has the offset at which each task of the model first starts in it."""
+
+    table: Table
+    counter: ProjectCounter
+    first: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class OntoPlan:
+    """The tables, the counters that are new, and the actions by their keys."""
+
+    tables: tuple[Placed, ...]
+    new_counters: tuple[ProjectCounter, ...]
+    actions: dict[str, Action]
+
+
+def make_onto_plan(model: TaskModel, schedule: Schedule, project: Project, findings: Findings) -> OntoPlan:
+    """Decide the tables; raise `HalpipeError` with every task that the project cannot start where it is scheduled."""
+    return _Planner(model, schedule, project, findings).plan()
+
+
+class _Planner:
+    def __init__(self, model: TaskModel, schedule: Schedule, project: Project, findings: Findings) -> None:
+        self._project = project
+        self._findings = findings
+        self._tables = list(_tables(schedule))
+        units = {unit for _, _, _, jobs in self._tables for job in jobs for unit in job.units}
+        self._units = [unit.name for unit in model.units if unit.name in units]
+        taken = {path.rpartition("/")[2] for path in project.items if path.startswith(project.os_module + "/")}
+        self._names = ShortNames(*taken)
+        self._actions: dict[str, Action] = {}
+
+    def plan(self) -> OntoPlan:
+        used: dict[str, set[str]] = {}
+        starts: dict[str, tuple[Action, ...]] = {}
+        for _, _, _, jobs in self._tables:
+            for job in jobs:
+                used.setdefault(job.task, set()).update(job.units)
+        for task, units in used.items():
+            starts[task] = self._starts(task, units)
+        self._findings.stop_on_errors()
+        self._report_shared(starts)
+        self._actions = {action.key: action for found in starts.values() for action in found}
+        placed, new = [], []
+        for unit in self._units:
+            counter, is_new = self._counter(unit, starts)
+            new += [counter] if is_new else []
+            placed += list(self._placed(unit, counter, starts))
+        findings = Findings()
+        for item in placed:
+            check_table(item.table, _ticks_of(item.counter), findings)
+        self._findings.extend(findings.items)
+        self._findings.stop_on_errors()
+        return OntoPlan(tuple(placed), tuple(new), self._actions)
+
+    # ------------------------------------------------------------------------------------------------- starts
+
+    def _starts(self, task: str, units: Iterable[str]) -> tuple[Action, ...]:
+        """Return what starts a job of a task, on the core that its OsTasks are bound to."""
+        calls = self._project.calls.get(task, ())
+        found: dict[Action, None] = {}
+        alone = self._project.alone.get(task)
+        if alone is not None:
+            found[Action(alone)] = None
+            self._check_core(task, alone, units)
+        for call in calls:
+            if not call.os_task or not call.mapping:
+                self._findings.add(
+                    NOT_MAPPED(
+                        f"its event {call.event} is mapped to no OsTask of the project",
+                        at=self._at(call.mapping),
+                        path=f'task "{task}"',
+                        help="map its event in the Rte configuration of the project",
+                    )
+                )
+                continue
+            self._check_core(task, call.os_task, units)
+            found.update(dict.fromkeys(self._of_call(call)))
+        return tuple(found)
+
+    def _at(self, path: str) -> Location:
+        """Return where a container of the project is."""
+        item = self._project.items.get(path)
+        return item.at if item else Location()
+
+    def _of_call(self, call: Call) -> list[Action]:
+        target = self._project.tasks[call.os_task]
+        if target.is_extended and call.os_events:
+            return [Action(call.os_task, event) for event in call.os_events]
+        return [Action(call.os_task)]
+
+    def _check_core(self, task: str, os_task: str, units: Iterable[str]) -> None:
+        bound = self._project.tasks[os_task].unit
+        for unit in sorted(units):
+            if unit != bound:
+                where = f"is bound to {bound}" if bound else "is bound to no core"
+                self._findings.add(
+                    WRONG_CORE(
+                        f'runs on {unit}, but OsTask "{os_task}" {where}',
+                        at=self._project.items[os_task].at,
+                        path=f'task "{task}"',
+                        help="bind its OsApplication to the core, import again, and schedule again",
+                    )
+                )
+
+    def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
+        by_action: dict[str, list[str]] = {}
+        for task, actions in starts.items():
+            for action in actions:
+                by_action.setdefault(action.key, []).append(task)
+        for key, tasks in by_action.items():
+            if len(tasks) > 1:
+                shown = ", ".join(tasks[:_SHOWN]) + (f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else "")
+                self._findings.add(
+                    SHARED_EVENT(
+                        f"starts {shown}",
+                        path=key,
+                        help="run the RTE generator on the merged project, or import with --granularity ostask",
+                        at=self._at(key),
+                    )
+                )
+
+    # ------------------------------------------------------------------------------------------------ counters
+
+    def _counter(self, unit: str, starts: dict[str, tuple[Action, ...]]) -> tuple[ProjectCounter, bool]:
+        """Return the first of the project's counters that all instants of a core fit, else a new one."""
+        instants = [time for _, _, time in self._instants(unit)]
+        known = sorted((c for c in self._project.counters if c.unit in (unit, "")), key=lambda c: c.unit != unit)
+        for counter in known:
+            if counter.tick is not None and not any(time % counter.tick for time in instants):
+                findings = Findings()
+                for item in self._placed(unit, counter, starts, ShortNames()):
+                    check_table(item.table, _ticks_of(counter), findings)
+                if not findings.has_errors:
+                    return counter, False
+        tick = greatest_common_divisor(instants) or Duration(10**6)
+        tick = greatest_common_divisor([tick, _LONGEST]) if tick > _LONGEST else tick
+        name = self._names("Halpipe", "Counter", short(unit))
+        path = f"{self._project.os_module}/{name}"
+        at = self._project.items[self._project.os_module].at
+        added = ProjectCounter(path=path, unit=unit, tick=tick, max_value=_NEW_RANGE, min_cycle=1, at=at)
+        self._report_counter(unit, known, added)
+        return added, True
+
+    def _report_counter(self, unit: str, known: Sequence[ProjectCounter], added: ProjectCounter) -> None:
+        assert added.tick is not None
+        usable = [counter for counter in known if counter.tick is not None]
+        best = usable[0] if usable else None
+        if best is None or best.tick is None:
+            message, at = f"no counter of {unit} has a usable OsSecondsPerTick", added.at
+            again = ""
+        else:
+            at = best.at
+            off = [f"{what} at {time}" for _, what, time in self._instants(unit) if time % best.tick]
+            shown = ", ".join(off[:_SHOWN]) + (f" and {len(off) - _SHOWN} more" if len(off) > _SHOWN else "")
+            message = (
+                f"{best.path} has a tick of {best.tick}, which {shown or 'the gaps and the length'} cannot be told in"
+            )
+            again = f", or schedule again with --tick {best.tick}"
+        self._findings.add(
+            COUNTER_NEEDED(
+                f"{message}; a counter with a tick of {added.tick} is needed, and added as {added.path}",
+                at=at,
+                path=f'unit "{unit}"',
+                help=f"give the new counter a timer of the hardware{again}",
+            )
+        )
+
+    def _instants(self, unit: str) -> Iterator[tuple[str, str, Duration]]:
+        for mode, target, length, jobs in self._tables:
+            mine = [job for job in jobs if unit in job.units]
+            if mine:
+                yield mode, f'the end of "{target or mode}"', length
+                yield from ((mode, f'job {job.index} of "{job.task}"', job.start) for job in mine)
+
+    # -------------------------------------------------------------------------------------------------- tables
+
+    def _placed(
+        self,
+        unit: str,
+        counter: ProjectCounter,
+        starts: dict[str, tuple[Action, ...]],
+        names: ShortNames | None = None,
+    ) -> Iterator[Placed]:
+        names = names or self._names
+        ticks = _ticks_of(counter)
+        for mode, target, length, jobs in self._tables:
+            points: dict[int, dict[str, None]] = {}
+            first: dict[str, int] = {}
+            for job in sorted((job for job in jobs if unit in job.units), key=lambda job: job.start):
+                offset = ticks.ticks(job.start)
+                first.setdefault(job.task, offset)
+                points.setdefault(offset, {}).update(dict.fromkeys(action.key for action in starts[job.task]))
+            if points:
+                name = names("Halpipe", *([mode, "to", target] if target else [mode]), short(unit))
+                found = tuple(ExpiryPoint(offset, tuple(points[offset])) for offset in sorted(points))
+                yield Placed(Table(name, unit, mode, target, ticks.ticks(length), found), counter, first)
+
+
+def _tables(schedule: Schedule) -> Iterator[tuple[str, str, Duration, tuple[Job, ...]]]:
+    """Yield mode, target (empty for a mode itself), length and jobs of every table that takes time."""
+    for mode in schedule.modes:
+        yield mode.name, "", mode.hyperperiod, mode.jobs
+    for switch in schedule.transitions:
+        if switch.length:
+            yield switch.source, switch.target, switch.length, switch.jobs
+
+
+def _ticks_of(counter: ProjectCounter) -> Counter:
+    assert counter.tick is not None
+    return Counter(counter.tick, counter.min_cycle, counter.max_value)

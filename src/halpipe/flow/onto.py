@@ -1,0 +1,49 @@
+"""A schedule put onto the project that its model was imported from: read again, verified, and written beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings
+from halpipe.files import find_inputs, read_bytes
+from halpipe.pipeline.checked import refuse_invalid
+
+if TYPE_CHECKING:
+    from halpipe.exporters.arxml.onto import Onto
+    from halpipe.importers.base import ImportOptions
+    from halpipe.models import Schedule, TaskModel
+
+
+def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: ImportOptions) -> Onto:
+    """Return delta, changed files and list of changes; raise `HalpipeError` with all that stands against it."""
+    from dataclasses import replace
+
+    from halpipe.exporters.arxml.onto.export import put_onto
+    from halpipe.exporters.selection import select
+    from halpipe.importers.arxml.project import read_project
+
+    refuse_invalid(model, schedule)
+    chosen = select(model, schedule, "", "arxml")
+    findings = Findings()
+    project = read_project([directory], model, options, findings)
+    files = {
+        name: (str(Path(name).relative_to(directory)) if Path(directory).is_dir() else Path(name).name, name)
+        for name in find_inputs([directory], (".arxml", ".xdm"))
+    }
+    contents = _Contents(files)
+    onto = put_onto(model, chosen, project, contents)
+    return replace(onto, findings=(*findings.items, *onto.findings))
+
+
+class _Contents(dict[str, tuple[str, bytes]]):
+    """The files of a project, read when they are asked for."""
+
+    def __init__(self, names: dict[str, tuple[str, str]]) -> None:
+        super().__init__()
+        self._names = names
+
+    def __missing__(self, key: str) -> tuple[str, bytes]:
+        inside, name = self._names[key]
+        self[key] = (inside, read_bytes(name))
+        return self[key]

@@ -1,0 +1,355 @@
+"""The project that a model was imported from, as its export needs it: `halpipe.models.project`.
+
+The project is read again and its model made anew, so that what changed since the import is noticed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.durations import Duration, seconds
+from halpipe.importers.arxml import project_codes as codes
+from halpipe.importers.arxml.build import assemble
+from halpipe.importers.arxml.files.tree import NS, place
+from halpipe.importers.arxml.names import listed
+from halpipe.importers.arxml.system.ecuc import Containers, Ticks
+from halpipe.importers.arxml.system.reading import read_system, read_tree
+from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
+from halpipe.importers.base import ImportOptions
+from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.importers.arxml.build import Built
+    from halpipe.importers.arxml.files.tree import Node, Tree
+    from halpipe.importers.arxml.system.ecuc import Container
+    from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.models import Task, TaskModel
+
+_MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
+_SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
+_GENERATED = "DV:RTE"
+_LONGEST_TICK = seconds(1)
+
+
+@dataclass(frozen=True, slots=True)
+class _OfModel:
+    """Stands in for the overlay of the import: leaves out what the model has not, and gives its periods again."""
+
+    model: TaskModel
+    is_dropping: bool = True
+
+    def drops(self, name: str) -> bool:
+        return self.is_dropping and all(task.name != name for task in self.model.tasks)
+
+    def source_period(self, name: str) -> Duration | None:
+        return next((task.period for task in self.model.tasks if task.name == name), None)
+
+    def task_period(self, name: str) -> Duration | None:
+        return self.source_period(name)
+
+
+def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions, findings: Findings) -> Project:
+    """Read the project that `model` was imported from; report what is not as the model has it.
+
+    Raise `HalpipeError` with every difference, if the project is another one or changed.
+    """
+    tree = read_tree(paths, Findings())
+    built = _again(tree, model, paths, options, findings)
+    _compare(model, built.model, findings)
+    findings.stop_on_errors()
+    return _Reader(tree, built, findings).project()
+
+
+def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOptions, findings: Findings) -> Built:
+    """Return the model of the project at the granularity of the given one, without what that has not."""
+    wanted = {task.name for task in model.tasks}
+    best: tuple[int, str, set[str]] | None = None
+    for granularity in GRANULARITIES:
+        names = _names(tree, paths, _options(options, model, granularity, is_dropping=False))
+        score = len(wanted & names)
+        if best is None or score > best[0]:
+            best = (score, granularity, names)
+    assert best is not None
+    _, granularity, names = best
+    for task in model.tasks:
+        if task.name not in names:
+            findings.add(
+                codes.FOREIGN_PROJECT(
+                    f"is in none of its files; it was imported from {task.origin.path if task.origin else 'nowhere'}",
+                    at=task.origin.location if task.origin else Location(),
+                    path=f'task "{task.name}"',
+                    help="name the project that the model was imported from",
+                )
+            )
+    more = sorted(names - wanted)
+    if more:
+        findings.add(
+            codes.MORE_IN_PROJECT(
+                f"{len(more)} tasks of the project are not in the model: {listed(more)}",
+                at=Location(paths[0]),
+                help="import the project again if they are new",
+            )
+        )
+    findings.stop_on_errors()
+    return assemble(tree, read_system(tree), paths, _options(options, model, granularity, is_dropping=True))
+
+
+def _options(options: ImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool) -> ImportOptions:
+    return ImportOptions(overlay=_OfModel(model, is_dropping), granularity=granularity, name=options.name)
+
+
+def _names(tree: Tree, paths: Sequence[str], options: ImportOptions) -> set[str]:
+    try:
+        return {task.name for task in assemble(tree, read_system(tree), paths, options).model.tasks}
+    except HalpipeError:
+        return set()
+
+
+# -------------------------------------------------------------------------------------------------- differences
+
+
+def _compare(model: TaskModel, fresh: TaskModel, findings: Findings) -> None:
+    for task in model.tasks:
+        now = fresh.task(task.name)
+        for message in _differences(task, now):
+            origin = now.origin or task.origin
+            findings.add(
+                codes.CHANGED_PROJECT(
+                    f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
+                    at=origin.location if origin else Location(),
+                    path=f'task "{task.name}"',
+                    help="import the project again, and schedule it again",
+                )
+            )
+
+
+def _differences(task: Task, now: Task) -> Iterator[str]:
+    if task.period != now.period:
+        yield f"has the period {now.period} in the project, but {task.period} in the model"
+    path, old = (t.origin.path if t.origin else "" for t in (now, task))
+    if old.startswith("/") and path != old:
+        yield f'is "{path}" in the project, but "{old}" in the model'
+    units, allowed = ({unit for version in t.versions for unit in version.units} for t in (task, now))
+    if not units <= allowed:
+        yield f"may run on {listed(sorted(allowed))} in the project, but on {listed(sorted(units))} in the model"
+    before, after = _orders(task), _orders(now)
+    if before and before != after:
+        gone, new = sorted(before - after), sorted(after - before)
+        changes = [f'no more after "{name}"' for name in gone] + [f'after "{name}"' for name in new]
+        yield f"runs {listed(changes)} in the project, which is not the order of the model"
+
+
+def _orders(task: Task) -> set[str]:
+    """Return the predecessors that the project states; what an overlay states has no path of AUTOSAR."""
+    return {
+        precedence.task
+        for version in task.versions
+        for precedence in version.precedences
+        if precedence.origin is not None and precedence.origin.path.startswith("/")
+    }
+
+
+# ------------------------------------------------------------------------------------------------------- reading
+
+
+class _Reader:
+    """Collects what an export needs to know of the containers of Os, Rte and EcuC."""
+
+    def __init__(self, tree: Tree, built: Built, findings: Findings) -> None:
+        self._tree = tree
+        self._built = built
+        self._findings = findings
+        self._containers = Containers(tree)
+        units = [unit.name for unit in built.model.units]
+        self._only = units[0] if len(units) == 1 else ""
+        self._applications = {
+            c.node.path: built.platform.core_of.get(c.node.path, self._only)
+            for c in self._containers.of("OsApplication")
+        }
+
+    def project(self) -> Project:
+        """Return the project; raise `HalpipeError` if it has no configuration that a schedule could be put onto."""
+        calls = {
+            draft.name: tuple(self._call(member) for member in draft.members if member.event is not None)
+            for draft in self._built.drafts
+        }
+        alone = {
+            draft.name: member.os_task.place.path
+            for draft in self._built.drafts
+            for member in draft.members
+            if member.event is None and member.os_task is not None
+        }
+        tasks = {c.node.path: self._task(c) for c in self._containers.of("OsTask")}
+        used = {call.os_task for found in calls.values() for call in found if call.os_task} | set(alone.values())
+        os_module = self._module("Os", used)
+        rte = {call.mapping for found in calls.values() for call in found if call.mapping}
+        return Project(
+            schema=self._schema(os_module),
+            os_module=os_module,
+            rte_module=self._module("Rte", rte) if rte else "",
+            items=self._items(),
+            packages={node.path: node.parts[0].element.get("UUID") or "" for node in self._tree.tagged("AR-PACKAGE")},
+            calls=calls,
+            alone=alone,
+            tasks=tasks,
+            counters=tuple(self._counters(os_module)),
+            alarms=tuple(self._alarms()),
+            references={c.node.path: self._references(c) for c in self._containers.of("OsApplication", "OsTask")},
+            applications=self._applications,
+            app_modes=tuple(
+                sorted(
+                    (c.node.path for c in self._containers.of("OsAppMode") if _in(c.node.path, os_module)),
+                    key=lambda path: not path.endswith("/OSDEFAULTAPPMODE"),
+                )
+            ),
+        )
+
+    def _references(self, container: Container) -> tuple[Value, ...]:
+        stated = container.node.elements("REFERENCE-VALUES/*/DEFINITION-REF")
+        names = dict.fromkeys("".join((e.text or "").split()).rpartition("/")[2] for e, _ in stated)
+        return tuple(value for name in names for value in self._values(container, name))
+
+    # ------------------------------------------------------------------------------------------------ modules
+
+    def _module(self, name: str, inside: set[str]) -> str:
+        """Return the path of the module configuration that holds containers, which must be one."""
+        known = [node for node in self._tree.tagged(_MODULE) if self._last(node) == name]
+        holders = [node for node in known if any(_in(path, node.path) for path in inside)] or known
+        if len(holders) != 1:
+            what = listed([node.path for node in holders]) if holders else "none"
+            self._findings.add(
+                codes.NO_CONFIGURATION(
+                    f"there must be one configuration of {name} for the tasks of the model, but there is {what}",
+                    at=holders[1].at if len(holders) > 1 else Location(),
+                    help="name the project of one ECU, with its ECU configuration",
+                )
+            )
+            self._findings.stop_on_errors()
+        return holders[0].path
+
+    def _last(self, node: Node) -> str:
+        definition = self._tree.text(node, "DEFINITION-REF")
+        return "".join(definition.value.split()).rpartition("/")[2] if definition else ""
+
+    def _schema(self, module: str) -> str:
+        node = next(node for node in self._tree.tagged(_MODULE) if node.path == module)
+        return node.parts[0].element.getroottree().getroot().get(_SCHEMA) or ""
+
+    def _items(self) -> dict[str, Item]:
+        found = {}
+        for node in self._tree.tagged(_MODULE, _CONTAINER):
+            definition = self._tree.ref(node, "DEFINITION-REF")
+            found[node.path] = Item(
+                path=node.path,
+                is_module=node.tag == _MODULE,
+                definition=definition.path if definition else "",
+                dest=definition.dest if definition else "",
+                uuid=next((part.element.get("UUID") or "" for part in node.parts), ""),
+                at=node.at,
+                is_generated=_is_generated(node.parts[0].element),
+                is_added=node.path in self._containers.added,
+            )
+        return found
+
+    # --------------------------------------------------------------------------------------------- containers
+
+    def _task(self, task: Container) -> ProjectTask:
+        path = task.node.path
+        owner = next(
+            (
+                c.node.path
+                for c in self._containers.of("OsApplication")
+                if path in {r.path for r in c.refs("OsAppTaskRef")}
+            ),
+            "",
+        )
+        kind = task.value("OsTaskType")
+        waits = any(True for _ in task.refs("OsTaskEventRef")) or (kind is not None and kind.text == "EXTENDED")
+        unit = self._applications.get(owner, "") or self._only
+        return ProjectTask(path=path, unit=unit, application=owner, is_extended=waits)
+
+    def _call(self, member: Activation) -> Call:
+        mapping, event = member.mapping, member.event
+        assert event is not None
+        container = self._containers.by_path.get(mapping.place.path) if mapping is not None else None
+        prefix = "RteBsw" if event.place.kind.startswith("BSW-") else "Rte"
+        return Call(
+            mapping=mapping.place.path if mapping is not None else "",
+            event=event.place.path,
+            is_bsw=event.place.kind.startswith("BSW-"),
+            os_task=member.os_task.place.path if member.os_task is not None else "",
+            os_events=tuple(v.text for v in self._values(container, f"{prefix}UsedOsEventRef")),
+            alarms=tuple(self._values(container, f"{prefix}UsedOsAlarmRef")),
+            points=tuple(self._values(container, f"{prefix}UsedOsSchTblExpiryPointRef")),
+            has_period=event.period is not None and not member.used,
+        )
+
+    def _values(self, container: Container | None, name: str) -> Iterator[Value]:
+        if container is None:
+            return
+        for ref in container.refs(name):
+            holder = ref.element.getparent()
+            generated = _is_generated(container.node.parts[0].element) or (holder is not None and _is_generated(holder))
+            yield Value(name, ref.path, place(ref.element, ref.file), generated)
+
+    def _counters(self, module: str) -> Iterator[ProjectCounter]:
+        ticks = Ticks(self._containers)
+        for counter in self._containers.of("OsCounter"):
+            if not _in(counter.node.path, module):
+                continue
+            tick = ticks.of(counter)
+            numbers = (counter.number("OsCounterMaxAllowedValue"), counter.number("OsCounterMinCycle"))
+            largest, least = (int(number) if number else None for number in numbers)
+            yield ProjectCounter(
+                path=counter.node.path,
+                unit=self._counter_unit(counter.node.path),
+                tick=tick if tick is not None and tick <= _LONGEST_TICK else None,
+                max_value=largest or 2**30 - 1,
+                min_cycle=least or 1,
+                at=counter.node.at,
+            )
+
+    def _counter_unit(self, path: str) -> str:
+        """Return the unit of the OsApplication that has a counter, or of the tasks that its alarms concern."""
+        for application in self._containers.of("OsApplication"):
+            if path in {ref.path for ref in application.refs("OsAppCounterRef")}:
+                return self._applications[application.node.path]
+        units = {
+            self._task(self._containers.by_path[task]).unit
+            for alarm in self._containers.of("OsAlarm")
+            if path in {ref.path for ref in alarm.refs("OsAlarmCounterRef")}
+            for task in self._concerned(alarm)
+            if task in self._containers.by_path
+        }
+        return units.pop() if len(units) == 1 else ""
+
+    def _concerned(self, alarm: Container) -> list[str]:
+        names = ("OsAlarmActivateTaskRef", "OsAlarmSetEventTaskRef")
+        return [ref.path for inside in self._containers.below(alarm) for ref in inside.refs(*names)]
+
+    def _alarms(self) -> Iterator[ProjectAlarm]:
+        for alarm in self._containers.of("OsAlarm"):
+            for inside in self._containers.below(alarm):
+                cycle, start = inside.value("OsAlarmCycleTime"), inside.value("OsAlarmAlarmTime")
+                if inside.kind == "OsAlarmAutostart" and cycle is not None:
+                    yield ProjectAlarm(
+                        path=alarm.node.path,
+                        autostart=inside.node.path,
+                        cycle=cycle.text,
+                        start=start.text if start else "0",
+                        tasks=tuple(self._concerned(alarm)),
+                    )
+
+
+def _in(path: str, holder: str) -> bool:
+    return path.startswith(holder + "/")
+
+
+def _is_generated(element: object) -> bool:
+    """Whether the vendor's generator owns a container or value, by its annotations."""
+    origins = element.iterfind(f"{NS}ANNOTATIONS/{NS}ANNOTATION/{NS}ANNOTATION-ORIGIN")  # type: ignore[attr-defined]
+    return any((origin.text or "").strip() == _GENERATED for origin in origins)

@@ -1,0 +1,124 @@
+"""An AUTOSAR project as an export sees it: the ECU configuration that a schedule is put onto, by its own paths.
+
+Read by the importer of ARXML, used by its exporter; everything is as the project has it, and nothing is derived from
+a schedule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.diagnostics import Location
+    from halpipe.durations import Duration
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A module configuration or container: path, definition and its class as written, UUID (empty if none), place.
+
+    `is_generated` says that the vendor's generator owns it, `is_added` that an export put it there.
+    """
+
+    path: str
+    is_module: bool
+    definition: str
+    dest: str
+    uuid: str
+    at: Location
+    is_generated: bool = False
+    is_added: bool = False
+
+    @property
+    def name(self) -> str:
+        """The short name."""
+        return self.path.rpartition("/")[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """A value or reference of a container: the short name of its definition, its text, whether a generator owns it."""
+
+    name: str
+    text: str
+    at: Location
+    is_generated: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Call:
+    """An event mapping of a task: container, event and OsTask (paths, empty if none), and what triggers it now.
+
+    `os_events`, `alarms` and `points` are the OS objects that the mapping uses. `has_period` tells that the event
+    states its period itself.
+    """
+
+    mapping: str
+    event: str
+    is_bsw: bool
+    os_task: str
+    os_events: tuple[str, ...] = ()
+    alarms: tuple[Value, ...] = ()
+    points: tuple[Value, ...] = ()
+    has_period: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProjectTask:
+    """An OsTask: its unit of the model (empty if not bound), its OsApplication, and whether it waits for OS events."""
+
+    path: str
+    unit: str
+    application: str
+    is_extended: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProjectCounter:
+    """An OsCounter: its unit of the model (empty if any), its tick (None: not stated, or impossible), and its range."""
+
+    path: str
+    unit: str
+    tick: Duration | None
+    max_value: int
+    min_cycle: int
+    at: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProjectAlarm:
+    """An OsAlarm that the OS starts: its autostart container, cycle and start in ticks, the OsTasks concerned."""
+
+    path: str
+    autostart: str
+    cycle: str
+    start: str
+    tasks: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Project:
+    """A project for one model.
+
+    `schema` is what the files say of their release; `os_module` and `rte_module` are paths of module configurations;
+    `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
+    event mappings of every task of the model, `alone` the OsTask of a task that no event makes. `applications` has the
+    unit of each OsApplication, `references` what OsApplications and OsTasks refer to.
+    """
+
+    schema: str
+    os_module: str
+    rte_module: str
+    items: Mapping[str, Item]
+    packages: Mapping[str, str]
+    calls: Mapping[str, tuple[Call, ...]]
+    alone: Mapping[str, str]
+    tasks: Mapping[str, ProjectTask]
+    counters: tuple[ProjectCounter, ...]
+    alarms: tuple[ProjectAlarm, ...]
+    applications: Mapping[str, str]
+    app_modes: tuple[str, ...]
+    references: Mapping[str, tuple[Value, ...]]

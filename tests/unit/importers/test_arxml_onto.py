@@ -1,0 +1,318 @@
+"""A schedule put onto a small project: what is added, what is changed in place, and every reason to refuse it."""
+
+import json
+import re
+
+import pytest
+from arxml_case import (
+    alarm,
+    component,
+    composition,
+    configuration,
+    container,
+    core,
+    counter,
+    every,
+    mapped,
+    os_task,
+    package,
+    rte,
+    write,
+)
+
+from command_line import run_here
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.arxml.onto import codes
+from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
+from halpipe.exporters.native import format_model, format_schedule
+from halpipe.flow.formats import import_model
+from halpipe.flow.onto import export_onto
+from halpipe.importers.arxml import project_codes
+from halpipe.importers.base import ImportOptions
+from support import job, schedule
+
+TICK = "0.001"
+
+
+def project(folder, *, period="0.01", tick=TICK, bound=True, mapping="Main", events=(), more=(), only=True):
+    """A pump of 10 ms whose alarm is chosen by hand, and an OsTask of its own that an alarm activates every 20 ms."""
+    pump = component("Pump", every(period, "Tick", "Pump/Step"), runnables="Step")
+    extra = [("RteUsedOsEventRef", f"/E/Os/{event}") for event in events]
+    mappings = mapped("Pump/B/Tick", mapping, "1", more=[("RteUsedOsAlarmRef", "/E/Os/ByHand"), *extra])
+    where = [("OsApplicationCoreRef", "/E/EcuC/First")] if bound else []
+    tasks = [("OsAppTaskRef", f"/E/Os/{name}") for name in ("Main", "Lone")]
+    application = container("Os/OsApplication", "App", refs=[*tasks, ("OsAppCounterRef", "/E/Os/Ticks"), *where])
+    waits = [("OsTaskEventRef", f"/E/Os/{event}") for event in events]
+    os = configuration(
+        "Os",
+        container("Os/OsTask", "Main", refs=waits),
+        os_task("Lone"),
+        counter(tick),
+        container("Os/OsAlarm", "ByHand", refs=[("OsAlarmCounterRef", "/E/Os/Ticks")]),
+        alarm("Al", "20", start="2", activates="Lone"),
+        *(container("Os/OsEvent", event) for event in events),
+        application,
+        *more,
+    )
+    cores = [core("First", "0")] if only else [core("First", "0"), core("Second", "1")]
+    parts = configuration("Rte", rte(mappings, prototype="Car/p"))
+    return write(
+        folder, package("T", pump, composition("Car", "p:Pump")), package("E", os, parts, configuration("EcuC", *cores))
+    )
+
+
+def model_of(path, drop=""):
+    overlay = path.parent / "wcet.yaml"
+    dropped = f"drop: [{drop}]\n" if drop else ""
+    overlay.write_text(f'halpipe-overlay: 1\n{dropped}tasks:\n  "*": {{wcet: 1ms}}\n')
+    return import_model("arxml", [str(path.parent)], [str(overlay)], ImportOptions()).model
+
+
+def planned(model, *starts):
+    """Starts of the pump at 10 ms and of the lone task."""
+    first, lone = starts
+    unit = model.units[0].name
+    jobs = [job(model, "p/Step", index, f"{first + 10 * index}ms", unit) for index in range(2)]
+    return schedule(model, 20, *jobs, job(model, "Lone", 0, f"{lone}ms", unit), mode_name="default")
+
+
+def put(path, model=None, starts=(0, 2)):
+    model = model or model_of(path)
+    return export_onto(model, planned(model, *starts), str(path.parent), ImportOptions())
+
+
+def refused(path, model, *starts):
+    with pytest.raises(HalpipeError) as failure:
+        put(path, model, starts or (0, 2))
+    return [d for d in failure.value.diagnostics if d.is_error]
+
+
+def test_additions_go_to_the_delta_and_changes_into_the_file(tmp_path):
+    path = project(tmp_path)
+    onto = put(path)
+    added = {(c.path, c.name): c.new for c in onto.changes if c.old is None}
+    table = "/E/Os/Halpipe_default_First"
+    assert added[table, "OsScheduleTableCounterRef"] == "/E/Os/Ticks"
+    assert added["/E/Os/App", "OsAppScheduleTableRef"] == table
+    assert added["/E/Rte/Car_p/Pump_B_Tick", "RteUsedOsSchTblExpiryPointRef"] == f"{table}/At_0"
+    changed = [(c.path, c.name, c.old, c.new) for c in onto.changes if c.old is not None]
+    assert changed == [
+        ("/E/Os/Al/s", "", "container", None),
+        ("/E/Rte/Car_p/Pump_B_Tick", "RteUsedOsAlarmRef", "/E/Os/ByHand", None),
+    ]
+    before, after = path.read_bytes(), onto.files["changed/system.arxml"]
+    assert b"<VALUE-REF>/E/Os/ByHand</VALUE-REF>" in before
+    assert b"<VALUE-REF>/E/Os/ByHand</VALUE-REF>" not in after
+    assert b"OsAlarmAutostart" not in after
+    rest = re.sub(rb"<VALUE-REF>/E/Os/ByHand</VALUE-REF>", b"", before)
+    start = rest.index(b"<ECUC-CONTAINER-VALUE><SHORT-NAME>s</SHORT-NAME>")
+    end = rest.index(b"</ECUC-CONTAINER-VALUE>", start) + len(b"</ECUC-CONTAINER-VALUE>")
+    assert rest[:start] + rest[end:] == after
+
+
+def test_the_merged_project_is_the_same_model(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    onto = put(path, model)
+    path.write_bytes(onto.files["changed/system.arxml"])
+    (tmp_path / "delta.arxml").write_bytes(onto.files["delta.arxml"])
+    again = model_of(path)
+    assert [(t.name, t.period, t.offset, t.versions[0].units) for t in again.tasks] == [
+        (t.name, t.period, t.offset, t.versions[0].units) for t in model.tasks
+    ]
+    assert again.units[0].name == model.units[0].name
+
+
+def test_an_extended_os_task_is_started_by_the_event_it_waits_for(tmp_path):
+    onto = put(project(tmp_path, events=["Go"]))
+    added = [(c.name, c.new) for c in onto.changes if c.name.startswith("OsScheduleTableSetEvent")]
+    assert set(added) == {("OsScheduleTableSetEventRef", "/E/Os/Go"), ("OsScheduleTableSetEventTaskRef", "/E/Os/Main")}
+
+
+def test_a_counter_that_is_too_coarse_is_named_with_the_one_that_is_needed(tmp_path):
+    onto = put(project(tmp_path), starts=(0.5, 2))
+    (told,) = [d for d in onto.findings if d.code == codes.COUNTER_NEEDED.id]
+    assert "/E/Os/Ticks has a tick of 1ms" in told.message
+    assert 'job 0 of "p/Step" at 500us' in told.message
+    assert "a counter with a tick of 500us is needed" in told.message
+    assert "--tick 1ms" in told.help
+    assert any(c.name == "OsSecondsPerTick" and c.new == "0.0005" for c in onto.changes)
+
+
+def test_another_project_is_refused_by_every_task(tmp_path):
+    model = model_of(project(tmp_path))
+    other = tmp_path / "other"
+    other.mkdir()
+    fan = component("Fan", every("0.01", "Tick", "Fan/Step"), runnables="Step")
+    path = write(other, package("T", fan))
+    found = refused(path, model)
+    assert {d.code for d in found} == {project_codes.FOREIGN_PROJECT.id}
+    assert {d.path for d in found} == {'task "p/Step"', 'task "Lone"'}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"period": "0.02"}, "has the period 20ms in the project, but 10ms in the model"),
+        ({"only": False, "bound": False}, "may run on First, Second in the project"),
+    ],
+)
+def test_a_project_that_changed_is_refused_with_both_places(tmp_path, change, said):
+    path = project(tmp_path)
+    model = model_of(path)
+    project(tmp_path, **change)
+    found = refused(path, model)
+    told = [d for d in found if d.path == 'task "p/Step"']
+    if "may run" in said:
+        assert {d.code for d in found} == {codes.WRONG_CORE.id}
+        return
+    assert [d.code for d in told] == [project_codes.CHANGED_PROJECT.id]
+    assert said in told[0].message
+    assert re.search(r"imported from .*system\.arxml:\d+", told[0].message)
+    assert told[0].at.line
+
+
+def test_tasks_that_the_model_leaves_out_are_named(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    more = [os_task("New", OsTaskPeriod="0.1")]
+    onto = put(project(tmp_path, more=more), model)
+    (told,) = [d for d in onto.findings if d.code == project_codes.MORE_IN_PROJECT.id]
+    assert "New" in told.message
+
+
+def test_a_project_without_os_has_nothing_to_put_a_schedule_onto(tmp_path):
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    path = write(tmp_path, package("T", pump))
+    model = model_of(path)
+    plan = schedule(model, 10, job(model, "Pump/Step", 0, "0ms", model.units[0].name), mode_name="default")
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan, str(tmp_path), ImportOptions())
+    assert project_codes.NO_CONFIGURATION.id in {d.code for d in failure.value.diagnostics}
+
+
+def test_an_event_without_os_task_is_refused(tmp_path):
+    pump = component(
+        "Pump", every("0.01", "Tick", "Pump/Step"), every("0.01", "T2", "Pump/Other"), runnables="Step Other"
+    )
+    parts = package(
+        "E", configuration("Os", os_task("Main")), configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1")))
+    )
+    path = write(tmp_path, package("T", pump), parts)
+    model = model_of(path)
+    unit = model.units[0].name
+    plan = schedule(
+        model,
+        10,
+        job(model, "Pump/Step", 0, "0ms", unit),
+        job(model, "Pump/Other", 0, "2ms", unit),
+        mode_name="default",
+    )
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan, str(tmp_path), ImportOptions())
+    (told,) = [d for d in failure.value.diagnostics if d.is_error]
+    assert (told.code, told.path) == (codes.NOT_MAPPED.id, 'task "Pump/Other"')
+
+
+def test_several_tasks_of_one_event_are_named(tmp_path):
+    pump = component("Pump", every("0.01", "A", "Pump/A"), every("0.01", "B", "Pump/B"), runnables="A B")
+    go = [("RteUsedOsEventRef", "/E/Os/Go")]
+    os = configuration(
+        "Os",
+        container("Os/OsTask", "Main", refs=[("OsTaskEventRef", "/E/Os/Go")]),
+        container("Os/OsEvent", "Go"),
+        counter(),
+    )
+    maps = configuration("Rte", rte(mapped("Pump/B/A", "Main", "1", more=go), mapped("Pump/B/B", "Main", "2", more=go)))
+    path = write(tmp_path, package("T", pump), package("E", os, maps))
+    model = model_of(path)
+    unit = model.units[0].name
+    plan = schedule(
+        model, 10, job(model, "Pump/A", 0, "0ms", unit), job(model, "Pump/B", 0, "2ms", unit), mode_name="default"
+    )
+    onto = export_onto(model, plan, str(tmp_path), ImportOptions())
+    (told,) = [d for d in onto.findings if d.code == codes.SHARED_EVENT.id]
+    assert "starts Pump/A, Pump/B" in told.message
+
+
+def test_an_alarm_that_starts_what_the_schedule_does_not_play_is_left(tmp_path):
+    path = project(tmp_path, more=[os_task("Idle")])
+    kind = "Os/OsAlarm/OsAlarmAction/OsAlarmActivateTask"
+    other = container(kind, "b", refs=[("OsAlarmActivateTaskRef", "/E/Os/Idle")])
+    text = path.read_text()
+    start = text.rindex("<ECUC-CONTAINER-VALUE>", 0, text.index("<SHORT-NAME>a</SHORT-NAME>"))
+    path.write_text(text[:start] + other + text[start:])
+    onto = put(path, model_of(path, drop="Idle"))
+    (told,) = [d for d in onto.findings if d.code == codes.ALARM_LEFT.id]
+    assert told.path == 'OsAlarm "/E/Os/Al"'
+    assert not any(c.path.startswith("/E/Os/Al/") for c in onto.changes)
+
+
+def test_a_second_delta_is_refused(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    onto = put(path, model)
+    (tmp_path / "delta.arxml").write_bytes(onto.files["delta.arxml"])
+    assert {d.code for d in refused(path, model)} == {codes.IN_THE_WAY.id}
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "iso-8859-1"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_edits_keep_every_other_byte(encoding, newline):
+    text = newline.join(
+        [
+            f'<?xml version="1.0" encoding="{encoding}"?>',
+            '<AUTOSAR xmlns="http://autosar.org/schema/r4.0"><!-- \xe4 --><AR-PACKAGES><AR-PACKAGE>',
+            "<SHORT-NAME>P</SHORT-NAME><X><SHORT-NAME>C</SHORT-NAME><R>",
+            "<ECUC-REFERENCE-VALUE><DEFINITION-REF>/M/R</DEFINITION-REF>",
+            "<VALUE-REF DEST='a>b'> /Old <!-- \xe4 --></VALUE-REF></ECUC-REFERENCE-VALUE>",
+            "</R></X></AR-PACKAGE></AR-PACKAGES></AUTOSAR>",
+        ]
+    )
+    data = text.encode(encoding)
+    changed = apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old", "/N\xfc")])
+    assert changed == text.replace(" /Old <!-- \xe4 -->", "/N\xfc").encode(encoding)
+    assert apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old")]) == re.sub(
+        r"<VALUE-REF.*</VALUE-REF>", "", text
+    ).encode(encoding)
+
+
+@pytest.mark.parametrize("data", [b"<a/>", "<a/>".encode("utf-16")])
+def test_an_edit_that_finds_nothing_is_refused(data):
+    with pytest.raises(HalpipeError) as failure:
+        apply_edits(data, "f", [Edit("f", "/P/C", "R", "/Old", "/New")])
+    assert failure.value.diagnostics[0].code == codes.CANNOT_EDIT.id
+
+
+def test_the_command_writes_a_folder_and_lists_the_changes(tmp_path):
+    source = tmp_path / "in"
+    source.mkdir()
+    path = project(source)
+    model = model_of(path)
+    (tmp_path / "m.xml").write_bytes(format_model(model))
+    (tmp_path / "s.xml").write_bytes(format_schedule(planned(model, 0, 2)))
+    done = run_here(tmp_path, "export", "arxml", "m.xml", "s.xml", "--onto", "in", "-o", "out", "--format", "json")
+    assert done.returncode == 0, done.stderr
+    listed = json.loads(done.stdout)
+    assert {"file", "path", "parameter", "old", "new"} == set(listed[0])
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [
+        "changed",
+        "changes.json",
+        "delta.arxml",
+        "manifest.json",
+    ]
+    done = run_here(tmp_path, "export", "arxml", "m.xml", "s.xml", "--onto", "in", "-o", "out2")
+    assert "RteUsedOsAlarmRef: /E/Os/ByHand -> (nothing)" in done.stderr
+
+
+def test_nothing_is_written_where_something_stands_against_it(tmp_path):
+    source = tmp_path / "in"
+    source.mkdir()
+    path = project(source)
+    model = model_of(path)
+    (tmp_path / "m.xml").write_bytes(format_model(model))
+    (tmp_path / "s.xml").write_bytes(format_schedule(planned(model, 0, 2)))
+    project(source, period="0.02")
+    done = run_here(tmp_path, "export", "arxml", "m.xml", "s.xml", "--onto", "in", "-o", "out")
+    assert (done.returncode, (tmp_path / "out").exists()) == (1, False)
+    assert "HAL0581" in done.stderr
