@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from halpipe.diagnostics import render_text
 from halpipe.models import Binding
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import codes, verify
 from profiles import examples
 
@@ -54,6 +55,7 @@ def test_switches_valid_by_construction_are_accepted(rng):
 def test_no_witness_against_what_has_a_schedule(rng):
     system, _ = systems.switching_system(rng)
     found = [d for hopeless in find_witnesses(system) for d in hopeless.diagnostics]
+    found += [d for d in validate(system) if d.is_error]
     assert not found, told(found)
 
 

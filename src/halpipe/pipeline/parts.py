@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T", int, Duration)
 
+MAX_STEPS = 100_000
+"""Steps towards a reserved length; what needs more has no time to speak of."""
+
 Service: TypeAlias = "tuple[tuple[T, T], ...]"
 """The interrupts that a job has to suffer, each with its distance T and its time c."""
 
@@ -44,20 +47,22 @@ def _number(time: int | Duration) -> int | Fraction:
 def reserved_length(work: T, service: Service[T]) -> T:
     """Return L(x): the least L with L = x + sum ceil(L/T) c, for `work` x above 0; x itself without interrupts.
 
-    Raise ``ValueError`` if the interrupts fill the units, so that no length is enough.
+    Raise ``ValueError`` if the interrupts fill the units, so that no length is enough, or all of them but a sliver, so
+    that the length is not found within `MAX_STEPS`.
     """
     if not service or not work:
         return work
     if interrupt_load(service) >= 1:
         raise ValueError("interrupts fill the unit: no length is enough for any work")
     length = work
-    while True:
+    for _ in range(MAX_STEPS):
         longer = work
         for distance, time in service:
             longer += time * -(-length // distance)
         if longer == length:
             return length
         length = longer
+    raise ValueError("interrupts leave a sliver of the unit: no length is found")
 
 
 def pieces(version: Version) -> tuple[Duration, ...]:

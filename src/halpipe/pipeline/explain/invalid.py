@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.pipeline.validate import codes
+from halpipe.pipeline.validate.context import by_name
+from halpipe.pipeline.validate.sporadic import least_length
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Run, Task, TaskModel, Version
+    from halpipe.durations import Duration
+    from halpipe.models import Run, Task, TaskModel, Unit, Version
 
 ABOUT_A_MODE = {
     codes.PREDECESSOR_ABSENT.id,
@@ -28,6 +31,7 @@ ABOUT_A_VERSION = {
     codes.BAD_GANG.id,
     codes.EMPTY_WINDOW.id,
     codes.PHASES_OVERLOAD.id,
+    codes.ARRIVAL_TOO_LATE.id,
 }
 """Errors that make a version unusable; they prove something where a task has no other one in some mode."""
 
@@ -49,19 +53,27 @@ def _runs(model: TaskModel) -> Iterable[Run]:
 
 def _has_no_version(model: TaskModel, name: str, available: Sequence[str]) -> bool:
     task = model.task(name)
-    return all(_is_dead(task, version) for version in task.versions if version.name in available)
+    units = by_name(model.units)
+    return all(_is_dead(units, task, version) for version in task.versions if version.name in available)
 
 
-def _is_dead(task: Task, version: Version) -> bool:
+def _is_dead(units: Mapping[str, Unit], task: Task, version: Version) -> bool:
     """Tell whether no job can run in this version, whatever else there is."""
-    deadline = task.period if task.deadline is None else task.deadline
-    too_long = task.period is not None and deadline is not None and (version.wcet or ZERO) > deadline
     return (
-        too_long
+        _is_too_long(task, least_length(units, version) or ZERO)
         or version.gang > len(set(version.units))
         or any(row.min > row.max for row in version.precedences)
         or _overloads_itself(version)
     )
+
+
+def _is_too_long(task: Task, length: Duration) -> bool:
+    """Tell whether a job takes longer than its deadline allows, which may count from the start of the job before."""
+    if task.period is None:
+        return False
+    if task.distance is not None:
+        return task.period + length > (task.distance if task.deadline is None else task.deadline)
+    return length > (task.period if task.deadline is None else task.deadline)
 
 
 def _overloads_itself(version: Version) -> bool:

@@ -15,6 +15,8 @@ from halpipe.pipeline.validate import (
     load,
     names,
     precedence,
+    splits,
+    sporadic,
     structure,
     timing,
 )
@@ -30,6 +32,8 @@ CHECKS: tuple[Check, ...] = (
     *names.CHECKS,
     *structure.CHECKS,
     *timing.CHECKS,
+    *splits.CHECKS,
+    *sporadic.CHECKS,
     *accesses.CHECKS,
     *precedence.CHECKS,
     *chains.CHECKS,

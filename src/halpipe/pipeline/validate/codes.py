@@ -85,6 +85,28 @@ SLACK_WITHOUT_PERIOD = warning(
     "Slack is a share of the period, so it has no effect on a task that runs on demand.",
 )
 NEGATIVE_TIME = error("HAL0224", "Negative time", "Every duration of the model is zero or more.")
+SPLIT_OUTSIDE = error(
+    "HAL0225",
+    "Split point outside the execution",
+    "A split point is an execution time at which a job may be interrupted: after its start (0) and before its end (C).",
+)
+SPLIT_NOT_ASCENDING = error(
+    "HAL0226", "Split points do not ascend", "The split points of a version are listed in order, each once."
+)
+ZERO_DISTANCE = error(
+    "HAL0227",
+    "Distance is zero",
+    "What comes when it likes needs a least time between two of its kind; otherwise it takes all the time there is.",
+)
+INTERRUPT_TOO_LONG = error(
+    "HAL0228", "Interrupt longer than its distance", "The next one comes before the unit is done with the one before."
+)
+POLLED_TOO_RARELY = error(
+    "HAL0229",
+    "Polled less often than arrivals come",
+    "The period of a task that serves sporadic arrivals is that of polling. It is at most the distance, so that no "
+    "second arrival waits.",
+)
 MISSING_WCET = error(
     "HAL0230",
     "WCET is missing",
@@ -93,7 +115,8 @@ MISSING_WCET = error(
 WCET_BEYOND_DEADLINE = error(
     "HAL0231",
     "WCET beyond the deadline",
-    "A job of this version can never end in time. The deadline of a task that states none is its period.",
+    "A job of this version can never end in time. The deadline of a task that states none is its period. On units with "
+    "interrupts the time reserved for the WCET counts.",
 )
 WCET_BEYOND_PERIOD = warning(
     "HAL0232",
@@ -111,6 +134,30 @@ BAD_GANG = error(
     "HAL0235",
     "Gang does not fit its units",
     "A job occupies as many distinct units as its gang size, at least 1 and at most the number of valid units.",
+)
+
+SPLIT_IN_PHASE = error(
+    "HAL0236",
+    "Split point within an access phase",
+    "An access phase lies within one part of a job, so no split point is strictly inside one.",
+)
+NO_MAX_GAPS = error(
+    "HAL0237",
+    "Split anywhere without a limit",
+    "A version that may be split anywhere states max-gaps, the largest number of gaps of a job.",
+)
+SPLIT_WITHOUT_EFFECT = warning(
+    "HAL0238",
+    "Split setting without effect",
+    "resume, max-gaps and min-part belong to a split, min-part to a split anywhere. A min-part above half of the WCET, "
+    "or max-gaps 0, allows no gap at all.",
+)
+ARRIVAL_TOO_LATE = error(
+    "HAL0239",
+    "Polling cannot keep the deadline",
+    "The worst arrival comes just after a job has started and waits for the next one. Starts are a period apart on "
+    "average, so some arrival waits for period plus WCET at least (on a unit with interrupts, plus the time reserved "
+    "for it).",
 )
 
 # ---------------------------------------------------------------------------- access phases
@@ -164,6 +211,13 @@ NEVER_DEMANDED = warning(
     "A task without a period has one job for each precedence constraint that names it, so here it never runs.",
 )
 
+NOTHING_TO_BIND_TO = error(
+    "HAL0256",
+    "Bound task has no common units",
+    "With the binding system a task uses the same set of units in all modes and tables, whatever the version. So there "
+    "must be a set that some available version allows in every mode, with the same gang size.",
+)
+
 # ---------------------------------------------------------------------------- chains and transitions
 
 EMPTY_CHAIN = error("HAL0260", "Chain without tasks", "A cause-effect chain is a sequence of tasks.")
@@ -211,13 +265,25 @@ UNITS_OVERLOADED = error(
     "HAL0280",
     "Units overloaded",
     "In a mode, the tasks that can run only on these units need more time of them than there is, even in their "
-    "shortest versions. No schedule exists.",
+    "shortest versions. Of a unit with interrupts only what they leave counts: 1 - sum c/T. No schedule exists.",
 )
 RESOURCE_OVERLOADED = error(
     "HAL0281",
     "Resource overloaded",
     "In a mode, the access phases of the least demanding versions need more of a resource than there is. No schedule "
     "exists.",
+)
+INTERRUPTS_FILL = error(
+    "HAL0282",
+    "Interrupts fill the unit",
+    "The sum of c/T over the interrupts of a unit must be below 1, and not so close to it that jobs never end. The "
+    "members of a gang wait for each other's interrupts, so there the sum over all its units counts.",
+)
+MANY_PARTS = warning(
+    "HAL0283",
+    "Jobs may have too many parts",
+    "The limit of 10 000 000 counts the parts of jobs. If all gaps that the splits allow were used it would be passed; "
+    "the search stops where a schedule passes it.",
 )
 TOO_MANY_JOBS = error(
     "HAL0290",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Unit, Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 
 MAX_JOBS = 10_000_000
@@ -47,14 +48,41 @@ def check_jobs(context: Context) -> Iterator[Diagnostic]:
         hyperperiod = mode.hyperperiod
         if not any(active.is_periodic for active in mode.tasks.values()):
             continue
-        jobs = None if hyperperiod is None else sum(mode.job_counts(max).values())
+        counts = mode.job_counts(max)
+        jobs = None if hyperperiod is None else sum(counts.values())
         if jobs is not None and jobs <= MAX_JOBS:
+            yield from _many_parts(mode, counts)
             continue
         size = "is beyond all measure" if hyperperiod is None else f"of {hyperperiod} has {jobs} jobs"
         cause = _find_cause(mode)
         text = f"the hyperperiod {size}, {MAX_JOBS} are allowed; "
         text += f"the cause: {cause.describe()}" if cause.guilty and cause.base else "demands multiply its jobs"
         yield codes.TOO_MANY_JOBS(text, at=place(mode.mode), path=mode.path, help=cause.cure())
+
+
+def _many_parts(mode: ActiveMode, counts: dict[str, int]) -> Iterator[Diagnostic]:
+    """Warn where the parts that the splits allow are more than the limit."""
+    most = {name: counts[name] * max(map(_most_parts, active.versions)) for name, active in mode.tasks.items()}
+    if sum(most.values()) > MAX_JOBS:
+        names = sorted(most, key=lambda name: (-most[name], name))[:3]
+        text = (
+            f"its jobs may have up to {sum(most.values())} parts in a hyperperiod, {MAX_JOBS} are allowed; the most: "
+        )
+        text += ", ".join(f'"{name}" {most[name]}' for name in names)
+        help = "lower max-gaps, or give fewer split points"
+        yield codes.MANY_PARTS(text, at=place(mode.mode), path=mode.path, help=help)
+
+
+def _most_parts(version: Version) -> int:
+    """Return how many parts a job of the version can have."""
+    split = version.split
+    if not split.is_allowed:
+        return 1
+    gaps = [] if split.anywhere else [len(split.points)]
+    gaps += [] if split.max_gaps is None else [split.max_gaps]
+    if split.anywhere and split.min_part and version.wcet:
+        gaps.append(version.wcet // split.min_part - 1)
+    return 1 + max(0, min(gaps, default=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +223,14 @@ def check_ticks(context: Context) -> Iterator[Diagnostic]:
         hyperperiod = mode.hyperperiod
         if hyperperiod is None:
             continue
-        tick = _tick({d.ns for active in mode.tasks.values() for d, _ in _durations(active)}, hyperperiod)
+        interrupts = [d for unit in context.units.values() for d, _ in _of_interrupts(unit)]
+        times = {d.ns for active in mode.tasks.values() for d, _ in _durations(active)}
+        tick = _tick(times | {d.ns for d in interrupts}, hyperperiod)
         if hyperperiod // tick < MAX_TICKS:
             continue
         finest: dict[Duration, str] = {}
+        for unit in context.units.values():
+            finest |= {d: f'the {what} {d} of unit "{unit.name}"' for d, what in _of_interrupts(unit)}
         for active in mode.tasks.values():
             for duration, what in _durations(active):
                 if duration not in finest:
@@ -220,12 +252,26 @@ def _durations(active: ActiveTask) -> Iterator[tuple[Duration, str]]:
     for version in active.versions:
         if version.wcet:
             yield version.wcet, "WCET"
+        for point in version.split.points:
+            yield point, "split point"
+        if version.split.resume:
+            yield version.split.resume, "resume"
+        if version.split.min_part:
+            yield version.split.min_part, "min-part"
         for access in version.accesses:
             yield access.start, "access start"
             yield access.end, "access end"
         for constraint in version.precedences:
             yield constraint.min, "window minimum"
             yield constraint.max, "window maximum"
+
+
+def _of_interrupts(unit: Unit) -> Iterator[tuple[Duration, str]]:
+    for interrupt in unit.interrupts:
+        if interrupt.distance:
+            yield interrupt.distance, f'distance of interrupt "{interrupt.name}"'
+        if interrupt.wcet:
+            yield interrupt.wcet, f'wcet of interrupt "{interrupt.name}"'
 
 
 def _tick(values: set[int | Fraction], hyperperiod: Duration) -> Duration:
@@ -249,8 +295,8 @@ def _coarser(hyperperiod: Duration) -> Duration:
 CHECKS = (
     Check(
         "hyperperiod-jobs",
-        "Every mode has at most 10 000 000 jobs in its hyperperiod.",
-        (codes.TOO_MANY_JOBS,),
+        "Every mode has at most 10 000 000 jobs in its hyperperiod; it is pointed out where their parts can be more.",
+        (codes.TOO_MANY_JOBS, codes.MANY_PARTS),
         check_jobs,
     ),
     Check(

@@ -9,6 +9,7 @@ from halpipe.diagnostics import Severity
 from halpipe.durations import Duration
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
+from halpipe.pipeline.validate.sporadic import least_length, load_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -39,6 +40,7 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
     The sets tried are the unit sets of the tasks, and all units. Of sets that contain each other the smallest that is
     overloaded is reported.
     """
+    loads = {name: min(Fraction(1), load_of(unit)) for name, unit in context.units.items() if unit.interrupts}
     for mode in context.active:
         if mode.hyperperiod is None:
             continue
@@ -50,9 +52,10 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
                 continue
             needs = _needs_within(classes, units, units == everything)
             total = Duration(sum(need.amount for need in needs))
-            if total > mode.hyperperiod * len(units):
+            taken = sum((loads[unit] for unit in units & loads.keys()), Fraction(0))
+            if total > mode.hyperperiod * (len(units) - taken):
                 overloaded.append(units)
-                yield _units_overloaded(mode, mode.hyperperiod, sorted(units), needs, total)
+                yield _units_overloaded(mode, mode.hyperperiod, sorted(units), needs, total, taken)
 
 
 def _unit_classes(context: Context, mode: ActiveMode) -> dict[frozenset[str], list[_Need]]:
@@ -80,11 +83,12 @@ def _needs_within(
 
 
 def _units_overloaded(
-    mode: ActiveMode, hyperperiod: Duration, units: list[str], needs: list[_Need], total: Duration
+    mode: ActiveMode, hyperperiod: Duration, units: list[str], needs: list[_Need], total: Duration, taken: Fraction
 ) -> Diagnostic:
-    room = hyperperiod * len(units)
+    room = hyperperiod * (len(units) - taken)
     text = f"in each hyperperiod of {hyperperiod}, the tasks that can run only on {quoted(units)} need {total}, "
-    text += f"{total - room} more than the {room} there are; the largest: {_largest(needs)}"
+    interrupts = f" beside {hyperperiod * taken} of interrupts" if taken else ""
+    text += f"{total - room} more than the {room} there are{interrupts}; the largest: {_largest(needs)}"
     return codes.UNITS_OVERLOADED(text, at=place(mode.mode), path=mode.path, help=f"{_HELP}, or add units")
 
 
@@ -164,14 +168,20 @@ def check_length(context: Context) -> Iterator[Diagnostic]:
         if hyperperiod is None:
             continue
         for active in mode.tasks.values():
-            long = [v for v in active.versions if v.wcet and v.wcet > hyperperiod and not _is_late(active, v)]
+            lengths = {v.name: least_length(context.units, v) for v in active.versions}
+            long = [v for v in active.versions if _is_beyond(lengths[v.name], hyperperiod) and not _is_late(active, v)]
             severity = None if len(long) == len(active.versions) else Severity.WARNING
             for version in long:
-                text = f'version "{version.name}" needs {version.wcet}, longer than the hyperperiod of {hyperperiod}'
+                text = f'version "{version.name}" needs {lengths[version.name]}, longer than the hyperperiod of '
+                text += str(hyperperiod)
                 at = place(version, active.task)
                 path = f'{mode.path} task "{active.task.name}"'
                 help = "shorten the WCET, or lengthen a period of the mode"
                 yield codes.WCET_BEYOND_HYPERPERIOD(text, at=at, path=path, help=help, severity=severity)
+
+
+def _is_beyond(length: Duration | None, hyperperiod: Duration) -> bool:
+    return length is not None and length > hyperperiod
 
 
 def _is_late(active: ActiveTask, version: Version) -> bool:

@@ -37,6 +37,8 @@ def check_form(context: Context) -> Iterator[Diagnostic]:
     for unit in context.model.units:
         if unit.type:
             yield from _form(f'unit "{unit.name}": type', unit.type, unit)
+        for interrupt in unit.interrupts:
+            yield from _form(f'unit "{unit.name}" interrupt', interrupt.name, interrupt, unit)
     for task, version in context.versions_of_tasks:
         yield from _form(f'task "{task.name}" version', version.name, version, task)
     for task, version, access in context.accesses_of_versions:
@@ -58,6 +60,8 @@ def check_duplicates(context: Context) -> Iterator[Diagnostic]:
     """Every name is defined once."""
     for kind, elements in _named_elements(context):
         yield from _duplicates(kind, elements)
+    for unit in context.model.units:
+        yield from _duplicates(f'unit "{unit.name}" interrupt', list(unit.interrupts), unit)
     for task in context.model.tasks:
         yield from _duplicates(f"{task_path(task)} version", list(task.versions), task)
 

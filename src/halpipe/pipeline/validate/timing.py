@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.durations import ZERO
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, task_path, version_path
+from halpipe.pipeline.validate.sporadic import least_length
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def check_tasks(context: Context) -> Iterator[Diagnostic]:
 
 def _without_period(task: Task) -> Iterator[Diagnostic]:
     at, path = place(task), task_path(task)
-    for what, value in (("offset", task.offset), ("deadline", task.deadline)):
+    for what, value in (("offset", task.offset), ("deadline", task.deadline), ("distance", task.distance)):
         if value is not None:
             text = f"has the {what} {value} but no period to count it from"
             help = f"give the task a period, or remove the {what}"
@@ -52,7 +53,7 @@ def check_wcet(context: Context) -> Iterator[Diagnostic]:
     for task, version in context.versions_of_tasks:
         wcet = version.wcet
         if wcet is not None and wcet > ZERO:
-            yield from _too_long(task, version, wcet)
+            yield from _too_long(task, version, least_length(context.units, version) or wcet)
             continue
         at, path = place(version, task), version_path(task, version)
         if wcet is None:
@@ -65,12 +66,14 @@ def check_wcet(context: Context) -> Iterator[Diagnostic]:
 
 def _too_long(task: Task, version: Version, wcet: Duration) -> Iterator[Diagnostic]:
     period = task.period
-    if period is None or period <= ZERO:
+    if period is None or period <= ZERO or (task.distance is not None and task.distance < period):
         return
-    deadline = period if task.deadline is None else task.deadline
+    deadline, whose = (period, " (its period)") if task.deadline is None else (task.deadline, "")
+    if task.distance is not None:  # counted from the arrival, which is after the start of the job before
+        deadline = (task.distance if task.deadline is None else task.deadline) - period * (1 - task.slack)
+        whose = ", less the least time since the job before"
     if wcet > deadline:
-        text = f'version "{version.name}" needs {wcet}, its deadline is {deadline}'
-        text += " (its period)" if task.deadline is None else ""
+        text = f'version "{version.name}" needs {wcet}, its deadline is {max(deadline, ZERO)}{whose}'
         help = f"shorten the WCET by at least {wcet - deadline}, raise the deadline, or remove the version"
         yield codes.WCET_BEYOND_DEADLINE(text, at=place(version, task), path=task_path(task), help=help)
     elif wcet > period:
@@ -104,15 +107,24 @@ def check_negative(context: Context) -> Iterator[Diagnostic]:
 
 def _durations(context: Context) -> Iterator[tuple[str, str, Duration | None, tuple[Any, ...]]]:
     """Yield every duration of the model with what it is, its element's path, and the elements around it."""
+    for unit in context.model.units:
+        for interrupt in unit.interrupts:
+            path = f'unit "{unit.name}" interrupt "{interrupt.name}"'
+            yield "distance", path, interrupt.distance, (interrupt, unit)
+            yield "wcet", path, interrupt.wcet, (interrupt, unit)
     for task in context.model.tasks:
         path = task_path(task)
         yield "period", path, task.period, (task,)
+        if task.distance is not None:
+            yield "distance", path, task.distance, (task,)
         if task.offset is not None or task.deadline is not None:
             yield "offset", path, task.offset, (task,)
             yield "deadline", path, task.deadline, (task,)
         for version in task.versions:
             path = version_path(task, version)
             yield "WCET", path, version.wcet, (version, task)
+            yield "resume", path, version.split.resume, (version, task)
+            yield "min-part", path, version.split.min_part, (version, task)
             for access in version.accesses:
                 yield "access start", path, access.start, (access, version, task)
             for constraint in version.precedences:
