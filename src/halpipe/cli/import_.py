@@ -36,6 +36,9 @@ def import_(
     mapping: Annotated[
         str, typer.Option(help="AMALTHEA: tasks run where the mapping is stated, or free on all units.")
     ] = "stated",
+    pieces: Annotated[
+        str, typer.Option(help="AMALTHEA: the longest piece of a runnable of a preemptive task; 0ms does not cut any.")
+    ] = "5ms",
     calibrate: Annotated[
         list[str] | None,
         typer.Option(metavar="FILE", help="ROS: CSV of measured callback durations, for WCETs; repeatable."),
@@ -63,6 +66,7 @@ def import_(
     verbose: Verbose = False,
 ) -> int:
     """Read AMALTHEA, AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
+    from halpipe.durations import Duration
     from halpipe.exporters.native import format_model
     from halpipe.files import refuse_inputs, write_output
     from halpipe.flow.formats import import_model
@@ -79,6 +83,7 @@ def import_(
         wcet=wcet,
         memory=memory,
         mapping=mapping,
+        pieces=_read(pieces, Duration.parse, "--pieces"),
         calibrate=tuple(calibrate or ()),
         quantile=_read(quantile, quantile_of, "--quantile"),
         margin=_read(margin, parse_rational, "--margin"),

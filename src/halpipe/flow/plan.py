@@ -15,7 +15,7 @@ from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter
-from halpipe.importers.base import RESOURCES, ImportOptions, group_rule, quantile_of
+from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
 from halpipe.quantities import parse_rational
 from halpipe.settings import Fields
@@ -34,7 +34,7 @@ NOT_A_PIPELINE = error(
 VERSION = "1"
 _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
 _IMPORT = (
-    *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping"),
+    *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping", "pieces"),
     *("calibrate", "quantile", "margin", "groups", "strict"),
 )
 _SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
@@ -119,6 +119,7 @@ class _Reader:
             wcet=f.value("wcet", str, "upper"),
             memory=f.value("memory", str, "within"),
             mapping=f.value("mapping", str, "stated"),
+            pieces=f.value("pieces", Duration.parse, PIECES),
             calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
             quantile=f.value("quantile", quantile_of, Fraction(1)),
             margin=f.value("margin", parse_rational, Fraction(0)),

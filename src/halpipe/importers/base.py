@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.diagnostics import NOWHERE, Location
+from halpipe.durations import milliseconds
 from halpipe.quantities import parse_rational, quoted
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
     from halpipe.extent import Extent
     from halpipe.models import TaskModel
 
+
+PIECES = milliseconds(5)
+"""The longest piece between split points of a task that may be preempted anywhere."""
 
 IGNORED, RESOURCES = GROUP_RULES = ("ignored", "resources")
 """What becomes of mutually exclusive callback groups."""
@@ -44,7 +48,8 @@ class ImportOptions:
     """What the user may choose: `overlay` adds what the source lacks.
 
     `granularity` is for ARXML only; `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of an
-    execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds tasks.
+    execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds tasks;
+    `pieces` is the longest piece of a runnable of a preemptive task there (0: as long as it is).
     `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the WCET
     (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback groups are
     ignored or become resources.
@@ -56,6 +61,7 @@ class ImportOptions:
     wcet: str = "upper"
     memory: str = "within"
     mapping: str = "stated"
+    pieces: Duration = PIECES
     calibrate: tuple[str, ...] = ()
     quantile: Fraction = Fraction(1)
     margin: Fraction = Fraction(0)

@@ -34,6 +34,9 @@ class AmaltheaExporter:
             "tasks": "Task with its stimuli",
             "timing": "offset of the stimulus, ResponseTime limit; slack as custom property",
             "versions": "Runnable with Ticks (1 GHz) for each kind of unit; affinity; gang size as custom property",
+            "split": "`preemption`; points, resumption and limits as custom property of the runnable",
+            "binding": "custom property of the task",
+            "interrupts": "custom property of the unit; distance of arrivals as one of the task",
             "accesses": "custom property of the runnable",
             "transfers": "Label and LabelAccess; symbols as custom property",
             "precedence": "DelayConstraint between events",
@@ -44,7 +47,7 @@ class AmaltheaExporter:
             "schedule": "offsets or occurrence times of stimuli, affinity of tasks, versions chosen",
         },
         (
-            "Transition tables, costs and loads of the schedule are not written.",
+            "Transition tables, parts of jobs, costs and loads of the schedule are not written.",
             "Which job runs on which of several units is a custom property of the stimulus.",
             "Values that AMALTHEA rounds (picoseconds, whole ticks) stay exact in custom properties.",
         ),

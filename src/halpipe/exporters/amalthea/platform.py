@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.amalthea.document import Unique, add, add_property, named, ref, refs
+from halpipe.exporters.amalthea.document import Unique, add, add_property, add_structure, named, ref, refs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,6 +40,9 @@ def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mappin
         element = named(structure, "modules", "ProcessingUnit", unit.name, typed=True)
         element.set("frequencyDomain", ref("FrequencyDomain", _CLOCK))
         element.set("definition", ref("ProcessingUnitDefinition", definitions[unit.type]))
+        if unit.interrupts:
+            served = [{"name": i.name, "distance": str(i.distance), "wcet": str(i.wcet)} for i in unit.interrupts]
+            add_structure(element, "interrupts", served)
     for resource in model.resources:
         element = named(structure, "modules", "Memory", resource.name, typed=True)
         element.set("definition", ref("MemoryDefinition", resource.name))

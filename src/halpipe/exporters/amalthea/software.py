@@ -15,7 +15,7 @@ from halpipe.exporters.amalthea.document import (
     ref,
 )
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import AccessKind
+from halpipe.models import AccessKind, Binding
 from halpipe.quantities import format_rational, format_size
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from halpipe.durations import Duration
     from halpipe.exporters.amalthea.stimuli import Stimulus
-    from halpipe.models import Access, Task, TaskModel, Version
+    from halpipe.models import Access, Split, Task, TaskModel, Version
 
 _MODES = "SystemMode"
 
@@ -59,10 +59,14 @@ class Software:
         element = named(parent, "tasks", "Task", task.name)
         if stimuli:
             element.set("stimuli", " ".join(ref(kind_of(stimulus), stimulus.name) for stimulus in stimuli))
-        element.set("preemption", "non_preemptive")
+        element.set("preemption", _preemption(task))
         add_property(element, "period", _text(task.period))
         add_property(element, "offset", _text(task.offset))
         add_property(element, "slack", format_rational(task.slack))
+        if task.distance is not None:
+            add_property(element, "distance", str(task.distance))
+        if task.binding is not Binding.JOB:
+            add_property(element, "binding", str(task.binding))
         graph = add(element, "activityGraph")
         if len(task.versions) == 1:
             self._call(graph, task, task.versions[0])
@@ -86,6 +90,8 @@ class Software:
             add_property(element, "gang", str(version.gang))
         if version.accesses:
             add_structure(element, "accesses", [_access(access) for access in version.accesses])
+        if version.split.is_allowed:
+            add_structure(element, "split", _split(version.split))
         if version.source is not None:
             source = version.source
             parts = {"files": list(source.files), "entry": source.entry, "defines": list(source.defines)}
@@ -164,6 +170,24 @@ def _access(access: Access) -> dict[str, Any]:
         found["transfers"] = [
             {"buffer": t.buffer, "symbol": t.symbol, "size": format_size(t.size)} for t in access.transfers
         ]
+    return found
+
+
+def _preemption(task: Task) -> str:
+    """Return how far AMALTHEA can say where a task may be interrupted."""
+    if any(version.split.anywhere for version in task.versions):
+        return "preemptive"
+    return "cooperative" if any(version.split.points for version in task.versions) else "non_preemptive"
+
+
+def _split(split: Split) -> dict[str, Any]:
+    found: dict[str, Any] = {"points": [str(point) for point in split.points]} if split.points else {"anywhere": True}
+    if split.resume:
+        found["resume"] = str(split.resume)
+    if split.max_gaps is not None:
+        found["max-gaps"] = split.max_gaps
+    if split.min_part is not None:
+        found["min-part"] = str(split.min_part)
     return found
 
 

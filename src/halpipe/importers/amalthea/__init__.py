@@ -28,9 +28,12 @@ class AmaltheaFormat:
         {
             "units": "ProcessingUnit with its definition, Core with its type",
             "resources": "Memory that mapped labels are accessed in, with its peak data rate",
-            "tasks": "Task and ISR with their stimuli, cut where they wait for others",
+            "tasks": "Task with its stimuli, cut where it waits for others; ISR that activates tasks",
             "timing": "offset of the stimulus; ResponseTime and StartToStart limits",
             "versions": "Ticks or instructions, for each kind of processing unit; affinity and schedulers",
+            "split": "`preemption`, at the ends of runnables; preemptive ones also within runnables (`--pieces`)",
+            "binding": "allocation to one unit",
+            "interrupts": "ISR; sporadic stimuli and arrival curves as polled arrivals",
             "accesses": "LabelAccess, by sizes of labels, latencies and data rates",
             "transfers": "the labels accessed",
             "precedence": "DelayConstraint, RunnableSequencingConstraint, InterProcessTrigger, WaitEvent",

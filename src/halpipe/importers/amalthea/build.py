@@ -12,6 +12,7 @@ from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.account import account
 from halpipe.importers.amalthea.graph import Evaluator
 from halpipe.importers.amalthea.hardware import read_hardware
+from halpipe.importers.amalthea.interrupts import interrupts_of
 from halpipe.importers.amalthea.mapping import Mapping
 from halpipe.importers.amalthea.memory import Memories
 from halpipe.importers.amalthea.modefiles import is_list, merge, read_list
@@ -21,6 +22,7 @@ from halpipe.importers.amalthea.parts import make_drafts
 from halpipe.importers.amalthea.properties import text_of
 from halpipe.importers.amalthea.reactions import Reactions
 from halpipe.importers.amalthea.sniff import load
+from halpipe.importers.amalthea.splitting import Splitter
 from halpipe.importers.amalthea.tasks import TaskBuilder
 from halpipe.importers.amalthea.timing import reactions_of, read_timing
 from halpipe.importers.amalthea.values import STATISTICS
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.tasks import Built
     from halpipe.importers.amalthea.xmi import Item
     from halpipe.importers.base import ImportOptions
-    from halpipe.models import Chain
+    from halpipe.models import Chain, Interrupt
 
 MAPPING_CHOICES = ("stated", "free")
 
@@ -113,17 +115,19 @@ def _model(
     drafts = make_drafts(forest, modes, evaluator, options.overlay)
     _stop_without_tasks(forest, drafts, findings)
     memories = Memories(forest, hardware)
-    makers = VersionMaker(forest, evaluator, memories, units, modes=modes, memory=options.memory)
+    splitter = Splitter(evaluator, options.pieces, added=options.memory == "added")
+    makers = VersionMaker(forest, evaluator, memories, units, modes=modes, memory=options.memory, splitter=splitter)
     mapping = Mapping(forest) if options.mapping == "stated" else None
     timing = read_timing(forest, drafts)
     builder = TaskBuilder(
         forest, hardware, units, mapping=mapping, versions=makers, memories=memories, coverage=coverage
     )
     built = builder.build(drafts, timing)
+    interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes)
     runs = _modes(forest, modes, built)
     model = TaskModel(
         name=legal(options.name or _name(forest, paths)),
-        units=_units(hardware, units, is_own=carried.is_own(forest)),
+        units=_units(hardware, units, interrupts, is_own=carried.is_own(forest)),
         resources=memories.resources(built.resources),
         tasks=built.tasks,
         chains=_named(forest, built.chains),
@@ -162,7 +166,9 @@ def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:
     return {unit.item: names.unique(unit.item.name, "processing unit", unit.item.at) for unit in hardware.units}
 
 
-def _units(hardware: Hardware, names: dict[Item, str], *, is_own: bool) -> tuple[Unit, ...]:
+def _units(
+    hardware: Hardware, names: dict[Item, str], interrupts: dict[Item, tuple[Interrupt, ...]], *, is_own: bool
+) -> tuple[Unit, ...]:
     found = []
     for unit in hardware.units:
         unit.item.use()
@@ -172,7 +178,10 @@ def _units(hardware: Hardware, names: dict[Item, str], *, is_own: bool) -> tuple
             stated = text_of(unit.type, "type")
             kind = legal(unit.type.name if stated is None else stated) if stated != "" else ""
         at = unit.item.at
-        found.append(Unit(name=names[unit.item], type=kind, origin=Origin(at.file, at.line, unit.item.name)))
+        origin = Origin(at.file, at.line, unit.item.name)
+        own = carried.interrupts_of(unit.item) if is_own else ()
+        served = (*own, *interrupts.get(unit.item, ()))
+        found.append(Unit(name=names[unit.item], type=kind, interrupts=served, origin=origin))
     return tuple(found) or (() if is_own else (Unit(name=UNIT),))
 
 

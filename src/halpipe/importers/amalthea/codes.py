@@ -105,8 +105,9 @@ NO_PERIOD = warning(
 )
 SPORADIC = note(
     "HAL1222",
-    "Sporadic activation is taken at its shortest distance",
-    "A schedule that serves the densest arrivals serves all others, too.",
+    "Sporadic activation is polled",
+    "The task has the least distance of its arrivals, and a period at which it looks for them: short enough to serve "
+    "the densest arrivals in time, and one that leaves the hyperperiod of the other tasks as it is.",
 )
 SEVERAL_TRIGGERS = warning(
     "HAL1223",
@@ -230,4 +231,17 @@ RENAMED = note(
     "HAL1249",
     "Name was adapted",
     "Names of model elements have no white space and no glob characters; other characters were replaced by _.",
+)
+UNKNOWN_INTERRUPT = warning(
+    "HAL1250",
+    "Interrupt routines are not accounted for",
+    "An interrupt routine takes time from every job of its unit, which a schedule must reserve. Of these the execution "
+    "time, the least distance of their arrivals or the unit is not stated, so that no time is reserved for them.",
+)
+CUT_RUNNABLES = note(
+    "HAL1251",
+    "Preemptive tasks are cut within runnables",
+    "A preemptive task may be interrupted anywhere. Where a runnable is longer than the longest piece (--pieces), jobs "
+    "may be interrupted at multiples of that, too: the target has to hold the job there, for example by a call of the "
+    "scheduler.",
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import Duration
+from halpipe.durations import ZERO, Duration
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.properties import (
@@ -20,7 +20,20 @@ from halpipe.importers.amalthea.properties import (
     value_of,
 )
 from halpipe.importers.amalthea.stimuli import PERIODIC, Activation, activations_of
-from halpipe.models import Access, AccessKind, Mode, Run, Source, Transfer, Transition, Version
+from halpipe.models import (
+    WHOLE,
+    Access,
+    AccessKind,
+    Binding,
+    Interrupt,
+    Mode,
+    Run,
+    Source,
+    Split,
+    Transfer,
+    Transition,
+    Version,
+)
 from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
@@ -50,7 +63,8 @@ def activation_of(forest: Forest, task: Item, stimuli: Sequence[Item]) -> Activa
     period = value_of(forest, task, _PERIOD, optional_duration)
     offset = value_of(forest, task, "offset", optional_duration)
     stimulus = stimuli[0] if stimuli else None
-    exact = None if period is None else Activation(period, offset, stimulus)
+    distance = value_of(forest, task, "distance", optional_duration)
+    exact = None if period is None else Activation(period, offset, stimulus, distance)
     if stimulus is None or any(text_of(found, "placed") is not None for found in stimuli):
         return exact
     stated = next(iter(activations_of(forest, stimulus)), None)
@@ -69,6 +83,26 @@ def activation_of(forest: Forest, task: Item, stimuli: Sequence[Item]) -> Activa
 def slack_of(forest: Forest, task: Item) -> Fraction:
     """Return the slack of a carried task."""
     return value_of(forest, task, "slack", parse_rational) or Fraction(0)
+
+
+def binding_of(forest: Forest, task: Item) -> Binding:
+    """Return the binding of a carried task."""
+    return value_of(forest, task, "binding", Binding) or Binding.JOB
+
+
+def interrupts_of(unit: Item) -> tuple[Interrupt, ...]:
+    """Return the interrupts that halpipe wrote to a unit; none if they cannot be read."""
+    try:
+        return tuple(
+            Interrupt(
+                name=legal(found["name"]),
+                distance=Duration.parse(found["distance"]),
+                wcet=Duration.parse(found["wcet"]),
+            )
+            for found in structure(text_of(unit, "interrupts") or "[]")
+        )
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +150,7 @@ def _version(forest: Forest, runnable: Item, name: str, platform: Platform) -> V
         gang=1 if gang is None else gang,
         accesses=accesses,
         source=value_of(forest, runnable, "source", _source),
+        split=value_of(forest, runnable, "split", _split) or WHOLE,
     )
 
 
@@ -157,6 +192,17 @@ def _access(found: Mapping[str, Any]) -> Access:
             Transfer(buffer=legal(t["buffer"]), symbol=legal(t["symbol"]), size=parse_size(t["size"]))
             for t in found.get("transfers", ())
         ),
+    )
+
+
+def _split(text: str) -> Split:
+    found = structure(text)
+    return Split(
+        points=tuple(Duration.parse(point) for point in found.get("points", ())),
+        anywhere=found.get("anywhere") is True,
+        resume=Duration.parse(found["resume"]) if "resume" in found else ZERO,
+        max_gaps=int(found["max-gaps"]) if "max-gaps" in found else None,
+        min_part=Duration.parse(found["min-part"]) if "min-part" in found else None,
     )
 
 

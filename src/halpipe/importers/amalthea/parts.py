@@ -7,14 +7,18 @@ that triggers it; of several, the shortest.
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, GROUPS, everything, steps
+from halpipe.importers.amalthea.interrupts import is_interrupt
 from halpipe.importers.amalthea.names import Names, few
 from halpipe.importers.amalthea.own_export import activation_of, is_carried
 from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
+from halpipe.importers.polling import polling_period
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -61,6 +65,8 @@ class Drafts:
     by_task: dict[Item, list[Draft]] = field(default_factory=dict)
     parts: dict[Item, list[Part]] = field(default_factory=dict)
     without: dict[Item, str] = field(default_factory=dict)
+    routines: dict[Item, Duration | None] = field(default_factory=dict)
+    """Interrupt routines, with the least distance of their arrivals."""
 
     def of(self, task: Item) -> list[Draft]:
         """Return the drafts of a task."""
@@ -83,7 +89,9 @@ class _Drafting:
         self.evaluator = evaluator
         self.overlay = overlay
         self.result = Drafts()
-        self.tasks = [t for t in forest.within("SWModel", "tasks", "isrs") if not self._is_dropped(t)]
+        found = [t for t in forest.within("SWModel", "tasks", "isrs") if not self._is_dropped(t)]
+        self.routines = [task for task in found if is_interrupt(forest, task)]
+        self.tasks = [task for task in found if task not in self.routines]
         self.by_task = self.result.by_task
         self.triggers: dict[Item, list[tuple[Part, Item]]] = {}
         self.setters: dict[Item, list[tuple[Part, Item]]] = {}
@@ -101,7 +109,9 @@ class _Drafting:
         self._report_waits(settable)
         self._index()
         self._activate()
+        self._poll()
         self._inherit()
+        self._interrupts()
         self._name()
         self._connect()
         self._spread_modes()
@@ -158,6 +168,31 @@ class _Drafting:
                 groups[period, None] = (Activation(period, None, None), everywhere)
             for activation, modes in groups.values():
                 self._add(task, activation, modes)
+
+    def _poll(self) -> None:
+        """Choose for sporadic activations the period of polling that leaves the hyperperiod of the others as it is."""
+        drafts = [draft for drafts in self.by_task.values() for draft in drafts]
+        periods = [d.activation.period for d in drafts if d.activation is not None and d.activation.distance is None]
+        polled: dict[Item, Activation] = {}
+        for draft in drafts:
+            activation = draft.activation
+            if activation is None or activation.distance is None or is_carried(draft.task):
+                continue
+            draft.activation = replace(activation, period=polling_period(activation.distance, periods))
+            if activation.stimulus is not None:
+                polled.setdefault(activation.stimulus, draft.activation)
+        help = "state another period in an overlay, if arrivals so dense cannot be"
+        for stimulus, activation in polled.items():
+            what = f"comes at most every {activation.distance}; its tasks look for it every {activation.period}"
+            self.forest.report(codes.SPORADIC, what, stimulus, help)
+
+    def _interrupts(self) -> None:
+        """Note the least distance of the arrivals of each interrupt routine."""
+        for routine in self.routines:
+            found = [a for s in self.forest.refs(routine, "stimuli") for a in activations_of(self.forest, s)]
+            several = sum((1 / Fraction(a.distance.ns if a.distance else a.period.ns) for a in found), Fraction(0))
+            stated = None if self.overlay is None else self.overlay.task_period(routine.name)
+            self.result.routines[routine] = stated or (Duration(1 / several) if several else None)
 
     def _carried(self, task: Item, stimuli: Sequence[Item]) -> None:
         activation = activation_of(self.forest, task, stimuli)

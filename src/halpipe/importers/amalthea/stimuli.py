@@ -25,11 +25,15 @@ _MOST_OCCURRENCES = 1000
 
 @dataclass(frozen=True, slots=True)
 class Activation:
-    """A periodic activation; `offset` is None where the stimulus states none."""
+    """A periodic activation; `offset` is None where the stimulus states none.
+
+    With `distance` it stands for sporadic arrivals at least so far apart; then the period is that of polling.
+    """
 
     period: Duration
     offset: Duration | None
     stimulus: Item | None
+    distance: Duration | None = None
 
 
 def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
@@ -41,9 +45,9 @@ def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
     elif stimulus.kind in BURST:
         found = _burst(forest, stimulus)
     elif stimulus.kind in SPORADIC:
-        found = _densest(forest, stimulus, _shortest(forest, stimulus.one("nextOccurrence", "stimulusDeviation")))
+        found = _densest(stimulus, _shortest(forest, stimulus.one("nextOccurrence", "stimulusDeviation")))
     elif stimulus.kind in CURVE:
-        found = _densest(forest, stimulus, _curve(forest, stimulus))
+        found = _densest(stimulus, _curve(forest, stimulus))
     else:
         found = []
     if found:
@@ -101,12 +105,9 @@ def _spread(period: Duration, times: Sequence[Duration], stimulus: Item) -> list
     return [Activation(period, offset, stimulus) for offset in offsets]
 
 
-def _densest(forest: Forest, stimulus: Item, period: Duration | None) -> list[Activation]:
-    if not period:
-        return []
-    help = "state another period in an overlay, if arrivals so dense cannot be"
-    forest.report(codes.SPORADIC, f"is taken as periodic with {period}, its shortest distance", stimulus, help)
-    return [Activation(period, None, stimulus)]
+def _densest(stimulus: Item, distance: Duration | None) -> list[Activation]:
+    """Return arrivals at their least distance; the period of polling follows from all others."""
+    return [Activation(distance, None, stimulus, distance)] if distance else []
 
 
 def _shortest(forest: Forest, deviation: Item | None) -> Duration | None:

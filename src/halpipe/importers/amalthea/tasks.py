@@ -11,8 +11,9 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.properties import text_of
+from halpipe.importers.amalthea.splitting import preemption_of
 from halpipe.importers.amalthea.timing import Window
-from halpipe.models import Anchor, Chain, Origin, Precedence, Task
+from halpipe.models import Anchor, Binding, Chain, Origin, Precedence, Task
 
 if TYPE_CHECKING:
     from collections.abc import Mapping as Map
@@ -217,18 +218,30 @@ class TaskBuilder:
             kept.append(_precedence(window, version))
         return replace(version, precedences=tuple(kept))
 
+    def _binding(self, draft: Draft) -> Binding:
+        """Return `system` for a task that is allocated to one unit: a job of it never runs elsewhere."""
+        if carried.is_carried(draft.task):
+            return carried.binding_of(self._forest, draft.task)
+        bound = None if self._mapping is None else self._mapping.units(draft.task)
+        return Binding.SYSTEM if bound is not None and len(bound) == 1 else Binding.JOB
+
     def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
         versions = tuple(
             self._with(version, index, draft, windows[draft])
             for index, version in enumerate(self._state.versions[draft])
         )
+        is_split = preemption_of(draft.task) or carried.is_carried(draft.task)
+        if not is_split:
+            self._coverage.defaulted(f'task "{draft.name}"', "preemption", "none: jobs run in one piece", at)
         return Task(
             name=draft.name,
             period=None if draft.activation is None else draft.activation.period,
             slack=limits.slack,
             offset=None if draft.activation is None else draft.activation.offset,
             deadline=limits.deadline,
+            distance=None if draft.activation is None else draft.activation.distance,
+            binding=self._binding(draft),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )

@@ -9,7 +9,7 @@ from halpipe.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.memory import length_of, placed
 from halpipe.importers.amalthea.names import legal
-from halpipe.models import Version
+from halpipe.models import WHOLE, Version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.importers.amalthea.graph import Amount, Evaluator
     from halpipe.importers.amalthea.hardware import Pu
-    from halpipe.importers.amalthea.memory import Memories, Phase
+    from halpipe.importers.amalthea.memory import Memories
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.parts import Draft
+    from halpipe.importers.amalthea.splitting import Splitter
     from halpipe.importers.amalthea.xmi import Forest, Item
+    from halpipe.models import Access, Split
 
 UNIT = "core0"
 VERSION = "default"
@@ -48,6 +50,7 @@ class VersionMaker:
         *,
         modes: Sequence[SystemMode],
         memory: str,
+        splitter: Splitter,
     ) -> None:
         self._forest = forest
         self._evaluator = evaluator
@@ -55,6 +58,7 @@ class VersionMaker:
         self._units = units
         self._modes = modes
         self._memory = memory
+        self._splitter = splitter
         self.too_long: dict[Item, None] = {}
         self.impossible: dict[Item, None] = {}
 
@@ -87,39 +91,46 @@ class VersionMaker:
 
     def _of_group(self, draft: Draft, group: Sequence[Pu], amounts: Mapping[str, Amount], result: Versions) -> None:
         """Make the versions on one kind of unit: one, or several where modes choose different work."""
-        works: dict[tuple[Duration | None, tuple[Phase, ...]], list[str]] = {}
-        for mode, amount in amounts.items():
-            if amount.is_possible:
-                works.setdefault(self._work(draft, amount, group[0]), []).append(mode)
+        works: dict[tuple[Duration | None, tuple[Access, ...], Split], list[str]] = {}
+        for mode in self._modes:
+            amount = amounts.get(mode.name)
+            if amount is not None and amount.is_possible:
+                works.setdefault(self._work(draft, amount, group[0], mode), []).append(mode.name)
         base = _unique(legal(group[0].type.name) if group[0].type else VERSION, result.items)
-        for (wcet, phases), modes in works.items():
+        for (wcet, accesses, split), modes in works.items():
             name = base if len(works) == 1 else _unique(f"{base}:{modes[0]}", result.items)
             result.items.append(
                 Version(
                     name=name,
                     wcet=wcet,
                     units=tuple(self._units[unit.item] for unit in group),
-                    accesses=placed(phases, wcet) if wcet is not None else (),
+                    accesses=accesses,
+                    split=split,
                 )
             )
             for mode in modes:
                 result.by_mode[mode].append(name)
 
-    def _work(self, draft: Draft, amount: Amount, unit: Pu) -> tuple[Duration | None, tuple[Phase, ...]]:
-        """Return the WCET and the access phases of some work on a unit."""
+    def _work(
+        self, draft: Draft, amount: Amount, unit: Pu, mode: SystemMode
+    ) -> tuple[Duration | None, tuple[Access, ...], Split]:
+        """Return the WCET of some work on a unit, its access phases, and where it may be interrupted."""
         if not unit.frequency or not amount.is_known:
-            return None, ()
+            return None, (), WHOLE
         stated = seconds(amount.cycles / unit.frequency)
         phases = () if self._memory == "none" else tuple(self._memories.phases(amount, unit))
         accesses = length_of(phases)
-        if self._memory == "added":
-            return stated + accesses, phases
-        if accesses > stated:
+        if self._memory != "added" and accesses > stated:
             self.too_long[draft.task] = None
-        return max(stated, accesses), phases
+        wcet = stated + accesses if self._memory == "added" else max(stated, accesses)
+        laid = placed(phases, wcet)
+        return wcet, laid, self._splitter.split(draft, mode, unit, phases, laid, wcet)
 
     def report(self) -> None:
         """Report what concerns all tasks."""
+        help = "state where it may be interrupted in an overlay, or the longest piece with --pieces"
+        cut = list(self._splitter.cut)
+        self._forest.report_each(codes.CUT_RUNNABLES, "preemptive tasks are cut within runnables", cut, help)
         help = "state their units or their ticks for those units, or WCETs in an overlay"
         message = "tasks state times for other kinds of units only than they are bound to"
         self._forest.report_each(codes.IMPOSSIBLE_UNIT, message, list(self.impossible), help)

@@ -1,0 +1,70 @@
+"""Interrupt service routines: what interrupts the jobs of a unit, at most so often and for so long (MODEL 8.1)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.durations import seconds
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.graph import everything, steps
+from halpipe.importers.amalthea.names import Names
+from halpipe.models import Interrupt, Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.durations import Duration
+    from halpipe.importers.amalthea.graph import Evaluator
+    from halpipe.importers.amalthea.hardware import Hardware, Pu
+    from halpipe.importers.amalthea.mapping import Mapping as Allocation
+    from halpipe.importers.amalthea.modes import SystemMode
+    from halpipe.importers.amalthea.xmi import Forest, Item
+
+_ACTIVATES = ("InterProcessTrigger", "InterProcessActivation", "CustomEventTrigger", "SetEvent")
+
+
+def is_interrupt(forest: Forest, task: Item) -> bool:
+    """Return whether a routine only takes time: one that activates tasks, or lets them go on, is a task itself."""
+    return task.kind == "ISR" and not any(step.kind in _ACTIVATES for step in everything(forest, steps(task)))
+
+
+def interrupts_of(
+    forest: Forest,
+    routines: Mapping[Item, Duration | None],
+    hardware: Hardware,
+    allocation: Allocation | None,
+    evaluator: Evaluator,
+    modes: Sequence[SystemMode],
+) -> dict[Item, tuple[Interrupt, ...]]:
+    """Return the interrupts of every unit; report the routines whose time, distance or unit is not known.
+
+    `routines` have the least distance of their arrivals. One that may run on several units interrupts each of them.
+    """
+    names = Names(forest.findings)
+    found: dict[Item, tuple[Interrupt, ...]] = {}
+    lacking: list[Item] = []
+    for routine, distance in routines.items():
+        bound = None if allocation is None else allocation.units(routine)
+        units = [unit for unit in hardware.units if bound is None or unit.item in bound]
+        times = {unit.item: _time(routine, unit, evaluator, modes) for unit in units}
+        if not distance or not times or not all(times.values()):
+            lacking.append(routine)
+            continue
+        routine.use()
+        name = names.unique(routine.name, "interrupt", routine.at)
+        origin = Origin(routine.at.file, routine.at.line, routine.name)
+        for unit, time in times.items():
+            if time is not None:
+                interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
+                found[unit] = (*found.get(unit, ()), interrupt)
+    help = "state them as interrupts of their unit under platform: in an overlay"
+    forest.report_each(codes.UNKNOWN_INTERRUPT, "interrupt routines have no time, distance or unit", lacking, help)
+    return found
+
+
+def _time(routine: Item, unit: Pu, evaluator: Evaluator, modes: Sequence[SystemMode]) -> Duration | None:
+    """Return the longest time of a routine on a unit in any mode; None if some of it is not known."""
+    amounts = [evaluator.amount(steps(routine), mode, unit) for mode in modes]
+    if not unit.frequency or not all(amount.is_known and amount.is_timed for amount in amounts):
+        return None
+    return seconds(max(amount.cycles for amount in amounts) / unit.frequency)
