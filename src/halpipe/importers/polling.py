@@ -15,10 +15,10 @@ _MOST_TRIES = 10_000
 def polling_period(distance: Duration, periods: Iterable[Duration]) -> Duration:
     """Return a period that serves arrivals `distance` apart and leaves the hyperperiod of `periods` as it is.
 
-    At most three quarters of the distance, so that a quarter is left to run in: the largest such part of the
-    hyperperiod with two significant digits, or else the largest part at all. Without other periods 1, 2 or 5 of a unit.
+    At most four fifths of the distance, so that a fifth is left to run in: the largest such part of the
+    hyperperiod with two significant digits, or else the largest part at all. Without other periods its first digit.
     """
-    limit = distance * 3 / 4
+    limit = distance * 4 / 5
     hyperperiod = least_common_multiple(periods)
     if not hyperperiod:
         return _round(limit)
@@ -32,7 +32,6 @@ def _is_plain(period: Duration) -> bool:
 
 
 def _round(limit: Duration) -> Duration:
-    """Return the largest of 1, 2 and 5 nanoseconds times a power of ten up to a limit; the limit, if it is below."""
+    """Return a limit with its first digit only; as it is, if it is below a nanosecond."""
     power = 10 ** (len(str(int(limit.fraction))) - 1)
-    fitting = [number * power for number in (1, 2, 5) if number * power <= limit.fraction]
-    return Duration(max(fitting)) if fitting else limit
+    return Duration(int(limit.fraction) // power * power) if limit >= Duration(1) else limit

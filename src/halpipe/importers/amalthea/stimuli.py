@@ -19,6 +19,7 @@ SYNTHETIC = ("PeriodicSyntheticStimulus", "PeriodicSynthetic")
 BURST = ("PeriodicBurstStimulus", "PeriodicBurst")
 SPORADIC = ("RelativePeriodicStimulus", "SporadicStimulus", "Sporadic")
 CURVE = ("ArrivalCurveStimulus", "ArrivalCurve")
+VARIABLE = ("VariableRateStimulus", "VariableRate")
 TRIGGERED = ("InterProcessStimulus", "InterProcess", "EventStimulus")
 _MOST_OCCURRENCES = 1000
 
@@ -48,6 +49,8 @@ def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
         found = _densest(stimulus, _shortest(forest, stimulus.one("nextOccurrence", "stimulusDeviation")))
     elif stimulus.kind in CURVE:
         found = _densest(stimulus, _curve(forest, stimulus))
+    elif stimulus.kind in VARIABLE:
+        found = _densest(stimulus, _step(forest, stimulus))
     else:
         found = []
     if found:
@@ -108,6 +111,13 @@ def _spread(period: Duration, times: Sequence[Duration], stimulus: Item) -> list
 def _densest(stimulus: Item, distance: Duration | None) -> list[Activation]:
     """Return arrivals at their least distance; the period of polling follows from all others."""
     return [Activation(distance, None, stimulus, distance)] if distance else []
+
+
+def _step(forest: Forest, stimulus: Item) -> Duration | None:
+    """Return the distance of the occurrences of a rate that no scenario changes; None where one does."""
+    step, count = _time(forest, stimulus, "step"), stimulus.one("occurrencesPerStep")
+    stated = forest.number(stimulus, "occurrencesPerStep") if count is None else forest.number(count, "value")
+    return step / stated if step and stated and stimulus.one("scenario") is None else None
 
 
 def _shortest(forest: Forest, deviation: Item | None) -> Duration | None:

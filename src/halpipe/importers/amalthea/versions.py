@@ -92,10 +92,10 @@ class VersionMaker:
     def _of_group(self, draft: Draft, group: Sequence[Pu], amounts: Mapping[str, Amount], result: Versions) -> None:
         """Make the versions on one kind of unit: one, or several where modes choose different work."""
         works: dict[tuple[Duration | None, tuple[Access, ...], Split], list[str]] = {}
-        for mode in self._modes:
-            amount = amounts.get(mode.name)
+        for chosen in self._modes:
+            amount = amounts.get(chosen.name)
             if amount is not None and amount.is_possible:
-                works.setdefault(self._work(draft, amount, group[0], mode), []).append(mode.name)
+                works.setdefault(self._work(draft, amount, group[0], chosen), []).append(chosen.name)
         base = _unique(legal(group[0].type.name) if group[0].type else VERSION, result.items)
         for (wcet, accesses, split), modes in works.items():
             name = base if len(works) == 1 else _unique(f"{base}:{modes[0]}", result.items)

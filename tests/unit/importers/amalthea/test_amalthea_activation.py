@@ -55,7 +55,7 @@ def activations(imported):
             "RelativePeriodicStimulus",
             ['<nextOccurrence xsi:type="am:TimeBoundaries">', time("lowerBound", 7), "</nextOccurrence>"],
             {},
-            {"T": ("7ms", "None")},
+            {"T": ("5ms", "None")},
         ),
         (
             "ArrivalCurveStimulus",
@@ -64,7 +64,7 @@ def activations(imported):
                 *('<entries numberOfOccurrences="2">', time("lowerTimeBorder", 5), "</entries>"),
             ],
             {},
-            {"T": ("5ms", "None")},
+            {"T": ("4ms", "None")},
         ),
     ],
 )
@@ -77,9 +77,11 @@ def test_stimuli_become_periods(tmp_path, kind, parts, attributes, expected):
     assert bool(found(imported.diagnostics, codes.SEVERAL_ACTIVATIONS)) == (len(expected) > 1)
 
 
-def test_interrupt_routines_are_tasks(tmp_path):
-    sw = '<isrs name="I" stimuli="p10?type=PeriodicStimulus"><activityGraph>' + ticks(5) + "</activityGraph></isrs>"
-    assert activations(read(tmp_path, sw=sw)) == {"I": ("10ms", "None")}
+def test_interrupt_routines_that_activate_tasks_are_tasks(tmp_path):
+    own = '<isrs name="I" stimuli="p10?type=PeriodicStimulus"><activityGraph>' + ticks(5) + TRIGGER
+    sw = own + "</activityGraph></isrs>" + task("T", ticks(5), stimuli="go?type=InterProcessStimulus")
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO)
+    assert activations(imported) == {"I": ("10ms", "None"), "T": ("10ms", "None")}
 
 
 def test_jitter_is_told(tmp_path):
