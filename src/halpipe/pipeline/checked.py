@@ -83,10 +83,14 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
 
 def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid, on_progress: OnProgress) -> Scheduled:
     """Schedule the model as bandwidth regulators serve it, and hold the result to the model as it is."""
-    from halpipe.pipeline.solve.codes import GRID_BREAKS, GRID_TICK, GRID_TIGHT
+    from halpipe.pipeline.parts import has_whole_jobs
+    from halpipe.pipeline.solve.codes import GRID_BREAKS, GRID_TICK, GRID_TIGHT, GRID_WHOLE
     from halpipe.pipeline.solve.quantise import describe, quantise, restore
 
     path = f'model "{model.name}"'
+    if not has_whole_jobs(model):
+        help = "leave --quantise away; the export rounds budgets to the safe side"
+        raise HalpipeError(GRID_WHOLE("has jobs that may be split or interrupted", at=model.at, path=path, help=help))
     if options.tick is not None and options.tick % grid.window:
         near = grid.window * max(1, round(options.tick / grid.window))
         message = f"the tick {options.tick} is not a multiple of the window {grid.window} of platform {grid.name}"

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 from halpipe.durations import ZERO, Duration
-from halpipe.models import Job, Part
+from halpipe.models import Binding, Job, Part
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -25,9 +25,14 @@ Service: TypeAlias = "tuple[tuple[T, T], ...]"
 """The interrupts that a job has to suffer, each with its distance T and its time c."""
 
 
-def serves(model: TaskModel) -> bool:
-    """Return whether any unit of the model serves interrupts."""
-    return any(unit.interrupts for unit in model.units)
+def has_whole_jobs(model: TaskModel) -> bool:
+    """Return whether the model uses nothing of MODEL 8: its jobs run in one piece, wherever they may, undisturbed."""
+    versions = (version for task in model.tasks for version in task.versions)
+    return not (
+        any(unit.interrupts for unit in model.units)
+        or any(task.distance is not None or task.binding is not Binding.JOB for task in model.tasks)
+        or any(version.split.is_allowed for version in versions)
+    )
 
 
 def service_of(units: Mapping[str, Unit], names: Iterable[str]) -> Service[Duration]:

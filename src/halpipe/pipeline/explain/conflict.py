@@ -11,9 +11,9 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.models import Binding
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
+from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
 
@@ -73,16 +73,6 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
     if answer(kept, seed=2) is not Answer.INFEASIBLE:
         return Conflict(Answer.UNKNOWN)
     return Conflict(Answer.INFEASIBLE, kept, is_minimal)
-
-
-def has_whole_jobs(model: TaskModel) -> bool:
-    """Return whether the model uses nothing of MODEL 8: its jobs run in one piece, wherever they may, undisturbed."""
-    versions = (version for task in model.tasks for version in task.versions)
-    return not (
-        any(unit.interrupts for unit in model.units)
-        or any(task.distance is not None or task.binding is not Binding.JOB for task in model.tasks)
-        or any(version.split.is_allowed for version in versions)
-    )
 
 
 def _reduce(kept: Kept, answer: Callable[[Kept], Answer], go_on: Callable[[], bool]) -> tuple[Kept, bool]:

@@ -74,6 +74,24 @@ EXACT_TICK = error(
     "Exact engine takes no tick",
     "It computes on the grid that loses nothing. Leave --tick away, or use the annealer.",
 )
+EXACT_WHOLE = error(
+    "HAL0425",
+    "Exact engine places whole jobs only",
+    "It knows no split points, interrupts, bound tasks and sporadic arrivals (docs/explanation/model.md). The annealer "
+    "does.",
+)
+FREEZE_WHOLE = error(
+    "HAL0426",
+    "Split jobs cannot be frozen",
+    "With --freeze, jobs keep their places in the search for the others. That is done for modes of whole jobs only. "
+    "Without it, the same model, options and seed give the same schedule.",
+)
+GRID_WHOLE = error(
+    "HAL0458",
+    "Regulator grid is for whole jobs only",
+    "--quantise moves access phases to whole windows of a bandwidth regulator. In a mode with split jobs or interrupts "
+    "the instants of phases depend on where jobs are split.",
+)
 CANNOT_STAY = warning(
     "HAL0412",
     "Shipped task cannot stay",

@@ -13,10 +13,13 @@ from halpipe.durations import greatest_common_divisor
 from halpipe.models import Binding, Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
     EXACT_INFEASIBLE,
     EXACT_TICK,
+    EXACT_WHOLE,
+    FREEZE_WHOLE,
     INTERRUPTED,
     NO_OPTION,
     NOT_FOUND,
@@ -263,6 +266,10 @@ def _schedule_parts(
     from halpipe.pipeline.solve.edf.works import works_of
 
     name = expansion.mode.name
+    if options.shipped is not None:
+        text = "its jobs may be split, so none can be kept where it has shipped"
+        help = "leave --freeze away; tasks with binding stay on their units"
+        raise HalpipeError(FREEZE_WHOLE(text, at=expansion.mode.at, path=f'mode "{name}"', help=help))
     _check_tick(expansion, options.tick)
     mode = works_of(model, expansion, options.tick or natural_tick(expansion))
     _refuse_stuck(
@@ -318,6 +325,8 @@ def _solve_mode(
 
     mode = expansion.mode
     path = f'mode "{mode.name}"'
+    if not has_whole_jobs(model):
+        raise HalpipeError(EXACT_WHOLE("cannot schedule this model", at=mode.at, path=path, help="use --engine anneal"))
     if options.tick is not None:
         raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
     seed = _mode_seed(options.seed, number, options.attempt) % 2**31

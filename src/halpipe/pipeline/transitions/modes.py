@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations, islice
 from typing import TYPE_CHECKING
 
 from halpipe.durations import greatest_common_divisor
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.measure.placement import PlacedJob, PlacedPhase
     from halpipe.pipeline.parts import Service
+
+GANG_SETS = 16
+"""Unit sets that are tried for a gang whose units serve interrupts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +96,11 @@ class GridMode:
             yield from dict.fromkeys(patterns)
 
     def _whole(self, active: ActiveTask, version: Version, units: tuple[str, ...]) -> Iterator[Shape]:
-        """Yield shapes in one piece, each for units with the same interrupts; of gangs only what needs no choice."""
+        """Yield shapes in one piece, each for units with the same interrupts; of gangs, for some sets of them."""
         if version.gang > 1:
-            service = self._placing.service(units)
-            if not service or version.gang == len(units):
-                yield self._shape(active, version, units, service)
+            sets = [units] if not self._placing.service(units) else islice(combinations(units, version.gang), GANG_SETS)
+            for chosen in sets:
+                yield self._shape(active, version, tuple(chosen), self._placing.service(tuple(chosen)))
             return
         alike: dict[Service[Duration], list[str]] = {}
         for unit in units:

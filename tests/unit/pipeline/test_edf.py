@@ -1,0 +1,243 @@
+"""Earliest deadline first over parts: the tables that it makes, what verify says of them, and what it refuses."""
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration, milliseconds
+from halpipe.importers.native import read_model
+from halpipe.models import Binding, Interrupt, Split, Unit
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.jobs import expand, natural_tick
+from halpipe.pipeline.solve import codes
+from halpipe.pipeline.solve.edf.resources import Claim, Resources
+from halpipe.pipeline.solve.edf.search import Draws
+from halpipe.pipeline.solve.edf.works import works_of
+from halpipe.pipeline.solve.schedule import Quality, SearchOptions
+from halpipe.pipeline.verify import verify
+from support import access, after, chain, model, task, version
+
+EXAMPLE = Path(__file__).parents[2] / "fixtures" / "split"
+
+
+def split(made, *points, **rest):
+    """Let a version be interrupted at points in milliseconds, or anywhere."""
+    times = tuple(milliseconds(Fraction(str(p))) for p in points if p != "anywhere")
+    return replace(made, split=Split(points=times, anywhere="anywhere" in points, **rest))
+
+
+def scheduled(owner, **options):
+    found = schedule_model(owner, SearchOptions(budget=2000, **options), lambda *_: True)
+    assert not [d for d in verify(owner, found.schedule) if d.is_error] or not found.is_complete
+    return found
+
+
+def parts(found, name, index=0):
+    [job] = [j for j in found.schedule.modes[0].jobs if (j.task, j.index) == (name, index)]
+    return [(str(start), str(end)) for start, end in job.occupations()]
+
+
+def short_beside_long(*points, **rest):
+    """A short task that a long one in one piece excludes."""
+    return model(
+        task("short", 5, version("v", 1), slack=1),
+        task("long", 20, split(version("v", 10), *points, **rest), slack=1),
+    )
+
+
+def test_a_long_job_makes_room_at_its_split_points():
+    found = scheduled(short_beside_long(3, 6))
+    assert found.is_complete
+    assert parts(found, "long") == [("1ms", "7ms"), ("8ms", "12ms")]
+
+
+def test_in_one_piece_it_has_no_room():
+    with pytest.raises(HalpipeError) as refused:
+        scheduled(short_beside_long())
+    assert "HAL0431" in {d.code for d in refused.value.diagnostics}
+
+
+def test_a_piece_that_would_keep_another_from_its_latest_start_waits():
+    """The core is idle before the long piece, as in the example of MODEL 8."""
+    owner = model(
+        task("short", 10, version("v", 3), slack=Fraction(1, 5)),
+        task("long", 40, split(version("v", 12), 6), slack=1),
+    )
+    assert scheduled(owner).is_complete
+
+
+def test_anywhere_is_cut_where_the_other_comes():
+    owner = short_beside_long("anywhere", max_gaps=3)
+    found = scheduled(owner)
+    assert found.is_complete
+    assert len(parts(found, "long")) > 1
+
+
+@pytest.mark.parametrize(("gaps", "is_found"), [(1, False), (2, True)])
+def test_gaps_are_counted(gaps, is_found):
+    """Between two short jobs there are at most 8 ms, so that 17 ms need three parts."""
+    long = split(version("v", 17), "anywhere", max_gaps=gaps, min_part=milliseconds(1))
+    found = scheduled(model(task("short", 5, version("v", 1), slack=1), task("long", 40, long, slack=1)))
+    assert found.is_complete is is_found
+
+
+def test_no_part_is_shorter_than_stated():
+    owner = short_beside_long("anywhere", max_gaps=4, min_part=milliseconds(2))
+    found = scheduled(owner)
+    [job] = [j for j in found.schedule.modes[0].jobs if j.task == "long"]
+    assert all(p.executed_to - p.executed_from >= milliseconds(2) for p in job.parts)
+
+
+def test_going_on_costs_what_it_costs():
+    found = scheduled(short_beside_long(5, resume=milliseconds(Fraction(1, 2))))
+    [job] = [j for j in found.schedule.modes[0].jobs if j.task == "long"]
+    lengths = [end - start for start, end in job.occupations()]
+    assert lengths == [milliseconds(5), milliseconds(Fraction(11, 2))]
+
+
+def test_interrupts_make_parts_longer():
+    owner = model(task("short", 5, version("v", 1), slack=1), task("long", 20, split(version("v", 6), 2, 4), slack=1))
+    unit = Unit(name="u1", interrupts=(Interrupt(name="i", distance=milliseconds(10), wcet=milliseconds(1)),))
+    found = scheduled(replace(owner, units=(unit,)))
+    assert found.is_complete
+    assert {
+        end - start for j in found.schedule.modes[0].jobs if j.task == "short" for start, end in j.occupations()
+    } == {milliseconds(2)}
+
+
+def test_a_phase_of_one_keeps_the_others_from_the_resource():
+    owner = model(
+        task("a", 10, split(version("v", 4, "u1", access("m", 0, 2)), 2), slack=1),
+        task("b", 10, split(version("v", 4, "u2", access("m", 0, 2)), 2), slack=1),
+        units="u1 u2",
+        resources="m",
+    )
+    found = scheduled(owner)
+    starts = sorted(j.start for j in found.schedule.modes[0].jobs)
+    assert found.is_complete
+    assert starts[1] - starts[0] >= milliseconds(2)
+
+
+def test_a_gang_pauses_together():
+    owner = model(
+        task("short", 5, version("v", 1, "u1"), slack=1),
+        task("both", 20, split(version("v", 8, "u1 u2", gang=2), 3, 6), slack=1),
+        units="u1 u2",
+    )
+    found = scheduled(owner)
+    [job] = [j for j in found.schedule.modes[0].jobs if j.task == "both"]
+    assert found.is_complete
+    assert sorted(job.units) == ["u1", "u2"]
+
+
+def test_windows_hold_in_a_pipeline():
+    owner = model(
+        task("a", 10, split(version("v", 6, "u1"), 3), slack=1),
+        task("b", 10, split(version("v", 6, "u2", after("a", 0, 2, "end")), 3), slack=1),
+        task("c", 10, version("v", 3, "u1", after("b", 0, 5, "end")), slack=1),
+        units="u1 u2",
+    )
+    assert scheduled(owner).is_complete
+
+
+def test_bound_tasks_stay_on_their_units_in_all_modes():
+    tasks = [task(f"t{n}", 10, split(version("v", 3, "u1 u2"), 1), slack=1) for n in range(4)]
+    owner = model(*(replace(t, binding=Binding.SYSTEM) for t in tasks), units="u1 u2")
+    one, two = replace(owner.modes[0], name="one"), replace(owner.modes[0], name="two", runs=owner.modes[0].runs[1:])
+    found = scheduled(replace(owner, modes=(one, two)))
+    units = {(j.task, j.units) for table in found.schedule.modes for j in table.jobs}
+    assert found.is_complete
+    assert len(units) == 4
+    assert {used for _, used in units} == {("u1",), ("u2",)}
+
+
+def test_more_quality_makes_no_chain_longer():
+    owner = model(
+        task("a", 10, split(version("v", 4), 2), slack=1),
+        task("b", 20, split(version("v", 4), 2), slack=1),
+        task("c", 10, version("v", 1), slack=1),
+        chains=(chain("a-c", "a b c"), chain("c-b", "c b")),
+    )
+    first, better = scheduled(owner), scheduled(owner, quality=Quality.COST)
+    before, after_ = first.schedule.modes[0].chains, better.schedule.modes[0].chains
+    assert all(x.reaction >= y.reaction and x.age >= y.age for x, y in zip(before, after_, strict=True))
+
+
+def test_the_example_is_found():
+    owner = read_model(str(next(EXAMPLE.glob("*model*.xml"))))
+    assert scheduled(owner).is_complete
+
+
+def test_same_bytes_for_any_number_of_workers():
+    from halpipe.exporters.native import format_schedule
+    from halpipe.pipeline.solve.workers import Workers
+
+    owner = short_beside_long(3, 6)
+    made = [format_schedule(scheduled(owner, workers=Workers(n)).schedule) for n in (1, 2, 8)]
+    assert made[0] == made[1] == made[2]
+
+
+@pytest.mark.parametrize("tick", ["1ms", "0.5ms"])
+def test_a_coarser_grid_is_to_the_safe_side(tick):
+    owner = model(
+        task("short", 5, version("v", "0.9ms"), slack=1),
+        task("long", 20, split(version("v", "8.3ms"), "2.7", "5.4"), slack=1),
+    )
+    assert scheduled(owner, tick=Duration.parse(tick)).is_complete
+
+
+# ------------------------------------------------------------------------------------------------- what it refuses
+
+
+def refused(owner, **options):
+    with pytest.raises(HalpipeError) as failure:
+        scheduled(owner, **options)
+    return [d.code for d in failure.value.diagnostics]
+
+
+def test_shipped_jobs_that_may_be_split_are_not_frozen():
+    owner = short_beside_long(3, 6)
+    assert refused(owner, shipped=scheduled(owner).schedule) == [codes.FREEZE_WHOLE.id]
+
+
+def test_the_exact_engine_knows_whole_jobs_only():
+    assert refused(short_beside_long(3, 6), engine="exact") == [codes.EXACT_WHOLE.id]
+
+
+def test_the_grid_of_regulators_is_for_whole_jobs():
+    from halpipe.pipeline.solve.quantise import BurstGrid
+
+    fields = dict.fromkeys(BurstGrid.__dataclass_fields__)
+    grid = BurstGrid(**fields | {"name": "g", "window": milliseconds(1)})
+    assert refused(short_beside_long(3, 6), grid=grid) == [codes.GRID_WHOLE.id]
+
+
+# ------------------------------------------------------------------------------------------------- its parts
+
+
+def test_resources_say_until_when_there_is_no_room():
+    taken = Resources((2,))
+    taken.take([Claim(0, 0, 10, 1), Claim(0, 4, 6, 1)])
+    assert taken.collision([Claim(0, 0, 4, 1)]) is None
+    assert taken.collision([Claim(0, 3, 5, 1)]) == 6
+    assert taken.collision([Claim(0, 0, 4, 2)]) == 10
+    taken.give_back([Claim(0, 4, 6, 1)])
+    assert taken.collision([Claim(0, 3, 5, 1)]) is None
+
+
+def test_draws_are_the_same_everywhere():
+    """The first number of splitmix64 from zero is published: 0xE220A8397B1DCDAF."""
+    assert Draws(0).below(2**64) == 0xE220A8397B1DCDAF
+
+
+def test_pieces_are_rounded_up_one_by_one():
+    owner = model(task("a", 10, split(version("v", "2.5ms"), "1.2"), slack=1))
+    expansion = expand(owner, owner.modes[0])
+    ticks = natural_tick(expansion), milliseconds(1)
+    [exact], [coarse] = (works_of(owner, expansion, tick).works for tick in ticks)
+    assert ticks[0] == milliseconds(Fraction(1, 10))
+    assert exact.ways[0].ends == (12, 25)
+    assert coarse.ways[0].ends == (2, 4)
