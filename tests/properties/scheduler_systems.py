@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import random
 from fractions import Fraction
+from itertools import pairwise
 
-import numpy as np
 from hypothesis import assume
 
 from halpipe.durations import Duration, milliseconds
@@ -106,5 +106,5 @@ def random_problem(seed: int, *, grouped: bool, grain: int = 1, tick: Duration |
     problem = build_problem(expansion, system.units, RESOURCES, system.chains, tick=tick, grouped=grouped)
     first = problem.arrays.task_option
     jobs = problem.arrays.task_job
-    assume(np.all((np.diff(first) > 0) | (np.diff(jobs) == 0)))
+    assume(all(a < b or c == d for (a, b), (c, d) in zip(pairwise(first), pairwise(jobs), strict=True)))
     return system, problem

@@ -1,9 +1,10 @@
 """The kernel's running cost is the cost of what it holds, and the cost that the reference finds in it."""
 
+from bisect import bisect_right
 from collections import Counter, defaultdict
 from fractions import Fraction
+from itertools import pairwise
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,6 +13,7 @@ from scheduler_systems import random_problem
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel.assign_units import deal_anyhow
 from halpipe.pipeline.solve.kernel.kernel import anneal, load, luby, move, next_temperature, restart, total_cost
 from halpipe.pipeline.solve.kernel.naming import named_jobs
@@ -42,10 +44,10 @@ def is_complete(problem, state):
 def rectangles(problem, state):
     """Yield lane, begin, length and height of everything placed, with job and number of the rectangle."""
     arrays = problem.arrays
-    for job in np.flatnonzero(state.start >= 0).tolist():
-        first, last = arrays.rect_first[state.option[job] : state.option[job] + 2].tolist()
-        for number, (lane, offset, length, height) in enumerate(arrays.rect[first:last].tolist()):
-            yield lane, int(state.start[job]) + offset, length, height, job, number
+    for job in (job for job, start in enumerate(state.start) if start >= 0):
+        first, last = arrays.rect_first[state.option[job] : state.option[job] + 2]
+        for number, (lane, offset, length, height) in enumerate(arrays.rect.rows(first, last)):
+            yield lane, state.start[job] + offset, length, height, job, number
 
 
 def check_profiles(problem, state):
@@ -57,20 +59,21 @@ def check_profiles(problem, state):
         for time in range(begin, begin + length):
             load_of[lane, time % arrays.hyperperiod] += height
     for lane in range(len(arrays.lane_capacity)):
-        base, count = int(arrays.lane_first[lane]), int(state.edges[lane])
+        base, count = arrays.lane_first[lane], state.edges[lane]
         edges, levels = state.edge[base : base + count + 1], state.level[base : base + count]
         assert edges[0] == 0
         assert edges[-1] == arrays.hyperperiod
-        assert np.all(np.diff(edges) > 0)
-        profile = np.repeat(levels, np.diff(edges)).tolist()
+        spans = [end - begin for begin, end in pairwise(edges)]
+        assert all(span > 0 for span in spans)
+        profile = [level for level, span in zip(levels, spans, strict=True) for _ in range(span)]
         assert profile == [load_of[lane, time] for time in range(arrays.hyperperiod)]
         assert base + count < arrays.lane_first[lane + 1]
         guide = state.guide[arrays.guide_first[lane] : arrays.guide_first[lane + 1]]
-        begins = np.arange(len(guide)) << arrays.guide_shift[lane]
+        begins = [stretch << arrays.guide_shift[lane] for stretch in range(len(guide))]
         assert begins[-1] < arrays.hyperperiod <= begins[-1] + (1 << arrays.guide_shift[lane])
-        assert guide.tolist() == (np.searchsorted(edges, begins, side="right") - 1).tolist()
-        place = int(arrays.owner_first[lane])
-        held = state.owner[place : place + int(state.owners[lane])].tolist()
+        assert guide.tolist() == [bisect_right(edges, begin) - 1 for begin in begins]
+        place = arrays.owner_first[lane]
+        held = list(Table(state.owner, 3).rows(place, place + state.owners[lane]))
         assert len(held) == len(owners[lane])
         assert {(begin, length, *divmod(mark, state.max_rects)) for begin, length, mark in held} == owners[lane]
 
@@ -86,9 +89,9 @@ def check_phases(problem, state):
             assert state.start[job] == (state.phase[job] + shift) % arrays.hyperperiod
         if not arrays.task_cyclic[owner] or not jobs:
             continue
-        earliest = max(int(state.phase[job] - arrays.option_late[state.option[job]]) for job in jobs)
-        latest = min(int(state.phase[job]) for job in jobs)
-        offset = int(arrays.entry_offset[arrays.job_entry[jobs[0]]])
+        earliest = max(state.phase[job] - arrays.option_late[state.option[job]] for job in jobs)
+        latest = min(state.phase[job] for job in jobs)
+        offset = arrays.entry_offset[arrays.job_entry[jobs[0]]]
         assert earliest <= latest
         assert offset < 0 or earliest <= offset <= latest
 
@@ -193,7 +196,7 @@ def test_a_restart_leaves_nothing_and_goes_on_with_the_right_cost(seed):
     for state in list(walk(problem, seed, 40))[-1:]:
         restart(problem.arrays, state)
         assert state.register[COST] == total_cost(problem.arrays, state)
-        assert (state.register[INSERTED], state.start.max()) == (0, -1)
+        assert (state.register[INSERTED], max(state.start)) == (0, -1)
         check_profiles(problem, state)
         for _ in range(40):
             next_temperature(problem.arrays, state)
@@ -226,7 +229,7 @@ def test_many_linked_tasks_are_built_up_anew_in_each_cycle_and_cycles_get_longer
     system = model(*tasks)
     problem = build_problem(expand(system, system.modes[0]), system.units, [])
     state = new_state(problem.arrays, 1, problem.mean_wcet)
-    state.hint[:] = 7
+    state.hint[:] = filled(len(state.hint), 7)
     lengths, hinted = [], []
     for _ in range(20):
         anneal(problem.arrays, state, NOISE, 1)
@@ -235,8 +238,8 @@ def test_many_linked_tasks_are_built_up_anew_in_each_cycle_and_cycles_get_longer
         anneal(problem.arrays, state, NOISE, left)
         lengths.append(1 + left)
         assert state.register[COST] == total_cost(problem.arrays, state)
-        hinted.append(bool((state.hint == 7).all()))
-        assert hinted[-1] or state.hint.max() == -1
+        hinted.append(set(state.hint) == {7})
+        assert hinted[-1] or max(state.hint) == -1
     assert [length // 40 for length in lengths] == [20, 40, 80, 160] + [300] * 11 + [600] * 5
     assert hinted == [True] * 4 + [False] * 16
     check_profiles(problem, state)
@@ -257,9 +260,9 @@ def test_of_jobs_that_end_together_the_one_started_later_is_newer():
     )
     problem = build_problem(expand(system, system.modes[0]), system.units, [], system.chains)
     state = new_state(problem.arrays, 1, problem.mean_wcet)
-    state.start[:] = 2, 5, 6
-    state.option[:] = 0, 1, 2
-    state.phase[:] = 2, -1, 6
+    state.start[:] = ints([2, 5, 6])
+    state.option[:] = ints([0, 1, 2])
+    state.phase[:] = ints([2, -1, 6])
     assert load(problem.arrays, state) == 0
 
 

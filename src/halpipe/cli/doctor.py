@@ -10,7 +10,7 @@ from halpipe import __version__
 from halpipe.cli import output
 from halpipe.diagnostics import Exit
 
-PACKAGES = ("lxml", "xmlschema", "numpy", "pyyaml", "jinja2", "typer", "rich", "graphviz")
+PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz")
 EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",
@@ -18,6 +18,7 @@ EXTRAS = {
     "ziglang": "halpipe[riscv]",
     "pyelftools": "halpipe[riscv]",
     "unicorn": "halpipe[riscv]",
+    "numpy": "halpipe[riscv]",
 }
 PROGRAMS = {
     "dot": "apt-get install graphviz",

@@ -1,8 +1,7 @@
 """The table of the kernel's noise is what its docstring says, to the last digit."""
 
 from decimal import Decimal, localcontext
-
-import numpy as np
+from itertools import pairwise
 
 from halpipe.pipeline.solve.kernel.noise import SIZE, gumbel_table
 
@@ -13,11 +12,11 @@ def test_the_table_is_that_of_decimal_arithmetic():
         exact = [-(-(((Decimal(i) + Decimal("0.5")) / SIZE).ln())).ln() * 1024 for i in range(SIZE)]
         expected = [int(value.to_integral_value()) for value in exact]
     table = gumbel_table()
-    assert table.dtype == np.int64
+    assert table.itemsize == 8
     assert table.tolist() == expected
 
 
 def test_quantiles_rise_and_are_nearly_centred_on_eulers_constant():
     table = gumbel_table()
-    assert np.all(np.diff(table) >= 0)
-    assert abs(int(table.sum()) - round(0.5772156649 * 1024 * SIZE)) < SIZE
+    assert all(low <= high for low, high in pairwise(table))
+    assert abs(sum(table) - round(0.5772156649 * 1024 * SIZE)) < SIZE

@@ -3,6 +3,7 @@
 import pytest
 
 from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.integers import filled
 from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, COST, MOVES, Part, new_state
@@ -24,7 +25,7 @@ def problem_of(system):
 
 def searched(problem, enabled, moves=4000):
     state = new_state(problem.arrays, 3, problem.mean_wcet, enabled)
-    state.hint[:] = 2
+    state.hint[:] = filled(len(state.hint), 2)
     anneal(problem.arrays, state, NOISE, moves)
     return state
 
@@ -63,7 +64,7 @@ def test_a_demand_that_is_not_looked_at_is_not_missed():
     asks = problem.options[state.option[1]].version.name == "v"
     assert runs == [asks, True]
     (state.option[0],) = [n for n in (0, 1) if n != state.option[0]]  # to run, and not to
-    missed = int(problem.arrays.missing_cost)
+    missed = problem.arrays.missing_cost
     off = state._replace(enabled=int(ALL_PARTS & ~(Part.DEMANDS | Part.WINDOWS)))
     assert total_cost(problem.arrays, off._replace(enabled=int(off.enabled | Part.DEMANDS))) == missed
     assert total_cost(problem.arrays, off) == 0

@@ -25,7 +25,7 @@ def options_of(built, number=0):
 def column(built, table, number=0):
     """Return the rows of a table that option `number` owns."""
     first, last = getattr(built.arrays, f"{table}_first")[number : number + 2].tolist()
-    return [tuple(row) for row in getattr(built.arrays, table)[first:last].tolist()]
+    return list(getattr(built.arrays, table).rows(first, last))
 
 
 def refusal(system, **options):
@@ -203,7 +203,7 @@ def test_chains_count_where_they_have_a_limit_and_all_tasks():
         ],
     )
     built = build(system)
-    assert built.arrays.chain_limit.tolist() == [[0, NO_TICK], [5, 7]]
+    assert built.arrays.chain_limit.flat.tolist() == [0, NO_TICK, 5, 7]
     assert built.arrays.chain_task.tolist() == [0, 0, 1]
 
 

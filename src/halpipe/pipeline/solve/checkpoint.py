@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import io
+import sys
 import zipfile
+from array import array
 from threading import Lock
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location, error
 from halpipe.files import read_own, refuse_foreign, remove_output, write_outputs
@@ -21,9 +21,8 @@ from halpipe.files import read_own, refuse_foreign, remove_output, write_outputs
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
-
     from halpipe.models import TaskModel
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.schedule import SearchOptions
 
@@ -39,6 +38,9 @@ SAVED = (
     "hint", "best_start", "best_option", "register", "random",
 )  # fmt: skip
 """The arrays of a state; the others are scratch."""
+
+IDENTITY = "halpipe-identity"
+"""Names the member of the file that says what the search was asked."""
 
 NOTED = "outcome"
 """Marks what is saved of a stage that is over; no array of a state is called so."""
@@ -67,34 +69,33 @@ class Checkpoint:
         self._began = self._last = now()
         self._kept_at: dict[str, float] = {}
         self._written = False
-        self._arrays: dict[str, NDArray[Any]] = {}
+        self._arrays: dict[str, Ints] = {}
         self._lock = Lock()
 
     def claim(self) -> None:
         """Stop if a file of the user's has the name of the checkpoint, which is removed in the end."""
-        refuse_foreign(self._path, lambda data: data.startswith(b"PK") and b"identity.npy" in data)
+        refuse_foreign(self._path, lambda data: data.startswith(b"PK") and IDENTITY.encode() in data)
 
     def load(self) -> None:
         """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
         try:
-            with np.load(io.BytesIO(read_own(self._path)), allow_pickle=False) as stored:
-                found = {name: stored[name] for name in stored.files}
-        except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile):
+            identity, found = _unpacked(read_own(self._path))
+        except (ValueError, OSError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile):
             raise self._refusal("is damaged") from None
-        if str(found.pop("identity", "")) != self._identity:
+        if identity != self._identity:
             raise self._refusal("belongs to another model or other options")
         self._arrays, self._written = found, True
 
     def restore(self, key: str, state: State) -> None:
         """Fill a fresh state with what was saved for it, if anything was."""
         for name in SAVED:
-            array = getattr(state, name)
+            kept = getattr(state, name)
             saved = self._arrays.get(f"{key}/{name}")
             if saved is None:
                 return
-            if saved.shape != array.shape or saved.dtype != array.dtype:
+            if len(saved) != len(kept):
                 raise self._refusal("does not fit the model")
-            array[...] = saved
+            kept[:] = saved
 
     def keep(self, key: str, state: State, *, now: bool) -> None:
         """Save a state when it is time, or `now`; runs of a few seconds are not worth it, they start anew."""
@@ -104,25 +105,25 @@ class Checkpoint:
             if not is_due and not (now and self._written):
                 return
             for name in SAVED:
-                self._arrays[f"{key}/{name}"] = getattr(state, name).copy()
+                self._arrays[f"{key}/{name}"] = getattr(state, name)[:]
             self._kept_at[key] = moment
             self._write_if_due(moment)
 
-    def note(self, key: str, facts: Mapping[str, NDArray[np.int64]]) -> None:
+    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
         """Save the outcome of what was kept under `key`, in place of its state."""
         with self._lock:
             for name in SAVED:
                 self._arrays.pop(f"{key}/{name}", None)
-            for name, array in facts.items():
-                self._arrays[f"{key}/{NOTED}/{name}"] = array.copy()
+            for name, values in facts.items():
+                self._arrays[f"{key}/{NOTED}/{name}"] = values[:]
             self._write_if_due(self._now())
 
-    def noted(self, key: str) -> dict[str, NDArray[np.int64]] | None:
+    def noted(self, key: str) -> dict[str, Ints] | None:
         """Return such an outcome; None where there is none."""
         prefix = f"{key}/{NOTED}/"
         with self._lock:
-            found = {name: array for name, array in self._arrays.items() if name.startswith(prefix)}
-        return {name.removeprefix(prefix): array for name, array in found.items()} or None
+            found = {name: values for name, values in self._arrays.items() if name.startswith(prefix)}
+        return {name.removeprefix(prefix): values for name, values in found.items()} or None
 
     def write(self) -> None:
         """Write all that is known."""
@@ -134,10 +135,7 @@ class Checkpoint:
             self._write()
 
     def _write(self) -> None:
-        stream = io.BytesIO()
-        named: dict[str, Any] = {**self._arrays, "identity": np.array(self._identity)}
-        np.savez(stream, **named)
-        write_outputs({self._path: stream.getvalue()})
+        write_outputs({self._path: _packed(self._identity, self._arrays)})
         self._last, self._written = self._now(), True
 
     def remove(self) -> None:
@@ -146,3 +144,36 @@ class Checkpoint:
 
     def _refusal(self, what: str) -> HalpipeError:
         return HalpipeError(NO_CHECKPOINT(what, at=Location(self._path), help="search again without --resume"))
+
+
+def _packed(identity: str, arrays: Mapping[str, Ints]) -> bytes:
+    """Return a zip file with an array in each member, as words of 64 bits, the least byte first."""
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        file.writestr(zipfile.ZipInfo(IDENTITY), identity)
+        for name, values in arrays.items():
+            file.writestr(zipfile.ZipInfo(name), _least_byte_first(values).tobytes())
+    return stream.getvalue()
+
+
+def _unpacked(data: bytes) -> tuple[str, dict[str, Ints]]:
+    """Return what was packed; raise `ValueError`, or one of the errors of zip files, for anything else."""
+    arrays = {}
+    with zipfile.ZipFile(io.BytesIO(data)) as file:
+        if any(member.compress_type != zipfile.ZIP_STORED for member in file.infolist()):
+            raise ValueError("compressed")  # we compress nothing, and what others did might expand without bound
+        identity = file.read(IDENTITY).decode()
+        for name in file.namelist():
+            if name != IDENTITY:
+                values = array("Q" if name.endswith("/random") else "q")
+                values.frombytes(file.read(name))
+                arrays[name] = _least_byte_first(values)
+    return identity, arrays
+
+
+def _least_byte_first(values: Ints) -> Ints:
+    """Return words as they are in a file, or those of a file as they are in memory."""
+    turned = values[:]
+    if sys.byteorder == "big":
+        turned.byteswap()
+    return turned

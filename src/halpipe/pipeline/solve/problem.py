@@ -11,26 +11,25 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.jobs import Expansion, demands_for, natural_tick
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.solve.construction import construction_order
+from halpipe.pipeline.solve.integers import Table, ints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from halpipe.models import Chain, Precedence, Task, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask
     from halpipe.pipeline.parts import Service
+    from halpipe.pipeline.solve.integers import Ints
 
-    Ints = NDArray[np.int64]
+Columns = dict[str, Any]
+"""Arrays and tables by their names in `Arrays`."""
 
 MAX_OPTIONS_PER_VERSION = 4096
 """Ways to split one gang over groups of units that are tried; only gangs over many unlike units have more."""
@@ -78,20 +77,20 @@ class Arrays(NamedTuple):
     option_set: Ints  # of a bound task: number of the unit set, from 0 on; ANY_SET where the choice is free
     option_recency: Ints  # of jobs that end on the same tick, the one with more ended last, or started later
     rect_first: Ints  # per option
-    rect: Ints  # lane, offset, length, height
+    rect: Table  # lane, offset, length, height
     row_first: Ints  # per option
-    row: Ints  # predecessor task, min, max - min, 1 if from the predecessor's end
+    row: Table  # predecessor task, min, max - min, 1 if from the predecessor's end
     consumer_first: Ints  # per task: tasks whose options have rows that name it
     consumer: Ints
     partner_first: Ints  # per task: windows to aim at
-    partner: Ints  # other task, lag, width, sign (+1 this task after the other), 1 if from the end of the earlier
+    partner: Table  # other task, lag, width, sign (+1 this task after the other), 1 if from the end of the earlier
     demand_job: Ints  # per job: the job that demands it, or -1
     demand_slot: Ints
     dependent_first: Ints  # per job: the jobs it may demand
     dependent: Ints
     chain_first: Ints  # limited chains only
     chain_task: Ints
-    chain_limit: Ints  # reaction, age; NO_TICK where unlimited
+    chain_limit: Table  # reaction, age; NO_TICK where unlimited
     task_chain_first: Ints
     task_chain: Ints
     construction: Ints  # entries, in the order in which they are placed first
@@ -218,8 +217,8 @@ class _Builder:
         mean = max(1, self.ticks(self.expansion.mean_wcet))
         arrays = Arrays(
             hyperperiod=self.hyperperiod,
-            lane_capacity=_ints(capacity),
-            lane_weight=_ints(lane_weight),
+            lane_capacity=ints(capacity),
+            lane_weight=ints(lane_weight),
             **self._lane_room(len(capacity), option),
             **jobs,
             **option,
@@ -245,7 +244,7 @@ class _Builder:
                     denominators[access.resource] = math.lcm(known, access.bound.denominator)
         return [q if q <= MAX_QUANTA else MAX_QUANTA for q in denominators.values()]
 
-    def _options(self, quanta: list[int]) -> dict[str, Ints]:
+    def _options(self, quanta: list[int]) -> Columns:
         wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
         rects: list[list[tuple[int, int, int, int]]] = []
         rows: list[list[tuple[int, int, int, int]]] = []
@@ -281,12 +280,12 @@ class _Builder:
         rect_first, rect = _table(rects, 4)
         row_first, row = _table(rows, 4)
         return {
-            "task_option": _ints(task_option),
-            "option_wcet": _ints(wcet),
-            "option_late": _ints(late),
-            "option_present": _ints(present),
-            "option_set": _ints(sets),
-            "task_sets": _ints(task_sets),
+            "task_option": ints(task_option),
+            "option_wcet": ints(wcet),
+            "option_late": ints(late),
+            "option_present": ints(present),
+            "option_set": ints(sets),
+            "task_sets": ints(task_sets),
             "option_recency": self._recency(),
             "rect_first": rect_first,
             "rect": rect,
@@ -299,7 +298,7 @@ class _Builder:
         wcets = [self._reserved(option) for option in self.options]
         keys = [(self.tick * self.ticks_up(wcet) - wcet, wcet) for wcet in wcets]
         place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
-        return _ints(place[key] for key in keys)
+        return ints(place[key] for key in keys)
 
     def _service(self, choice: tuple[tuple[int, int], ...]) -> Service[Duration]:
         """Return the interrupts of the units of a choice, of which those of one group are alike."""
@@ -389,7 +388,7 @@ class _Builder:
             return True
         return any(self._may_be_absent(by_name[n]) for n in sorted(demanders))
 
-    def _lane_room(self, lanes: int, option: dict[str, Ints]) -> dict[str, Ints]:
+    def _lane_room(self, lanes: int, option: Columns) -> Columns:
         """Size every lane's profile: each rectangle that may land there adds at most three breakpoints."""
         room = [0] * lanes
         rect_first, rect, task_option = option["rect_first"], option["rect"], option["task_option"]
@@ -397,7 +396,7 @@ class _Builder:
             most: dict[int, int] = {}
             for o in range(task_option[index], task_option[index + 1]):
                 here: dict[int, int] = {}
-                for lane in rect[rect_first[o] : rect_first[o + 1], 0].tolist():
+                for lane, *_ in rect.rows(rect_first[o], rect_first[o + 1]):
                     here[lane] = here.get(lane, 0) + 1
                 for lane, count in here.items():
                     most[lane] = max(most.get(lane, 0), count)
@@ -407,15 +406,15 @@ class _Builder:
         shift = [max(0, self.hyperperiod.bit_length() - r.bit_length()) for r in room]
         stretches = [((self.hyperperiod - 1) >> s) + 1 for s in shift]
         return {
-            "lane_first": _ints([0, *itertools.accumulate(3 * r + 4 for r in room)]),
-            "guide_first": _ints([0, *itertools.accumulate(stretches)]),
-            "guide_shift": _ints(shift),
-            "owner_first": _ints([0, *itertools.accumulate(room)]),
+            "lane_first": ints([0, *itertools.accumulate(3 * r + 4 for r in room)]),
+            "guide_first": ints([0, *itertools.accumulate(stretches)]),
+            "guide_shift": ints(shift),
+            "owner_first": ints([0, *itertools.accumulate(room)]),
         }
 
     # ---- tasks, entries and jobs
 
-    def _jobs(self) -> dict[str, Ints]:
+    def _jobs(self) -> Columns:
         task_job, entry_job = [0], [0]
         entry_offset: list[int] = []
         job_task, job_entry, period, cyclic, reach = [], [], [], [], []
@@ -436,14 +435,14 @@ class _Builder:
             cyclic.append(int(task.period is not None))
             reach.append(self._reach(active))
         return {
-            "task_job": _ints(task_job),
-            "task_period": _ints(period),
-            "task_cyclic": _ints(cyclic),
-            "task_reach": _ints(reach),
-            "job_task": _ints(job_task),
-            "job_entry": _ints(job_entry),
-            "entry_job": _ints(entry_job),
-            "entry_offset": _ints(entry_offset),
+            "task_job": ints(task_job),
+            "task_period": ints(period),
+            "task_cyclic": ints(cyclic),
+            "task_reach": ints(reach),
+            "job_task": ints(job_task),
+            "job_entry": ints(job_entry),
+            "entry_job": ints(entry_job),
+            "entry_offset": ints(entry_offset),
         }
 
     def _reach(self, active: ActiveTask) -> int:
@@ -461,7 +460,7 @@ class _Builder:
         assert task.period is not None
         return self.ticks(task.offset % task.period)
 
-    def _construction(self, windows: dict[str, Ints]) -> Ints:
+    def _construction(self, windows: Columns) -> Ints:
         """Order the entries: heavy ones first, and one after the other what has windows in common."""
         loads = []
         for active in self.expansion.tasks:
@@ -470,11 +469,11 @@ class _Builder:
         counts = [1 if active.task.period is not None else active.jobs for active in self.expansion.tasks]
         entries = list(itertools.accumulate(counts, initial=0))
         order = construction_order(loads, _links(windows))
-        return _ints(entry for task in order for entry in range(entries[task], entries[task + 1]))
+        return ints(entry for task in order for entry in range(entries[task], entries[task + 1]))
 
     # ---- precedence, demands, chains
 
-    def _windows(self) -> dict[str, Ints]:
+    def _windows(self) -> Columns:
         consumers: list[list[tuple[int]]] = [[] for _ in self.expansion.tasks]
         partners: list[dict[tuple[int, ...], None]] = [{} for _ in self.expansion.tasks]
         for index, active in enumerate(self.expansion.tasks):
@@ -497,17 +496,17 @@ class _Builder:
         partner_first, partner = _table([list(p) for p in partners], 5)
         return {
             "consumer_first": consumer_first,
-            "consumer": consumer[:, 0].copy(),
+            "consumer": consumer.flat,
             "partner_first": partner_first,
             "partner": partner,
         }
 
-    def _coupled(self, windows: dict[str, Ints], chains: dict[str, Ints]) -> Ints:
+    def _coupled(self, windows: Columns, chains: Columns) -> Ints:
         """Mark the tasks that have anything to do with others; demands always come with windows."""
-        shared = np.diff(windows["partner_first"]) + np.diff(chains["task_chain_first"])
-        return (shared > 0).astype(np.int64)
+        steps = (itertools.pairwise(first) for first in (windows["partner_first"], chains["task_chain_first"]))
+        return ints(int(a < b or c < d) for (a, b), (c, d) in zip(*steps, strict=True))
 
-    def _demands(self) -> dict[str, Ints]:
+    def _demands(self) -> Columns:
         first_job = dict(
             zip(
                 (active.name for active in self.expansion.tasks),
@@ -528,13 +527,13 @@ class _Builder:
                 demand_slot.append(demand.slot)
         dependent_first, dependent = _table(dependents, 1)
         return {
-            "demand_job": _ints(demand_job),
-            "demand_slot": _ints(demand_slot),
+            "demand_job": ints(demand_job),
+            "demand_slot": ints(demand_slot),
             "dependent_first": dependent_first,
-            "dependent": dependent[:, 0].copy(),
+            "dependent": dependent.flat,
         }
 
-    def _chains(self) -> dict[str, Ints]:
+    def _chains(self) -> Columns:
         members, limits = [], []
         touching: list[list[tuple[int]]] = [[] for _ in self.expansion.tasks]
         for number, chain in enumerate(self.chains):
@@ -548,31 +547,26 @@ class _Builder:
         task_chain_first, task_chain = _table(touching, 1)
         return {
             "chain_first": chain_first,
-            "chain_task": chain_task[:, 0].copy(),
-            "chain_limit": np.array(limits, np.int64).reshape(-1, 2),
+            "chain_task": chain_task.flat,
+            "chain_limit": Table.of(limits, 2),
             "task_chain_first": task_chain_first,
-            "task_chain": task_chain[:, 0].copy(),
+            "task_chain": task_chain.flat,
         }
 
 
-def _links(windows: dict[str, Ints]) -> list[dict[int, int]]:
+def _links(windows: Columns) -> list[dict[int, int]]:
     """Return for each task those that it has windows with, and how wide the narrowest of them is."""
     links: list[dict[int, int]] = []
-    partner = windows["partner"].tolist()
-    for begin, end in itertools.pairwise(windows["partner_first"].tolist()):
+    partner = windows["partner"]
+    for begin, end in itertools.pairwise(windows["partner_first"]):
         widths: dict[int, int] = {}
-        for other, _, width, _, _ in partner[begin:end]:
+        for other, _, width, _, _ in partner.rows(begin, end):
             widths[other] = min(width, widths.get(other, width))
         links.append(widths)
     return links
 
 
-def _ints(values: Iterable[int]) -> Ints:
-    return np.array(list(values), np.int64)
-
-
-def _table(rows: Sequence[Sequence[tuple[int, ...]]], width: int) -> tuple[Ints, Ints]:
-    """Lay lists of tuples end to end; return the offsets and one two-dimensional array."""
-    first = _ints([0, *itertools.accumulate(len(row) for row in rows)])
-    flat = np.array([item for row in rows for item in row], np.int64).reshape(-1, width)
-    return first, np.ascontiguousarray(flat)
+def _table(rows: Sequence[Sequence[tuple[int, ...]]], width: int) -> tuple[Ints, Table]:
+    """Lay lists of tuples end to end; return the offsets and the table of all tuples."""
+    first = ints([0, *itertools.accumulate(len(row) for row in rows)])
+    return first, Table.of(itertools.chain.from_iterable(rows), width)

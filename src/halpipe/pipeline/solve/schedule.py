@@ -445,13 +445,13 @@ def _refuse_stuck(expansion: Expansion, names: list[str]) -> None:
 def _check_range(problem: Problem) -> None:
     """Refuse a mode whose cost could overflow: a bound on the cost of the worst placement, in exact integers."""
     arrays = problem.arrays
-    hyperperiod, jobs = int(arrays.hyperperiod), len(arrays.job_task)
-    heaviest = int((arrays.rect[:, 3] * arrays.lane_weight[arrays.rect[:, 0]]).max(initial=1))
-    sides = 1 + int(arrays.row_first[-1]) + len(arrays.chain_limit)
-    worst = hyperperiod * heaviest * max(1, jobs) * max(1, int(arrays.rect_first[-1]))
-    worst += hyperperiod * int(arrays.unit_weight) * max(1, jobs) * sides
-    hottest = 512 * 10_000 * problem.mean_wcet * int(arrays.unit_weight)
-    stated = max(int(arrays.row[:, 1].max(initial=0)), int(arrays.chain_limit.max(initial=0)))
+    hyperperiod, jobs = arrays.hyperperiod, len(arrays.job_task)
+    heaviest = max((height * arrays.lane_weight[lane] for lane, _, _, height in arrays.rect), default=1)
+    sides = 1 + arrays.row_first[-1] + len(arrays.chain_limit)
+    worst = hyperperiod * heaviest * max(1, jobs) * max(1, arrays.rect_first[-1])
+    worst += hyperperiod * arrays.unit_weight * max(1, jobs) * sides
+    hottest = 512 * 10_000 * problem.mean_wcet * arrays.unit_weight
+    stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat])
     if max(worst, hottest, stated) >= LARGEST:
         raise HalpipeError(_too_large(problem.expansion, problem.tick))
 
@@ -469,7 +469,7 @@ def _notes(problem: Problem) -> list[Diagnostic]:
     """Say which gangs have more unit sets than are tried."""
     counts: dict[tuple[str, str], int] = {}
     for number, active in enumerate(problem.expansion.tasks):
-        first, last = int(problem.arrays.task_option[number]), int(problem.arrays.task_option[number + 1])
+        first, last = problem.arrays.task_option[number], problem.arrays.task_option[number + 1]
         for option in problem.options[first:last]:
             if option.version is not None:
                 key = (active.name, option.version.name)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from halpipe.pipeline.solve.integers import ints
 from halpipe.pipeline.solve.kernel.kernel import put, total_cost
 from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, State
 
@@ -33,20 +32,21 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
         if len(options) < active.jobs:
             changed.append(active.name)
             continue
-        first = int(arrays.task_job[number])
-        cycle = int(arrays.task_period[number]) if arrays.task_cyclic[number] else 0
+        first = arrays.task_job[number]
+        cycle = arrays.task_period[number] if arrays.task_cyclic[number] else 0
         base = jobs[0].start // problem.tick
-        half = int(arrays.hyperperiod) // 2
+        half = arrays.hyperperiod // 2
         for place, (job, option) in enumerate(zip(jobs, options, strict=True)):
             start = job.start // problem.tick
-            drift = (start - place * cycle - base + half) % int(arrays.hyperperiod) - half
+            drift = (start - place * cycle - base + half) % arrays.hyperperiod - half
             state.start[first + place], state.option[first + place] = start, option
             state.phase[first + place] = base + drift
             put(arrays, state, first + place)
-        kept += sorted({int(arrays.job_entry[first + place]) for place in range(active.jobs)})
-    state.hint[kept] = FROZEN_HINT
-    others = arrays.construction[~np.isin(arrays.construction, kept)]
-    problem = problem.with_construction(np.concatenate([np.array(kept, np.int64), others]))
+        kept += sorted({arrays.job_entry[first + place] for place in range(active.jobs)})
+    for entry in kept:
+        state.hint[entry] = FROZEN_HINT
+    frozen = set(kept)
+    problem = problem.with_construction(ints([*kept, *(e for e in arrays.construction if e not in frozen)]))
     state.register[INSERTED] = state.register[FROZEN] = len(kept)
     state.register[COST] = total_cost(problem.arrays, state)
     if len(kept) == len(arrays.entry_offset):
@@ -62,7 +62,7 @@ def _option(problem: Problem, task: int, job: Job) -> int | None:
         return None
     groups = tuple(sorted((group_of[name], 1) for name in job.units))
     arrays = problem.arrays
-    for number in range(int(arrays.task_option[task]), int(arrays.task_option[task + 1])):
+    for number in range(arrays.task_option[task], arrays.task_option[task + 1]):
         option: Option = problem.options[number]
         if option.version is not None and option.version.name == job.version and option.groups == groups:
             return number

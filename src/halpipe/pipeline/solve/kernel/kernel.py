@@ -7,18 +7,14 @@ from typing import TYPE_CHECKING
 from halpipe.pipeline.solve.kernel.library import INTEGER, ask, function, tell
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.problem import Arrays
-
-    Ints = NDArray[np.int64]
 
 
 def anneal(arrays: Arrays, state: State, noise: Ints, moves: int) -> int:
     """Make up to `moves` moves; stop early when the schedule is complete and its cost is zero. Return the cost."""
-    return ask("anneal", arrays, state, int(moves), noise=noise)
+    return ask("anneal", arrays, state, moves, noise=noise)
 
 
 def next_temperature(arrays: Arrays, state: State) -> None:
@@ -66,7 +62,7 @@ def worst_age(arrays: Arrays, state: State, begin: int, end: int) -> int:
 
 def gather_cluster(arrays: Arrays, state: State, task: int) -> int:
     """List `task` and all that is tightly linked to it in `cluster`; return how many, 0 if they cannot be moved."""
-    return ask("gather_cluster", arrays, state, int(task))
+    return ask("gather_cluster", arrays, state, task)
 
 
 def move_cluster(arrays: Arrays, state: State, noise: Ints, size: int) -> None:

@@ -7,18 +7,17 @@ together. It allocates nothing, and is called without the interpreter's lock.
 from __future__ import annotations
 
 import ctypes
+from array import array
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from halpipe.libraries import library
+from halpipe.pipeline.solve.integers import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.problem import Arrays
 
@@ -32,7 +31,7 @@ COUNTED = {
 INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
 
 
-def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: NDArray[np.int64] | None = None) -> int:
+def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> int:
     """Call a function that takes a problem, a state, the table of noise if it is given, and integers."""
     lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
     pointers: list[Any] = [words([*arrays, *lengths]), words(state)]
@@ -41,7 +40,7 @@ def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: NDArray[n
     return int(function(name)(*pointers, *map(INTEGER, numbers)))
 
 
-def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: NDArray[np.int64] | None = None) -> None:
+def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> None:
     """Do the same with a function that returns nothing."""
     ask(name, arrays, state, *numbers, noise=noise)
 
@@ -53,14 +52,15 @@ def function(name: str) -> Any:
     return native
 
 
-def words(fields: Sequence[Any]) -> ctypes.Array[ctypes.c_int64]:
+def words(fields: Iterable[Any]) -> ctypes.Array[ctypes.c_int64]:
     """Return a struct: the addresses of arrays, and integers. It is good as long as the arrays live."""
-    return (INTEGER * len(fields))(*(address(f) if isinstance(f, np.ndarray) else int(f) for f in fields))
+    values = [field if isinstance(field, int) else address(field) for field in fields]
+    return (INTEGER * len(values))(*values)
 
 
-def address(array: NDArray[Any]) -> int:
-    """Return where an array begins; the kernel takes for granted that it is one piece of 64 bit integers."""
-    if array.dtype.kind not in "iu" or array.itemsize != 8 or not array.flags.c_contiguous:
-        raise TypeError("the kernel takes arrays of 64 bit integers in one piece")
-    found: int = array.__array_interface__["data"][0]
-    return found
+def address(values: Ints | Table) -> int:
+    """Return where an array begins; the kernel takes for granted that it is one of 64 bit integers."""
+    held = values.flat if isinstance(values, Table) else values
+    if not isinstance(held, array) or held.typecode not in "qQ":
+        raise TypeError("the kernel takes arrays of 64 bit integers")
+    return held.buffer_info()[0]

@@ -11,28 +11,24 @@ from halpipe.pipeline.parts import job_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from halpipe.durations import Duration
     from halpipe.models import Job
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units
     from halpipe.pipeline.solve.problem import Problem
-
-    Ints = NDArray[np.int64]
 
 
 def named_jobs(problem: Problem, start: Ints, option: Ints, units: Units) -> Iterator[Job]:
     """Yield the present jobs with names and exact times."""
     arrays = problem.arrays
     for number, active in enumerate(problem.expansion.tasks):
-        first, last = int(arrays.task_job[number]), int(arrays.task_job[number + 1])
+        first, last = arrays.task_job[number], arrays.task_job[number + 1]
         shift = _rotation(problem, number, start[first:last].tolist())
         for job in range(first, last):
-            version = problem.options[int(option[job])].version
+            version = problem.options[option[job]].version
             if version is None or version.wcet is None:
                 continue
-            begin: Duration = problem.tick * int(start[job])
+            begin: Duration = problem.tick * start[job]
             index = (job - first + shift) % (last - first)
             service = tuple(interrupt for unit in units[job] for interrupt in problem.services[unit])
             yield job_of(active.name, index, version, units[job], [(begin, ZERO, version.wcet)], service)
@@ -45,11 +41,11 @@ def _rotation(problem: Problem, task: int, start: list[int]) -> int:
     that demands others keep their numbers, by which its demands are known.
     """
     arrays = problem.arrays
-    first, last = int(arrays.task_job[task]), int(arrays.task_job[task + 1])
+    first, last = arrays.task_job[task], arrays.task_job[task + 1]
     demanding = arrays.dependent_first[last] > arrays.dependent_first[first]
     if not arrays.task_cyclic[task] or demanding or arrays.entry_offset[arrays.job_entry[first]] >= 0:
         return 0
-    period, hyperperiod = int(arrays.task_period[task]), int(arrays.hyperperiod)
+    period, hyperperiod = arrays.task_period[task], arrays.hyperperiod
     offsets = [(time - number * period) % hyperperiod for number, time in enumerate(start)]
     ordered = sorted(set(offsets))
     gaps = [(b - a, b) for a, b in pairwise(ordered)]

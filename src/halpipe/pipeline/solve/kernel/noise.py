@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from importlib import resources
+import struct
+from array import array
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from halpipe.pipeline.solve.integers import Ints
 
 SIZE = 4096
 
 
-def gumbel_table() -> NDArray[np.int64]:
+@cache
+def gumbel_table() -> Ints:
     """Return round(1024 * -ln(-ln((i + 1/2) / 4096))) for i in 0..4095.
 
     The table is a file and not computed here, because logarithms differ in the last digit between maths
     libraries; a test recomputes it with decimal arithmetic.
     """
-    data = resources.files(__package__).joinpath("gumbel.i16").read_bytes()
-    return np.frombuffer(data, dtype="<i2").astype(np.int64)
+    data = Path(__file__).with_name("gumbel.i16").read_bytes()
+    return array("q", struct.unpack(f"<{SIZE}h", data))

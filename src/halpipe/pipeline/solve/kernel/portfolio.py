@@ -56,11 +56,11 @@ class _Member:
     @property
     def has_won(self) -> bool:
         """Whether it has succeeded, in this turn or before; a state kept from a later turn does not count yet."""
-        return int(self.state.register[BEST]) == 0 and self.moves <= self.bound
+        return self.state.register[BEST] == 0 and self.moves <= self.bound
 
     @property
     def moves(self) -> int:
-        return int(self.state.register[MOVES])
+        return self.state.register[MOVES]
 
     @property
     def is_over(self) -> bool:
@@ -145,7 +145,7 @@ class _Searches:
             if member.kept is not None:
                 member.kept.keep(member.state, now=True)
         won = self.over is not None and self.over.has_won
-        best = self.over if self.over and won else min(self.all, key=lambda m: (int(m.state.register[BEST]), m.number))
+        best = self.over if self.over and won else min(self.all, key=lambda m: (m.state.register[BEST], m.number))
         moves = sum(self._counted(member) for member in self.all)
         return Race(best.state, moves, self.over is not None and not won)
 

@@ -10,22 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from halpipe.pipeline.solve.integers import ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
 from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from halpipe.models import Job
     from halpipe.pipeline.solve.problem import Arrays, Problem
-
-    Ints = NDArray[np.int64]
 
 CHAIN_STEP = 8
 """A chain's latency is asked to shrink by one part in so many at a time."""
@@ -106,7 +102,7 @@ def _grant(
     load(arrays, state)
     budget = polish.budget * len(arrays.entry_offset)
     stopped = run(problem, state, budget, lambda moves, _: on_slice(before + moves, 0), kept)
-    made = int(state.register[MOVES])
+    made = state.register[MOVES]
     units = deal(problem, state.best_start, state.best_option) if state.register[BEST] == 0 else None
     if kept is not None and not stopped:
         placed = {} if units is None else {name: getattr(state, name) for name in PLACED}
@@ -122,7 +118,7 @@ def _recall(best: _Best, arrays: Arrays, polish: Polish, kept: Kept | None) -> t
     facts = kept and kept.noted()
     if not facts:
         return None
-    moves = int(facts["moves"][0])
+    moves = facts["moves"][0]
     if PLACED[0] not in facts:
         return False, moves, False
     problem = replace(best.problem, arrays=arrays)
@@ -138,15 +134,16 @@ def _recall(best: _Best, arrays: Arrays, polish: Polish, kept: Kept | None) -> t
 
 def _fit_slack(arrays: Arrays, state: State) -> None:
     """Pull jobs that are later than the (tightened) slack allows back to where it ends."""
-    for entry in np.flatnonzero(arrays.task_cyclic[arrays.job_task[arrays.entry_job[:-1]]] == 1).tolist():
-        first, last = int(arrays.entry_job[entry]), int(arrays.entry_job[entry + 1])
-        offset = int(arrays.entry_offset[entry])
-        phase = state.phase[first:last]
-        base = offset if offset >= 0 else int(phase.min())
-        latest = base + arrays.option_late[state.option[first:last]]
-        state.phase[first:last] = np.minimum(phase, latest)
-        period = int(arrays.task_period[arrays.job_task[first]])
-        state.start[first:last] = (state.phase[first:last] + np.arange(last - first) * period) % arrays.hyperperiod
+    for first, last in pairwise(arrays.entry_job):
+        task = arrays.job_task[first]
+        if not arrays.task_cyclic[task]:
+            continue
+        offset = arrays.entry_offset[arrays.job_entry[first]]
+        base = offset if offset >= 0 else min(state.phase[first:last])
+        for number, job in enumerate(range(first, last)):
+            phase = min(state.phase[job], base + arrays.option_late[state.option[job]])
+            state.phase[job] = phase
+            state.start[job] = (phase + number * arrays.task_period[task]) % arrays.hyperperiod
 
 
 # ------------------------------------------------------------------------------------------------ wishes
@@ -159,13 +156,14 @@ def _cost_wishes(best: _Best) -> Wishes:
     """Ask for fewer units, then for jobs at their phases, then for shorter chains."""
     for group in range(len(best.problem.groups)):
         while best.problem.arrays.lane_capacity[group] > 0:
-            capacity = best.problem.arrays.lane_capacity.copy()
+            capacity = best.problem.arrays.lane_capacity[:]
             capacity[group] -= 1
             if not (yield best.problem.arrays._replace(lane_capacity=capacity)):
                 break
     late = best.problem.arrays.option_late
     for part in (0, 1, 2, 3):
-        if late.any() and (yield best.problem.arrays._replace(option_late=late * part // 4)):
+        less = ints(delta * part // 4 for delta in late)
+        if any(late) and (yield best.problem.arrays._replace(option_late=less)):
             break
     for chain in range(len(best.problem.arrays.chain_limit)):
         for kind, measure in enumerate((worst_reaction, worst_age)):
@@ -178,8 +176,8 @@ def _cost_wishes(best: _Best) -> Wishes:
 
 def _latency(best: _Best, chain: int, measure: Callable[..., int]) -> int:
     arrays, state = best.problem.arrays, best.state
-    first, last = int(arrays.chain_first[chain]), int(arrays.chain_first[chain + 1])
-    return int(measure(arrays, state, first, last))
+    first, last = arrays.chain_first[chain], arrays.chain_first[chain + 1]
+    return measure(arrays, state, first, last)
 
 
 def _margin_wishes(best: _Best) -> Wishes:
@@ -197,7 +195,8 @@ def _margin_wishes(best: _Best) -> Wishes:
 def _with_margin(plain: Arrays, problem: Problem, margin: int) -> Arrays:
     """Return arrays in which every job keeps its units for `margin` / `MARGIN_STEPS` longer than its WCET."""
     rect = plain.rect.copy()
-    on_units = rect[:, 0] < len(problem.groups)
-    longer = rect[on_units, 2] + -(-rect[on_units, 2] * margin // MARGIN_STEPS)
-    rect[on_units, 2] = np.minimum(longer, plain.hyperperiod)
+    for number, (lane, _, length, _) in enumerate(plain.rect):
+        if lane < len(problem.groups):
+            longer = length + -(-length * margin // MARGIN_STEPS)
+            rect[number, 2] = min(longer, plain.hyperperiod)
     return plain._replace(rect=rect)

@@ -11,12 +11,8 @@ from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.problem import Problem
-
-    Ints = NDArray[np.int64]
 
 SLICE_WORK = 20_000
 """Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
@@ -93,11 +89,11 @@ def advance(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept
         register[BEST] = total_cost(problem.arrays, state)
         return False
     while register[MOVES] < budget:
-        cost = anneal(problem.arrays, state, noise, min(size, budget - int(register[MOVES])))
+        cost = anneal(problem.arrays, state, noise, min(size, budget - register[MOVES]))
         constructed = register[INSERTED] == entries
         if constructed and cost == 0:
             return False
-        if not on_slice(int(register[MOVES]), int(register[BEST]) if constructed else -1):
+        if not on_slice(register[MOVES], register[BEST] if constructed else -1):
             return True
         if kept is not None:
             kept.keep(state, now=False)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load
@@ -102,7 +100,7 @@ def search(
         stopped = stopped or run(
             problem, state, budget - before, lambda made, best: on_slice(before + made, best), rest
         )
-        moves += int(state.register[MOVES])
+        moves += state.register[MOVES]
         units = deal(problem, state.best_start, state.best_option)
 
     def named(problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
@@ -115,20 +113,20 @@ def search(
         problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
         moves += better.moves
     units = units or deal_anyhow(problem, state.best_start, state.best_option)
-    return Outcome(named(problem, state, units), int(state.register[BEST]), moves, stopped, changed, unimproved)
+    return Outcome(named(problem, state, units), state.register[BEST], moves, stopped, changed, unimproved)
 
 
 def _completed(problem: Problem, state: State, seed: int) -> State:
     """Return a state in which a construction that was cut short is complete: the jobs left start at their offsets."""
     arrays = problem.arrays
-    task = arrays.job_task
-    number = np.where(arrays.task_cyclic[task] == 1, np.arange(len(task)) - arrays.task_job[task], 0)
-    phase = np.maximum(arrays.entry_offset[arrays.job_entry], 0)
-    placed = state.start >= 0
     fresh = new_state(arrays, seed, problem.mean_wcet)
-    fresh.start[:] = np.where(placed, state.start, (phase + number * arrays.task_period[task]) % arrays.hyperperiod)
-    fresh.option[:] = np.where(placed, state.option, arrays.task_option[task])
-    fresh.phase[:] = np.where(placed, state.phase, phase)
+    fresh.start[:], fresh.option[:], fresh.phase[:] = state.start, state.option, state.phase
+    for job, task in enumerate(arrays.job_task):
+        if state.start[job] < 0:
+            number = job - arrays.task_job[task] if arrays.task_cyclic[task] else 0
+            phase = max(0, arrays.entry_offset[arrays.job_entry[job]])
+            fresh.start[job] = (phase + number * arrays.task_period[task]) % arrays.hyperperiod
+            fresh.option[job], fresh.phase[job] = arrays.task_option[task], phase
     load(arrays, fresh)
     return fresh
 
@@ -138,8 +136,8 @@ def _continue(problem: Problem, state: State, alone: Problem, seed: int) -> tupl
     units = deal_anyhow(problem, state.start, state.option)
     fresh = new_state(alone.arrays, seed + 1, alone.mean_wcet)
     group_of = {names[0]: group for group, names in enumerate(alone.groups)}
-    task_option, job_task = alone.arrays.task_option.tolist(), alone.arrays.job_task.tolist()
-    for job, chosen in enumerate(state.option.tolist()):
+    task_option, job_task = alone.arrays.task_option, alone.arrays.job_task
+    for job, chosen in enumerate(state.option):
         version = problem.options[chosen].version
         wanted = Option(version, tuple(sorted((group_of[name], 1) for name in units[job])))
         task = job_task[job]

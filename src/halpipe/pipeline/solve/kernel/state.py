@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from array import array
 from enum import IntFlag
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
+from halpipe.pipeline.solve.integers import filled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.problem import Arrays
-
-    Ints = NDArray[np.int64]
 
 NEVER = 1 << 60
 """A cost that nothing reaches."""
@@ -90,7 +89,7 @@ class State(NamedTuple):
     kept: Ints  # per job: start, option, phase of the candidate to keep
     cluster: Ints  # tasks of the move at hand, if it moves several
     register: Ints
-    random: NDArray[np.uint64]
+    random: array[int]  # not negative
     max_rects: int
     heat: int  # T at the start of a full cycle, 10 fraction bits
     enabled: int  # parts of the search that are on
@@ -100,33 +99,33 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PAR
     """Return the empty schedule, ready to construct with the parts of the search that are enabled."""
     jobs, entries = len(arrays.job_task), len(arrays.entry_offset)
     lanes = len(arrays.lane_capacity)
-    rects = np.diff(arrays.rect_first)
-    max_rects = max(1, int(rects.max(initial=0)))
-    edge = np.zeros(max(1, int(arrays.lane_first[-1])), np.int64)
-    edge[arrays.lane_first[:-1] + 1] = arrays.hyperperiod
-    register = np.zeros(REGISTERS, np.int64)
+    max_rects = max((end - begin for begin, end in pairwise(arrays.rect_first)), default=0) or 1
+    edge = filled(max(1, arrays.lane_first[-1]))
+    for first in arrays.lane_first[:-1]:
+        edge[first + 1] = arrays.hyperperiod
+    register = filled(REGISTERS)
     register[BEST] = NEVER
     share = START_HEAT_WITH_WINDOWS if len(arrays.row) else START_HEAT
     heat = max(1, share * 1024 * mean_wcet * arrays.unit_weight // 1000)
     return State(
-        start=np.full(jobs, -1, np.int64),
-        option=np.zeros(jobs, np.int64),
-        phase=np.zeros(jobs, np.int64),
+        start=filled(jobs, -1),
+        option=filled(jobs),
+        phase=filled(jobs),
         edge=edge,
-        level=np.zeros_like(edge),
-        edges=np.ones(lanes, np.int64),
-        guide=np.zeros(int(arrays.guide_first[-1]), np.int64),
-        owner=np.zeros((max(1, int(arrays.owner_first[-1])), 3), np.int64),
-        owners=np.zeros(lanes, np.int64),
-        owner_at=np.zeros((jobs, max_rects), np.int64),
-        hot=np.zeros(entries, np.int64),
-        hot_at=np.full(entries, -1, np.int64),
-        hint=np.full(entries, -1, np.int64),
-        best_start=np.full(jobs, -1, np.int64),
-        best_option=np.zeros(jobs, np.int64),
-        old=np.zeros((jobs, 3), np.int64),
-        kept=np.zeros((jobs, 3), np.int64),
-        cluster=np.zeros(CLUSTER, np.int64),
+        level=filled(len(edge)),
+        edges=filled(lanes, 1),
+        guide=filled(arrays.guide_first[-1]),
+        owner=filled(3 * max(1, arrays.owner_first[-1])),
+        owners=filled(lanes),
+        owner_at=filled(jobs * max_rects),
+        hot=filled(entries),
+        hot_at=filled(entries, -1),
+        hint=filled(entries, -1),
+        best_start=filled(jobs, -1),
+        best_option=filled(jobs),
+        old=filled(3 * jobs),
+        kept=filled(3 * jobs),
+        cluster=filled(CLUSTER),
         register=register,
         random=seeded(seed),
         max_rects=max_rects,
@@ -135,7 +134,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PAR
     )
 
 
-def seeded(seed: int) -> NDArray[np.uint64]:
+def seeded(seed: int) -> array[int]:
     """Return a xorshift64 state for a seed, never zero."""
     mixed = (seed + 1) * 0x9E3779B97F4A7C15 & (2**64 - 1)
-    return np.array([mixed or 1], np.uint64)
+    return array("Q", [mixed or 1])

@@ -9,19 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
+from halpipe.pipeline.solve.integers import filled, ints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from halpipe.durations import Duration
     from halpipe.models import Job
     from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.problem import Problem
-
-    Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +43,7 @@ class Earlier:
 def hints(problem: Problem, earlier: Earlier) -> Ints:
     """Return for every entry the phase in ticks to try first, -1 where none is known."""
     arrays = problem.arrays
-    hint = np.full(len(arrays.entry_offset), -1, np.int64)
+    hint = filled(len(arrays.entry_offset), -1)
     for number, active in enumerate(problem.expansion.tasks):
         phase = earlier.phases.get(active.name)
         if phase is not None and active.task.period is not None and phase < active.task.period:
@@ -56,16 +53,15 @@ def hints(problem: Problem, earlier: Earlier) -> Ints:
 
 def known_first(construction: Ints, hint: Ints) -> Ints:
     """Return the order of construction with the entries whose phase is known before the others."""
-    known = hint[construction] >= 0
-    return np.concatenate([construction[known], construction[~known]])
+    return ints(sorted(construction, key=lambda entry: hint[entry] < 0))
 
 
 def rename_units(problem: Problem, units: dict[int, tuple[str, ...]], earlier: Earlier) -> dict[int, tuple[str, ...]]:
     """Exchange the names of units within every group so that as many jobs as possible are where they were."""
     votes: dict[tuple[str, str], int] = {}
     for job, names in units.items():
-        number = int(problem.arrays.job_task[job])
-        key = (problem.expansion.tasks[number].name, job - int(problem.arrays.task_job[number]))
+        number = problem.arrays.job_task[job]
+        key = (problem.expansion.tasks[number].name, job - problem.arrays.task_job[number])
         for now, before in zip(names, earlier.units.get(key, ()), strict=False):
             votes[now, before] = votes.get((now, before), 0) + 1
     group_of = {name: group for group, names in enumerate(problem.groups) for name in names}
