@@ -72,12 +72,12 @@ def invoke(arguments: list[str]) -> int:
 
 
 def _invoke(arguments: list[str]) -> int:
-    from halpipe.cli.app import app
+    from halpipe.cli.app import app_for
     from halpipe.files import protecting_inputs
 
     try:
         with protecting_inputs():
-            return int(app(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)
+            return int(app_for(arguments)(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)
     except SystemExit as end:  # click's answer to a reader that has gone
         if isinstance(end.__context__, BrokenPipeError):
             raise end.__context__ from None

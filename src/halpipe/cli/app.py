@@ -1,40 +1,56 @@
-"""The commands and what they have in common."""
+"""The commands and what they have in common.
+
+A command line is built with the verb that it is asked for and no other: to describe all of them takes longer than most
+of them do.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from halpipe import __version__
-from halpipe.cli import (
-    bench,
-    compare,
-    deploy,
-    diff,
-    doctor,
-    explain,
-    export,
-    generate,
-    import_,
-    run,
-    schedule,
-    sensitivity,
-    show,
-    size,
-    validate,
-    verify,
-)
 
-app = typer.Typer(
-    help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 ok, 1 findings, 2 usage, 3 no schedule found, 4 proven infeasible, 5 unsupported under "
-    "--strict, 70 internal error, 130 interrupted.",
-)
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+VERBS = (
+    "import", "validate", "schedule", "verify", "explain", "size", "sensitivity", "show", "diff", "export", "compare",
+    "deploy", "run", "generate", "bench", "doctor",
+)  # fmt: skip
+"""In the order of the help; each has a module of its name."""
+
+GROUPS = ("export", "deploy")
+"""Verbs that have commands of their own."""
+
+
+def app_for(arguments: list[str]) -> typer.Typer:
+    """Return the command line that can answer these arguments: of one verb, else of all."""
+    return build(arguments[:1] if arguments and arguments[0] in VERBS else VERBS)
+
+
+def build(verbs: Iterable[str]) -> typer.Typer:
+    """Return the command line of some verbs."""
+    app = typer.Typer(
+        help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        epilog="Exit codes: 0 ok, 1 findings, 2 usage, 3 no schedule found, 4 proven infeasible, 5 unsupported under "
+        "--strict, 70 internal error, 130 interrupted.",
+    )
+    app.callback()(_options)
+    for verb in verbs:
+        name = f"{verb}_" if verb == "import" else verb  # a word that Python keeps for itself
+        module = import_module(f"halpipe.cli.{name}")
+        if verb in GROUPS:
+            app.add_typer(module.app, name=verb)
+        else:
+            app.command(verb)(getattr(module, name))
+    return app
 
 
 def _print_version(wanted: bool) -> None:
@@ -43,28 +59,9 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
     """Take the options before the verb."""
-
-
-app.command("import")(import_.import_)
-app.command("validate")(validate.validate)
-app.command("schedule")(schedule.schedule)
-app.command("verify")(verify.verify)
-app.command("explain")(explain.explain)
-app.command("size")(size.size)
-app.command("sensitivity")(sensitivity.sensitivity)
-app.command("show")(show.show)
-app.command("diff")(diff.diff)
-app.add_typer(export.app, name="export")
-app.command("compare")(compare.compare)
-app.add_typer(deploy.app, name="deploy")
-app.command("run")(run.run)
-app.command("generate")(generate.generate)
-app.command("bench")(bench.bench)
-app.command("doctor")(doctor.doctor)
