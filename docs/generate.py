@@ -214,9 +214,10 @@ def exit_codes_page() -> str:
 
 def cli_page() -> str:
     """Every verb with its arguments and options, from the signatures that typer makes the command line of."""
-    from halpipe.cli.app import app
+    from halpipe.cli.app import VERBS, build
     from halpipe.cli.output import SHOWN_PER_CODE
 
+    app = build(VERBS)
     verbs = [(str(command.name), command.callback) for command in app.registered_commands if command.callback]
     for group in app.registered_groups:
         inside = group.typer_instance.registered_commands if group.typer_instance else []

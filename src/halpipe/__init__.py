@@ -16,7 +16,7 @@ TYPE_CHECKING = False  # spares the start `typing`, during which Ctrl-C would st
 if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.pipeline.explain import Explanation
+    from halpipe.pipeline.explain.explanation import Explanation
 
 __version__ = "0.1.0"
 
@@ -59,7 +59,7 @@ def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
 
 def explain(model: TaskModel) -> Explanation:
     """Return why a model has no schedule, with a proof where there is one, and what would help."""
-    from halpipe.pipeline.explain import explain as explain_model
+    from halpipe.pipeline.explain.explanation import explain as explain_model
 
     return explain_model(model)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -11,6 +10,8 @@ if TYPE_CHECKING:
 
 def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return up to `count` known names that resemble `name`, best first."""
+    import difflib  # only those who have mistyped something wait for it
+
     return difflib.get_close_matches(name, list(known), n=count, cutoff=0.5)
 
 

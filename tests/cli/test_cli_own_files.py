@@ -10,7 +10,7 @@ import pytest
 import typer
 from test_cli_regulator import PLATFORM
 
-from halpipe.cli.app import app
+from halpipe.cli.app import VERBS, build
 from halpipe.files import FOREIGN_FILE, FOREIGN_FOLDER, OUTPUT_IS_INPUT
 
 OVERLAY = "halpipe-overlay: 1\n"
@@ -107,7 +107,7 @@ def test_standard_input_that_is_a_file_is_an_input(place):
 def test_every_verb_that_writes_is_tried_above():
     """A verb that is added with an output belongs into the table, unless it is listed here with what tries it."""
     elsewhere = {"bench": "its inputs are no files", "deploy": "test_a_bundle_is_not_written_over"}
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(build(VERBS))
     writing = {name for name, command in group.commands.items() if hasattr(command, "commands") or _writes(command)}
     assert writing | {"run"} == {*OVERWRITING, *elsewhere}
     formats = group.commands["export"]

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from halpipe.cli.app import app
+from halpipe.cli.app import GROUPS, VERBS, build
 from halpipe.importers.native import read_schedule
 from halpipe.models import Status
 
@@ -127,6 +127,8 @@ def test_notes_are_counted_and_shown_on_request(halpipe, folder):
 
 
 def test_every_verb_has_help(halpipe):
+    app = build(VERBS)
+    assert [group.name for group in app.registered_groups] == list(GROUPS)
     verbs = [((), command) for command in app.registered_commands]
     verbs += [((group.name,), c) for group in app.registered_groups for c in group.typer_instance.registered_commands]
     assert len(verbs) > len(app.registered_commands)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from test_validate_soundness import MODELS
 
 from halpipe.diagnostics import render_text
-from halpipe.pipeline.explain import Verdict, explain
+from halpipe.pipeline.explain.explanation import Verdict, explain
 from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)

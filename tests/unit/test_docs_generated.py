@@ -58,11 +58,11 @@ def test_every_verb_and_each_of_its_options_is_listed(pages):
     """Against the help that typer prints, which the page is not made from."""
     from typer.main import get_command
 
-    from halpipe.cli.app import app
+    from halpipe.cli.app import VERBS, build
 
     sections = dict(re.findall(r"^## halpipe ([\w -]+)\n(.*?)(?=^## |\Z)", pages["cli.md"], re.MULTILINE | re.DOTALL))
     commands = {}
-    for name, command in get_command(app).commands.items():
+    for name, command in get_command(build(VERBS)).commands.items():
         inside = getattr(command, "commands", None)
         commands |= {f"{name} {verb}": c for verb, c in inside.items()} if inside else {name: command}
     assert sorted(sections) == sorted(commands)

@@ -161,7 +161,7 @@ def test_files_whose_names_begin_alike_do_not_mix(tmp_path):
 def test_a_planted_temporary_file_is_not_written_through(tmp_path, monkeypatch):
     victim = tmp_path / "victim"
     victim.write_bytes(b"precious")
-    monkeypatch.setattr(files.writing.secrets, "token_hex", lambda size: "0" * 2 * size)
+    monkeypatch.setattr(files.writing.os, "urandom", bytes)
     trap = tmp_path / "out" / f".new.xml.{os.getpid()}-00000000.halpipe-tmp"
     trap.parent.mkdir()
     trap.symlink_to(victim)

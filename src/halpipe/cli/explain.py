@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
     from halpipe.models import TaskModel
-    from halpipe.pipeline.explain import Explanation
+    from halpipe.pipeline.explain.explanation import Explanation
 
 
 def explain(
@@ -46,7 +46,7 @@ def explain(
     if re.fullmatch(r"(?i)HAL\d{4}", subject):
         return _explain_code(subject.upper())
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.explain import explain as explain_model
+    from halpipe.pipeline.explain.explanation import explain as explain_model
 
     system = read_model(subject)
     _check_mode(system, mode)

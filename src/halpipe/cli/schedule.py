@@ -75,7 +75,6 @@ def schedule(
     Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
     """
     from halpipe.cli.searching import find_schedule, workers_of
-    from halpipe.flow.formats import burst_grid
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.solve.schedule import Quality, SearchOptions
 
@@ -91,6 +90,8 @@ def schedule(
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
     if quantise:
+        from halpipe.flow.formats import burst_grid
+
         options = replace(options, grid=burst_grid(quantise))
     return find_schedule(system, options, output_file, time_limit, resume=resume)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import secrets
 import shutil
 import sys
 from typing import TYPE_CHECKING
@@ -131,7 +130,7 @@ def sweep(directory: str, base: str) -> None:
 def temporary_beside(target: str) -> str:
     """Return a fresh name beside `target`, by which a later run knows what a killed one left."""
     directory, base = os.path.split(target)
-    return os.path.join(directory, f"{_prefix(base)}{os.getpid()}-{secrets.token_hex(4)}{_SUFFIX}")
+    return os.path.join(directory, f"{_prefix(base)}{os.getpid()}-{os.urandom(4).hex()}{_SUFFIX}")
 
 
 _SUFFIX = ".halpipe-tmp"

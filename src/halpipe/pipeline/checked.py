@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.quantise import BurstGrid
     from halpipe.pipeline.solve.schedule import OnProgress, Scheduled, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
-    from halpipe.pipeline.transitions import Switched
+    from halpipe.pipeline.transitions.tables import Switched
 
 INVALID_SOLUTION = error(
     "HAL0903",
@@ -63,6 +63,8 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         scheduled = search(model, replace(options, attempt=attempt), on_progress)
         _refuse_broken_claims(model, scheduled.schedule)
         moves += scheduled.moves
+        if len(scheduled.schedule.modes) < 2:  # then there is no switch
+            return replace(scheduled, moves=moves)
         switched = _switched(model, scheduled, options.workers, on_progress, doubtful)
         doubtful = switched.failed
         scheduled = replace(
@@ -139,7 +141,7 @@ def _switched(
     A search that was stopped while it improved them gets its tables nevertheless: then all is there to be used.
     """
     from halpipe.pipeline.solve.schedule import SWITCHES
-    from halpipe.pipeline.transitions import switch_tables
+    from halpipe.pipeline.transitions.tables import switch_tables
 
     def go_on(done: int, total: int) -> bool:
         return on_progress(SWITCHES, done, total, 0) or scheduled.unimproved

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from contextlib import suppress
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, Location, error
@@ -236,7 +236,7 @@ def _grammar(kind: str) -> etree._Element:
 
 
 def _schema_bytes(kind: str) -> bytes:
-    return resources.files(__package__).joinpath(f"{kind}-1.xsd").read_bytes()
+    return Path(__file__).with_name(f"{kind}-1.xsd").read_bytes()
 
 
 def _explain(root: etree._Element, kind: str) -> dict[int, str]:

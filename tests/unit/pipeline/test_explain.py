@@ -7,8 +7,9 @@ import pytest
 
 from halpipe.durations import Duration, milliseconds
 from halpipe.models import Chain, Mode, Unit
-from halpipe.pipeline.explain import Verdict, changes, codes, conflict, explain
+from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
+from halpipe.pipeline.explain.explanation import Verdict, explain
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer

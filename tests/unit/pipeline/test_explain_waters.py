@@ -5,7 +5,8 @@ import math
 import pytest
 
 from halpipe.models import Status
-from halpipe.pipeline.explain import Verdict, codes, explain
+from halpipe.pipeline.explain import codes
+from halpipe.pipeline.explain.explanation import Verdict, explain
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

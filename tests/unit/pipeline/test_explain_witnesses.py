@@ -10,7 +10,8 @@ import pytest
 from halpipe.files import write_output
 from halpipe.importers.native import read_model
 from halpipe.models import Status
-from halpipe.pipeline.explain import Verdict, codes, explain
+from halpipe.pipeline.explain import codes
+from halpipe.pipeline.explain.explanation import Verdict, explain
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

@@ -10,7 +10,6 @@ from __future__ import annotations
 import hashlib
 import io
 import sys
-import zipfile
 from array import array
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -80,7 +79,7 @@ class Checkpoint:
         """Read the states of the run to be continued; raise `HalpipeError` if they are not of this run."""
         try:
             identity, found = _unpacked(read_own(self._path))
-        except (ValueError, OSError, KeyError, EOFError, NotImplementedError, zipfile.BadZipFile):
+        except (ValueError, OSError, KeyError, EOFError, NotImplementedError):
             raise self._refusal("is damaged") from None
         if identity != self._identity:
             raise self._refusal("belongs to another model or other options")
@@ -148,6 +147,8 @@ class Checkpoint:
 
 def _packed(identity: str, arrays: Mapping[str, Ints]) -> bytes:
     """Return a zip file with an array in each member, as words of 64 bits, the least byte first."""
+    import zipfile
+
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as file:
         file.writestr(zipfile.ZipInfo(IDENTITY), identity)
@@ -157,17 +158,23 @@ def _packed(identity: str, arrays: Mapping[str, Ints]) -> bytes:
 
 
 def _unpacked(data: bytes) -> tuple[str, dict[str, Ints]]:
-    """Return what was packed; raise `ValueError`, or one of the errors of zip files, for anything else."""
+    """Return what was packed; raise `ValueError`, `KeyError` or `OSError` for anything else."""
+    import zipfile
+
     arrays = {}
-    with zipfile.ZipFile(io.BytesIO(data)) as file:
-        if any(member.compress_type != zipfile.ZIP_STORED for member in file.infolist()):
+    try:
+        file = zipfile.ZipFile(io.BytesIO(data))
+        members = file.infolist()
+        if any(member.compress_type != zipfile.ZIP_STORED for member in members):
             raise ValueError("compressed")  # we compress nothing, and what others did might expand without bound
-        identity = file.read(IDENTITY).decode()
-        for name in file.namelist():
-            if name != IDENTITY:
-                values = array("Q" if name.endswith("/random") else "q")
-                values.frombytes(file.read(name))
-                arrays[name] = _least_byte_first(values)
+        content = {member.filename: file.read(member) for member in members}
+    except zipfile.BadZipFile as failure:
+        raise ValueError(str(failure)) from None
+    identity = content.pop(IDENTITY).decode()
+    for name, words in content.items():
+        values = array("Q" if name.endswith("/random") else "q")
+        values.frombytes(words)
+        arrays[name] = _least_byte_first(values)
     return identity, arrays
 
 

@@ -7,7 +7,6 @@ of the items. For processes and clusters see `run.py`.
 from __future__ import annotations
 
 import threading
-from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -149,6 +148,8 @@ def watched(work: Callable[[], _Result], go_on: Callable[[], bool], stop: Callab
     Return what the work returned, and whether it was stopped.
     """
     is_stopped = False
+    from concurrent.futures import ThreadPoolExecutor, wait  # it takes longer to load than a short search
+
     with ThreadPoolExecutor(1) as pool:
         future = pool.submit(work)
         try:

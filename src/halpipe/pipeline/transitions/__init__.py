@@ -1,5 +1,1 @@
 """Tables for mode switches (MODEL 5): what runs between the last cycle of one mode and the first of the next."""
-
-from halpipe.pipeline.transitions.tables import Switched, switch_tables
-
-__all__ = ["Switched", "switch_tables"]

@@ -1,0 +1,186 @@
+"""Answers other than a schedule (MODEL 6): why a mode has none, or what stood in the way, and what would help.
+
+First the proofs that a person can check, then a minimal conflicting set from the exact engine, then the smallest change
+with which a schedule is found. "Infeasible" is never said because a search gave up.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Exit
+from halpipe.models import Schedule, Status
+from halpipe.pipeline.explain import codes
+from halpipe.pipeline.explain.conflict import describe, find_conflict
+from halpipe.pipeline.explain.invalid import names_in, proves_infeasible
+from halpipe.pipeline.explain.remedies import Trials, find_remedies
+from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
+from halpipe.pipeline.solve.exact import Answer
+from halpipe.pipeline.validate import validate
+from halpipe.pipeline.validate.context import place
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Mode, TaskModel
+
+BUDGET = 5_000
+"""Moves per task of the search that is explained where no schedule is given, in modes of up to 400 jobs."""
+
+WORK = 2_000_000
+"""Jobs placed in that search for each task, roughly, in larger modes: what would help needs its time too."""
+
+
+class Verdict(StrEnum):
+    """What became of the question whether a mode has a schedule."""
+
+    SCHEDULABLE = "schedulable"
+    INFEASIBLE = "infeasible"
+    NOT_FOUND = "not found"
+    INVALID = "invalid"
+
+
+EXITS = {
+    Verdict.SCHEDULABLE: Exit.OK,
+    Verdict.INFEASIBLE: Exit.INFEASIBLE,
+    Verdict.NOT_FOUND: Exit.NOT_FOUND,
+    Verdict.INVALID: Exit.FINDINGS,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The verdict on each mode, and all findings: witnesses first, what would help last."""
+
+    verdicts: tuple[tuple[str, Verdict], ...]
+    diagnostics: tuple[Diagnostic, ...]
+
+    @property
+    def exit(self) -> Exit:
+        """The exit code: that of an invalid model, else of the worst mode."""
+        found = {verdict for _, verdict in self.verdicts}
+        for verdict in (Verdict.INVALID, Verdict.INFEASIBLE, Verdict.NOT_FOUND):
+            if verdict in found:
+                return EXITS[verdict]
+        return Exit.OK if found else Exit.FINDINGS  # a model without modes is invalid
+
+
+def explain(
+    model: TaskModel,
+    mode: str | None = None,
+    schedule: Schedule | None = None,
+    *,
+    use_exact: bool = True,
+    remedies: bool = True,
+    budget: int | None = None,
+    seed: int = 1,
+    go_on: Callable[[], bool] = lambda: True,
+) -> Explanation:
+    """Explain why `mode` (or every mode) of a model has no schedule, or what stood in the way of finding one.
+
+    `schedule` is the best placement of an earlier search; without it one is made, with `budget` moves per task (by
+    default as many as the size of the mode allows). The exact engine takes part where it is installed and the mode
+    small. `go_on` is asked now and then and may end it all.
+    """
+    findings = validate(model)
+    errors = [d for d in findings if d.is_error]
+    if errors:
+        verdict = Verdict.INFEASIBLE if proves_infeasible(model, errors) else Verdict.INVALID
+        return Explanation(tuple((m.name, verdict) for m in model.modes), tuple(errors))
+    verdicts: list[tuple[str, Verdict]] = []
+    diagnostics: list[Diagnostic] = []
+    for chosen in model.modes:
+        if mode in (None, chosen.name):
+            question = _Question(model, chosen, schedule, use_exact, remedies, budget, seed, go_on)
+            verdict, found = question.answer()
+            verdicts.append((chosen.name, verdict))
+            diagnostics += found
+    return Explanation(tuple(verdicts), tuple(diagnostics))
+
+
+@dataclass(frozen=True, slots=True)
+class _Question:
+    """One mode to explain, and how."""
+
+    model: TaskModel
+    mode: Mode
+    schedule: Schedule | None
+    use_exact: bool
+    remedies: bool
+    budget: int | None
+    seed: int
+    go_on: Callable[[], bool]
+
+    def answer(self) -> tuple[Verdict, list[Diagnostic]]:
+        """Try the instant proofs, then the search, then the exact engine; end with what would help."""
+        for hopeless in find_witnesses(self.model, [self.mode.name]):
+            tasks = hopeless.tasks
+            return Verdict.INFEASIBLE, [*hopeless.diagnostics, *self._remedies(tasks)]
+        best = self._best()
+        broken = self._broken(best)
+        if not broken:
+            return Verdict.SCHEDULABLE, [self._schedulable("the search finds one")]
+        found = self._not_found(best, broken)
+        conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
+        if conflict is not None and conflict.answer is Answer.FEASIBLE:
+            return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one: use `schedule --engine exact`")]
+        if conflict is not None and conflict.kept is not None:
+            tasks = tuple(active.name for active in conflict.kept.tasks)
+            return Verdict.INFEASIBLE, [describe(self.mode, conflict), *self._remedies(tasks)]
+        return Verdict.NOT_FOUND, [*found, *self._remedies(names_in(self.model, broken))]
+
+    def _schedulable(self, how: str) -> Diagnostic:
+        text = f"has a valid schedule; {how}"
+        return codes.SCHEDULABLE(text, at=place(self.mode), path=f'mode "{self.mode.name}"', help="nothing to do")
+
+    def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
+        if not self.remedies:
+            return []
+        jobs = expand(self.model, self.mode).job_count
+        return find_remedies(self.model, tasks, Trials(self.mode.name, jobs, self.go_on))
+
+    def _best(self) -> Schedule:
+        """Return the placement to explain: the mode's of the schedule given, or that of a search."""
+        from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+
+        tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
+        if self.schedule is not None and tables:
+            return replace(self.schedule, modes=tuple(tables), transitions=())
+        jobs = max(1, expand(self.model, self.mode).job_count)
+        budget = self.budget or max(20, min(BUDGET, WORK // jobs))
+        options = SearchOptions(seed=self.seed, budget=budget, modes=(self.mode.name,))
+        return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
+
+    def _broken(self, best: Schedule) -> list[Diagnostic]:
+        """Return what verify finds in it, without regard to what its author claims of it."""
+        from halpipe.pipeline.verify import verify
+
+        tables = tuple(replace(t, status=Status.VALID, cost=None, chains=()) for t in best.modes)
+        alone = replace(self.model, modes=(self.mode,), transitions=())
+        return [d for d in verify(alone, replace(best, modes=tables, transitions=())) if d.is_error]
+
+    def _not_found(self, best: Schedule, broken: list[Diagnostic]) -> list[Diagnostic]:
+        """Say how far the search came: the best cost, the rules still broken with counts, and the first jobs."""
+        path, at = f'mode "{self.mode.name}"', place(self.mode)
+        cost = best.modes[0].cost if best.modes else None
+        reached = f", best cost {float(cost.total):.6g}" if cost else ""
+        rules = Counter(d.code for d in broken)
+        listed = ", ".join(f"{code} {count} time{'s' if count > 1 else ''}" for code, count in sorted(rules.items()))
+        text = f"no valid schedule found{reached}; that is no proof that there is none. Still broken: {listed}"
+        help = (
+            "see below what would help; or search longer: `halpipe schedule` with a larger --budget or another --seed"
+        )
+        found = [NOT_FOUND(text, at=at, path=path, help=help)]
+        shown: Counter[str] = Counter()
+        for violation in broken:
+            shown[violation.code] += 1
+            if shown[violation.code] <= 3:
+                help = f"{violation.code}: {violation.help}"
+                found.append(STILL_BROKEN(violation.message, at=violation.at, path=violation.path, help=help))
+        return found
