@@ -6,6 +6,7 @@ all codes is generated from that register. Calling a `Code` makes a `Diagnostic`
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
@@ -188,8 +189,6 @@ def render_json(diagnostics: Iterable[Diagnostic]) -> str:
 
 
 def _json(value: Any) -> str:
-    import json
-
     text = json.dumps(value, indent=2, ensure_ascii=False)
     return text if text.isprintable() else "".join(c if c.isprintable() or c == "\n" else _escaped(c) for c in text)
 

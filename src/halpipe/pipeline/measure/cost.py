@@ -61,7 +61,7 @@ def _bound_quanta(placement: Placement) -> int:
 def _excess(intervals: Iterable[Interval], period: int) -> Fraction:
     """Return the integral of (sum of heights - 1)+ over the circle."""
     steps = sweep(intervals, period)
-    return sum(((s.end - s.begin) * (s.level - 1) for s in steps if s.level > 1), Fraction(0))
+    return Fraction(sum((s.end - s.begin) * (s.level - 1) for s in steps if s.level > 1))
 
 
 def _overlap(placement: Placement) -> int:

@@ -55,7 +55,7 @@ def _resource_loads(model: TaskModel, placement: Placement) -> tuple[ResourceLoa
     for name, intervals in phases.items():
         steps = sweep(intervals, placement.hyperperiod) if placement.hyperperiod else []
         peak = Fraction(max((step.level for step in steps), default=0))
-        area = sum(((step.end - step.begin) * step.level for step in steps), Fraction(0))
+        area = Fraction(sum((step.end - step.begin) * step.level for step in steps))
         mean = area / placement.hyperperiod if steps else Fraction(0)
         loads.append(ResourceLoad(resource=name, peak=peak, mean=mean))
     return tuple(loads)
