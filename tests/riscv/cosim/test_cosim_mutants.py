@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from tampering import resealed, tampered
+from tampering import COPY, RUN, STOP, resealed, tampered
 
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, check
@@ -169,3 +169,35 @@ def test_what_takes_too_long_to_inject_is_told(sound, monkeypatch):
     (found,) = DEPLOYMENT.check(sound, CheckOptions()).diagnostics
     assert found.code == declared.NOT_INJECTED.id
     assert "only 2 of 24 were played" in found.message
+
+
+def spoilt_table(kind, offset, change, size=8):
+    """A change of the first operation of a kind."""
+
+    def spoil(program):
+        at = program.operations(kind)[0]
+        program.put(at + offset, change(program.get(at + offset, size)), size)
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        spoilt_table(COPY, 8, lambda source: source + 8),
+        spoilt_table(COPY, 24, lambda size: size // 2),
+        spoilt_table(COPY, 37, lambda channel: channel + 1, 1),
+        spoilt_table(COPY, 0, lambda key: key + (60_000 << 2)),
+        spoilt_table(RUN, 8, lambda function: function + 4),
+        spoilt_table(RUN, 24, lambda bss: 0 if bss else 8),
+        spoilt_table(RUN, 32, lambda limit: limit + 1, 4),
+        spoilt_table(RUN, 40, lambda rank: rank + 1, 4),
+        spoilt_table(RUN, 44, lambda ranks: ranks + 1, 4),
+        spoilt_table(STOP, 0, lambda key: key - (4 << 2)),
+        spoilt_table(STOP, 38, lambda unit: 1 - unit, 1),
+    ],
+)
+def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sound, tmp_path, change):
+    found = check.static_findings(tampered(sound, tmp_path / "b", change))
+    assert {d.code for d in found} == {declared.WRONG_OPERATIONS.id}
+    assert check.static_findings(sound) == []

@@ -11,12 +11,14 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes, conditions, containment
 from halpipe.deploy.riscv.comparison import Comparison
 from halpipe.deploy.riscv.containment import Injected
-from halpipe.deploy.riscv.cosimulation import CoSimulation, read_images
+from halpipe.deploy.riscv.contents import contradictions
+from halpipe.deploy.riscv.cosimulation import CoSimulation, load_program, read_images
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.injection import Saboteur
 from halpipe.deploy.riscv.machine import MANAGEMENT, Budget
 from halpipe.deploy.riscv.sequence import Played, played_tables, tables_named, tours, transition_name
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.tables import wrong_operations
 from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import Findings, HalpipeError, sort_diagnostics
 from halpipe.durations import ZERO, Duration, milliseconds, seconds
@@ -100,12 +102,13 @@ class Totals:
 def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     """Play a bundle in the co-simulation and hold it against its schedule; then let jobs fail on purpose."""
     totals = Totals()
+    static = static_findings(target)
     for tour in tours(target.schedule, options.cycles or CYCLES):
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
     site = totals.outcomes[0].run.site
     lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
-    sound = not any(found.is_error for found in totals.findings)
-    findings = totals.findings
+    findings = tuple(sort_diagnostics([*static, *totals.findings]))
+    sound = not any(found.is_error for found in findings)
     if sound and options.inject != "none":
         injected = inject(target, totals, everything=options.inject == "all")
         findings = tuple(sort_diagnostics([*findings, *injected.findings]))
@@ -114,6 +117,19 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
     traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
     return Checked(diagnostics=findings, lines=tuple(lines), files=traces)
+
+
+def static_findings(target: Target) -> list[Diagnostic]:
+    """Return what is wrong with a bundle before it is played: files that disagree, tables that are others."""
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    images = read_images(target.bundle, site)
+    program = load_program(target.bundle, site)
+    found = Findings(list(contradictions(target.bundle, site, program, images)))
+    expectation = Expectation(target.bundle, target.model, site, images)
+    if not found.has_errors:
+        found.extend(wrong_operations(target.bundle, site, program, target.schedule, expectation, images))
+    return found.items
 
 
 def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
@@ -200,7 +216,6 @@ def judge(
     """Compare a run that has ended with what had to be played."""
     tolerance = tolerance_of(run.site)
     findings = Findings()
-    findings.extend(simulation.contradictions)
     findings.extend(conditions.is_over(run))
     findings.extend(conditions.is_confined(run))
     findings.extend(conditions.plays(run, expected, tolerance))

@@ -131,6 +131,12 @@ SPENT = error(
     "A run ends when it has executed as many instructions, taken as many traps or touched as many devices as no sound "
     "bundle of its size does. A job or the runtime goes round in circles.",
 )
+WRONG_OPERATIONS = error(
+    "HAL1057",
+    "Operation tables are not those of the schedule",
+    "The tables in the program say what the management core does, and when. They have another transfer, execution, "
+    "instant or switch than the schedule and the images ask for.",
+)
 NOT_CONTAINED = error(
     "HAL1055",
     "Injected fault is not contained",

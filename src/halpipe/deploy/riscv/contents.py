@@ -197,7 +197,8 @@ def _first(one: bytes, other: bytes) -> str:
     return f"in {len(differing)} bytes, first at {differing[0]:#x}"
 
 
-def _stored(program: Program, address: int, size: int) -> bytes | None:
+def stored(program: Program, address: int, size: int) -> bytes | None:
+    """Return what a program stores at a physical address; None if it does not store all of it."""
     for segment in program.segments:
         at = address - segment.source
         if at >= 0 and at + size <= len(segment.data):
@@ -210,7 +211,7 @@ def _image(bundle: Bundle, program: Program, image: Image) -> Iterator[Diagnosti
     at = bundle.at(image.site.file)
     parts = [s for s in image.program.segments if s.data]
     for segment in parts:
-        if _stored(program, segment.source, len(segment.data)) != segment.data:
+        if stored(program, segment.source, len(segment.data)) != segment.data:
             message = f"{len(segment.data)} bytes at {segment.source:#x} are others in bundle.elf"
             yield FOREIGN_CONTENT(message, at=at, help=AGAIN)
     symbols = image.program.symbols

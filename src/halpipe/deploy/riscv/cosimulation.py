@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
-from halpipe.deploy.riscv.contents import contradictions
 from halpipe.deploy.riscv.elf import read_program
 from halpipe.deploy.riscv.expectation import Image
 from halpipe.deploy.riscv.hart import NEVER
@@ -147,7 +146,7 @@ class CoSimulation:
         self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
         self._refuse_nonsense(cpi)
         program = load_program(target.bundle, self.site)
-        self.contradictions = [*contradictions(target.bundle, self.site, program, self.images)]
+        self.program = program
         self._recorder = Recorder(self.site, list(self.images.values()), self._told)
         try:
             bandwidths = self._bandwidths(bandwidth)

@@ -74,6 +74,16 @@ def _read(data: bytes) -> Program:
     return Program(entry, tuple(loaded), _symbols(data, sections, section_count))
 
 
+def offset_of(data: bytes, source: int, size: int) -> int | None:
+    """Return where in a readable ELF file stand the `size` bytes that are loaded to the physical address `source`."""
+    header = _HEADER.unpack_from(data)
+    for i in range(header[10]):
+        kind, _, offset, _, at, stored, _, _ = _SEGMENT.unpack_from(data, header[5] + i * _SEGMENT.size)
+        if kind == _LOADED and at <= source and source + size <= at + stored:
+            return int(offset + source - at)
+    return None
+
+
 def _symbols(data: bytes, sections: int, count: int) -> dict[str, tuple[int, int]]:
     found: dict[str, tuple[int, int]] = {}
     tables = [_SECTION.unpack(_part(data, sections + i * _SECTION.size, _SECTION.size)) for i in range(count)]

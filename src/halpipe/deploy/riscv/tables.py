@@ -1,0 +1,195 @@
+"""The operation tables as they stand in the program, held against the plan before anything is played.
+
+Engines that see no DMA registers learn from this what a transfer that the runtime records has moved. Layouts are
+those of docs/reference/riscv-bundle.md.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
+from halpipe.deploy.riscv.contents import AGAIN, BSS, stored
+from halpipe.deploy.riscv.sequence import tables_named
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from halpipe.bundles import Bundle
+    from halpipe.deploy.riscv.elf import Program
+    from halpipe.deploy.riscv.expectation import Expectation, Image, PlannedJob
+    from halpipe.deploy.riscv.target import Site
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Schedule
+
+_OPERATION = struct.Struct("<QQQQIBBBBII")
+_PROGRAM = struct.Struct("<QII")
+_RELEASE = struct.Struct("<QII")
+_TABLE = struct.Struct("<QQII")
+_INDEX = struct.Struct("<I")
+_COPY, _DONE, _RUN, _STOP = 1, 2, 3, 4
+_NO_TABLE = 0xFFFFFFFF
+_MOST = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation, `at` ticks from the job's start; its numbers as in the runtime's header."""
+
+    at: int
+    kind: int
+    source: int
+    target: int
+    size: int
+    limit: int
+    channel: int
+    hart: int
+    rank: int
+    ranks: int
+
+
+def wrong_operations(
+    bundle: Bundle,
+    site: Site,
+    program: Program,
+    schedule: Schedule,
+    expectation: Expectation,
+    images: Mapping[tuple[str, str, str], Image],
+) -> Iterator[Diagnostic]:
+    """Yield where the tables in the program are not those that the schedule asks for."""
+    at = bundle.at("bundle.elf")
+    reader = _Reader(program)
+    try:
+        for index, table in enumerate(site.tables):
+            (played,) = tables_named(schedule, [table.name])
+            jobs = expectation.jobs([played])
+            for path, message in reader.deviations(index, table.length, jobs, images):
+                yield WRONG_OPERATIONS(message, at=at, path=path or f'table "{table.name}"', help=AGAIN)
+        for message in reader.switches(schedule):
+            yield WRONG_OPERATIONS(message, at=at, path="hp_switches", help=AGAIN)
+    except (struct.error, LookupError) as failure:
+        yield WRONG_OPERATIONS(f"its tables cannot be read: {failure}", at=at, help=AGAIN)
+
+
+class _Reader:
+    """Reads tables by their symbols and addresses."""
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._programs: dict[int, list[Operation]] = {}
+
+    def _at(self, address: int, form: struct.Struct) -> tuple[int, ...]:
+        found = stored(self._program, address, form.size)
+        if found is None:
+            raise LookupError(f"nothing is stored at {address:#x}")
+        return form.unpack(found)
+
+    def _symbol(self, name: str) -> int:
+        return self._program.symbols[name][0]
+
+    def operations(self, number: int) -> list[Operation]:
+        """Return a program of the runtime."""
+        if number not in self._programs:
+            base, count, _ = self._at(self._symbol("hp_programs") + number * _PROGRAM.size, _PROGRAM)
+            found = []
+            for i in range(min(count, _MOST)):
+                key, source, target, size, limit, kind, channel, unit, _, rank, ranks = self._at(
+                    base + i * _OPERATION.size, _OPERATION
+                )
+                found.append(Operation(key >> 2, kind, source, target, size, limit, channel, unit + 1, rank, ranks))
+            self._programs[number] = found
+        return self._programs[number]
+
+    def deviations(
+        self, index: int, length: int, jobs: Sequence[PlannedJob], images: Mapping[tuple[str, str, str], Image]
+    ) -> Iterator[tuple[str, str]]:
+        """Yield path and message of what a table has otherwise than the plan."""
+        base, ticks, count, _ = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)
+        if ticks != length:
+            yield "", f"lasts {ticks} ticks, target.json says {length}"
+        releases = [self._at(base + i * _RELEASE.size, _RELEASE)[:2] for i in range(min(count, _MOST))]
+        if any(later[0] < earlier[0] for earlier, later in pairwise(releases)):
+            yield "", "its releases are not in the order of time"
+        left = list(releases)
+        for job in jobs:
+            wanted = _wanted(job, images)
+            here = [release for release in left if release[0] == job.begin]
+            fitting = [r for r in here if _found(self.operations(r[1]), job) == wanted]
+            if fitting:
+                left.remove(fitting[0])
+                continue
+            if not here:
+                yield job.path, f"is not released at its start, tick {job.begin}"
+                continue
+            options = [_found(self.operations(number), job) for _, number in here]
+            nearest = min(options, key=lambda found: ((found - wanted) + (wanted - found)).total())
+            lacking, more = wanted - nearest, nearest - wanted
+            yield job.path, f"its operations lack {_shown(lacking)} and have {_shown(more)} instead"
+        if len(releases) != len(jobs):
+            yield "", f"releases {len(releases)} jobs, the schedule has {len(jobs)}"
+
+    def switches(self, schedule: Schedule) -> Iterator[str]:
+        """Yield what a request would lead to that it must not lead to."""
+        modes = [mode.name for mode in schedule.modes]
+        tables = {(t.source, t.target): len(modes) + i for i, t in enumerate(schedule.transitions)}
+        for i, source in enumerate(modes):
+            for j, target in enumerate(modes):
+                place = self._symbol("hp_switches") + _INDEX.size * (i * len(modes) + j)
+                (found,) = self._at(place, _INDEX)
+                if found != tables.get((source, target), _NO_TABLE):
+                    yield f'from "{source}" to "{target}" leads to table {found}'
+        for (_, target), index in tables.items():
+            following = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)[3]
+            if following != modes.index(target):
+                yield f"table {index} is followed by table {following}, not by {modes.index(target)}"
+
+
+_Key = tuple[str, *tuple[int, ...]]
+
+
+def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Counter[_Key]:
+    """Return the operations that a job has to have; of transfers the phase is stated, for each begins as it can."""
+    wanted: Counter[_Key] = Counter()
+    for t in job.transfers:
+        begin, end = t.begin - job.begin, t.end - job.begin
+        wanted["copy", t.source, t.target, t.size, t.channel, t.hart, begin, end] += 1
+        wanted["done", t.channel, end] = 1
+    units = {images[job.job.task, job.job.version, unit].hart: unit for unit in job.job.units}
+    for e in job.executions:
+        begin, end = e.begin - job.begin, e.end - job.begin
+        symbols = images[job.job.task, job.job.version, units[e.hart]].program.symbols
+        low, high = (symbols.get(name, (0, 0))[0] for name in BSS)
+        clear = (low, high - low) if e.stretch == 0 else (0, 0)
+        wanted["run", begin, e.hart, e.function, end - begin, e.rank, e.ranks, *clear] += 1
+        wanted["stop", end, e.hart] += 1
+    return wanted
+
+
+def _found(operations: Sequence[Operation], job: PlannedJob) -> Counter[_Key]:
+    """Return the operations of a program in the same form."""
+    found: Counter[_Key] = Counter()
+    phases = {(t.begin - job.begin, t.end - job.begin, t.channel) for t in job.transfers}
+    for o in operations:
+        if o.kind == _COPY:
+            begin, end = next(
+                ((b, e) for b, e, c in phases if c == o.channel and b <= o.at < e), (o.at, o.at + o.limit)
+            )
+            within = o.at + o.limit <= end
+            found["copy", o.source, o.target, o.size, o.channel, o.hart, begin, end if within else o.at + o.limit] += 1
+        elif o.kind == _DONE:
+            found["done", o.channel, o.at] = 1
+        elif o.kind == _RUN:
+            clear = (o.target, o.size) if o.target else (0, 0)
+            found["run", o.at, o.hart, o.source, o.limit, o.rank, o.ranks, *clear] += 1
+        elif o.kind == _STOP:
+            found["stop", o.at, o.hart] += 1
+    return found
+
+
+def _shown(operations: Counter[_Key]) -> str:
+    each = [f"{key[0]} {' '.join(hex(n) if n > 1 << 20 else str(n) for n in key[1:])}" for key in operations]
+    return ("; ".join(sorted(each)[:3]) + (" ..." if len(each) > 3 else "")) or "nothing"
