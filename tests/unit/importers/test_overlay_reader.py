@@ -56,10 +56,10 @@ def test_problems_of_all_files_are_reported_together(tmp_path):
     ("fixture", "line", "near"),
     [
         ("unknown_keys.yaml", 2, "platform"),
-        ("unknown_keys.yaml", 11, "wcet"),
-        ("unknown_keys.yaml", 21, "tasks"),
-        ("bad_values.yaml", 28, "read"),
-        ("bad_values.yaml", 32, "end"),
+        ("unknown_keys.yaml", 13, "wcet"),
+        ("unknown_keys.yaml", 23, "tasks"),
+        ("bad_values.yaml", 40, "read"),
+        ("bad_values.yaml", 44, "end"),
     ],
 )
 def test_the_nearest_key_or_word_is_suggested(fixture, line, near):
@@ -70,12 +70,12 @@ def test_the_nearest_key_or_word_is_suggested(fixture, line, near):
 @pytest.mark.parametrize(
     ("fixture", "line", "near"),
     [
-        ("apply_matches_nothing.yaml", 5, "/sensing/lidar"),
-        ("apply_unknown_names.yaml", 10, "big1"),
-        ("apply_unknown_names.yaml", 12, "ddr"),
-        ("apply_unknown_names.yaml", 16, "/planning"),
-        ("apply_unknown_names.yaml", 23, "default"),
-        ("apply_unknown_names.yaml", 28, "/control"),
+        ("apply_matches_nothing.yaml", 8, "/sensing/lidar"),
+        ("apply_unknown_names.yaml", 12, "big1"),
+        ("apply_unknown_names.yaml", 14, "ddr"),
+        ("apply_unknown_names.yaml", 18, "/planning"),
+        ("apply_unknown_names.yaml", 25, "default"),
+        ("apply_unknown_names.yaml", 30, "/control"),
     ],
 )
 def test_the_nearest_name_of_the_model_is_suggested(fixture, line, near):

@@ -15,7 +15,7 @@ from halpipe.importers.overlay.codes import (
     REPLACED,
     UNKNOWN_NAME,
 )
-from halpipe.models import Access, Precedence, Source
+from halpipe.models import Access, Interrupt, Precedence, Source, Split
 from halpipe.quantities import format_rational
 from halpipe.suggest import did_you_mean
 
@@ -130,7 +130,7 @@ def bare(value: object) -> object:
     """Return a value without its origins, to compare what an overlay and a source say."""
     if isinstance(value, tuple):
         return tuple(bare(item) for item in value)
-    return replace(value, origin=None) if isinstance(value, Precedence) else value
+    return replace(value, origin=None) if isinstance(value, (Precedence, Interrupt)) else value
 
 
 def show(value: Any) -> str:
@@ -144,4 +144,8 @@ def show(value: Any) -> str:
         return f'{value.start} to {value.end} on "{value.resource}"'
     if isinstance(value, Precedence):
         return f'{value.min} to {value.max} after the {value.anchor} of "{value.task}"'
+    if isinstance(value, Split):
+        return "anywhere" if value.anywhere else show(value.points)
+    if isinstance(value, Interrupt):
+        return f"{value.wcet} every {value.distance}"
     return f"{value.entry}()" if isinstance(value, Source) else str(value)

@@ -16,17 +16,35 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
     from halpipe.importers.overlay.use import OverlayUse
-    from halpipe.models import Access, Chain, Precedence, Resource, Source, Transition, Unit
+    from halpipe.models import (
+        Access,
+        Binding,
+        Chain,
+        Interrupt,
+        Precedence,
+        Resource,
+        Source,
+        Split,
+        Transition,
+        Unit,
+    )
     from halpipe.settings import Stated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VersionEntry:
-    """What an overlay states of a version; None is left to less specific entries, then to the source."""
+    """What an overlay states of a version; None is left to less specific entries, then to the source.
+
+    Of `split` only the points, or that it is anywhere, are meant; its settings are stated one by one.
+    """
 
     wcet: Stated[Duration] | None = None
     units: Stated[tuple[str, ...]] | None = None
     gang: Stated[int] | None = None
+    split: Stated[Split] | None = None
+    resume: Stated[Duration] | None = None
+    max_gaps: Stated[int] | None = None
+    min_part: Stated[Duration] | None = None
     accesses: Stated[tuple[Access, ...]] | None = None
     precedences: Stated[tuple[Precedence, ...]] | None = None
     source: Stated[Source] | None = None
@@ -42,9 +60,19 @@ class TaskEntry:
     slack: Stated[Fraction] | None = None
     offset: Stated[Duration] | None = None
     deadline: Stated[Duration] | None = None
+    distance: Stated[Duration] | None = None
+    binding: Stated[Binding] | None = None
     drop: Stated[bool] | None = None
     common: VersionEntry = field(default_factory=VersionEntry)
     versions: Mapping[str, Stated[VersionEntry]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InterruptEntry:
+    """An interrupt that joins the units that patterns name, or replaces theirs of the same name."""
+
+    units: Stated[tuple[str, ...]]
+    interrupt: Interrupt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +94,7 @@ class Overlay:
 
     units: Stated[tuple[Unit, ...]] | None = None
     resources: Stated[tuple[Resource, ...]] | None = None
+    interrupts: tuple[InterruptEntry, ...] = ()
     sources: tuple[tuple[Stated[str], Duration], ...] = ()
     tasks: tuple[TaskEntry, ...] = ()
     precedence: Mapping[tuple[str, str], tuple[Precedence, ...]] = field(default_factory=dict)
@@ -84,15 +113,17 @@ class Overlay:
 def merge(overlays: Iterable[Overlay]) -> Overlay:
     """Join overlays, later before earlier.
 
-    Entries for tasks, sources and drops are all kept, since their order decides between them. A mode, transition or
-    chain, and the constraints between a pair of tasks, replace the earlier ones of the same name; a list of units or of
-    resources replaces the earlier list as a whole, so that one overlay can hold the tasks and another the board.
+    Entries for tasks, interrupts, sources and drops are all kept, since their order decides between them. A mode,
+    transition or chain, and the constraints between a pair of tasks, replace the earlier ones of the same name; a list
+    of units or of resources replaces the earlier list as a whole, so that one overlay can hold the tasks and another
+    the board.
     """
     merged = Overlay()
     for later in overlays:
         merged = Overlay(
             units=later.units or merged.units,
             resources=later.resources or merged.resources,
+            interrupts=merged.interrupts + later.interrupts,
             sources=merged.sources + later.sources,
             tasks=merged.tasks + later.tasks,
             precedence={**merged.precedence, **later.precedence},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
@@ -10,16 +11,19 @@ from halpipe.durations import ZERO, Duration
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
-from halpipe.importers.overlay.entries import ModeEntry, Overlay, TaskEntry, VersionEntry, merge
+from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay, TaskEntry, VersionEntry, merge
 from halpipe.models import (
     Access,
     AccessKind,
     Anchor,
+    Binding,
     Chain,
+    Interrupt,
     Origin,
     Precedence,
     Resource,
     Source,
+    Split,
     Transfer,
     Transition,
     Unit,
@@ -37,13 +41,16 @@ FORMAT = "halpipe-overlay"
 FORMAT_VERSION = "1"
 
 _TOP = (FORMAT, "platform", "sources", "tasks", "precedence", "modes", "transitions", "chains", "drop")
-_PLATFORM = ("units", "resources")
-_VERSION = ("wcet", "units", "gang", "access", "precedence", "source")
-_TASK = ("period", "slack", "offset", "deadline", "drop", *_VERSION, "versions")
+_PLATFORM = ("units", "resources", "interrupts")
+_INTERRUPT = ("name", "distance", "wcet")
+_SPLIT = ("split", "resume", "max-gaps", "min-part")
+_VERSION = ("wcet", "units", "gang", *_SPLIT, "access", "precedence", "source")
+_TASK = ("period", "slack", "offset", "deadline", "distance", "binding", "drop", *_VERSION, "versions")
 _ACCESS = ("resource", "start", "end", "bound", "kind", "transfers")
 _WINDOW = ("from", "after", "min", "max")
 _ANCHORS = tuple(str(anchor) for anchor in Anchor)
 _KINDS = tuple(str(kind) for kind in AccessKind)
+_BINDINGS = tuple(str(binding) for binding in Binding)
 
 
 def read_overlays(paths: Sequence[str]) -> Overlay:
@@ -82,8 +89,9 @@ def _not_an_overlay(document: Any) -> str:
 def _overlay(top: Fields) -> Overlay:
     platform = top.section("platform", _PLATFORM, "platform")
     return Overlay(
-        units=_listed(platform, "units", ("name", "type"), _unit),
+        units=_listed(platform, "units", ("name", "type", "interrupts"), _unit),
         resources=_listed(platform, "resources", ("name", "bandwidth"), _resource),
+        interrupts=tuple(_interrupts(platform)) if platform is not None else (),
         sources=tuple(_sources(top)),
         tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, "task")),
         precedence=_constraints(top),
@@ -126,10 +134,36 @@ def _keep_once(found: dict[Any, T], key: Any, element: T, f: Fields, what: str) 
 def _unit(f: Fields) -> Unit | None:
     stated = f.get("name", values.name)
     type = f.value("type", values.name, "")
+    path = f.path if stated is None else f'platform unit "{stated.value}"'
+    served: dict[str, Interrupt] = {}
+    for inner in f.items("interrupts", _INTERRUPT, f"{path} interrupt"):
+        interrupt = _interrupt(inner)
+        if interrupt is not None:
+            _keep_once(served, interrupt.name, interrupt, inner, f'{path} interrupt "{interrupt.name}"')
     if stated is None:
         return None
-    path = f'platform unit "{stated.value}"'
-    return Unit(name=stated.value, type=type, origin=_origin(f, path), at=f.at())
+    interrupts = tuple(served.values())
+    return Unit(name=stated.value, type=type, interrupts=interrupts, origin=_origin(f, path), at=f.at())
+
+
+def _interrupt(f: Fields) -> Interrupt | None:
+    name, distance, wcet = (
+        f.get("name", values.name),
+        f.get("distance", values.positive),
+        f.get("wcet", values.positive),
+    )
+    if not f.require(*_INTERRUPT) or name is None or distance is None or wcet is None:
+        return None
+    path = f'interrupt "{name.value}"'
+    return Interrupt(name=name.value, distance=distance.value, wcet=wcet.value, origin=_origin(f, path), at=f.at())
+
+
+def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
+    """Read interrupts that are stated apart from the list of units, each with the units that serve it."""
+    for f in platform.items("interrupts", ("units", *_INTERRUPT), "platform interrupt"):
+        units, interrupt = f.texts_of("units", values.pattern), _interrupt(f)
+        if f.require("units") and units is not None and interrupt is not None:
+            yield InterruptEntry(units=units, interrupt=interrupt)
 
 
 def _resource(f: Fields) -> Resource | None:
@@ -165,6 +199,8 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
         slack=f.get("slack", values.share),
         offset=f.get("offset", Duration.parse),
         deadline=f.get("deadline", values.positive),
+        distance=f.get("distance", values.positive),
+        binding=f.get("binding", _binding),
         drop=f.flag("drop"),
         common=_version(f, ""),
         versions=versions,
@@ -181,6 +217,25 @@ def _is_name(text: str, f: Fields, at: Location) -> bool:
     return True
 
 
+def _binding(text: str) -> Binding:
+    return Binding(values.one_of(*_BINDINGS)(text))
+
+
+def _split(f: Fields) -> Stated[Split] | None:
+    """Read ``split: [4ms, 9ms]``, ``split: anywhere`` or ``split: none``."""
+    stated = f.texts_of("split", values.splitting)
+    if stated is None:
+        return None
+    points = tuple(point for point in stated.value if isinstance(point, Duration))
+    if len(points) < len(stated.value) != 1:
+        help = "write a list of split points in ascending order, anywhere, or none"
+        f.complain(BAD_VALUE, '"split" mixes split points with a word', "split", help=help)
+    if any(later <= point for point, later in pairwise(points)):
+        help = f"write [{', '.join(map(str, sorted(set(points))))}]"
+        f.complain(BAD_VALUE, '"split" lists points that do not ascend', "split", help=help)
+    return Stated(Split(points=points, anywhere=stated.value == ("anywhere",)), stated.at)
+
+
 def _version(f: Fields, name: str) -> VersionEntry:
     """Read what a version states; a task's entry may state the same for all its versions."""
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
@@ -189,6 +244,10 @@ def _version(f: Fields, name: str) -> VersionEntry:
         wcet=f.get("wcet", values.positive),
         units=f.texts_of("units", values.pattern),
         gang=f.get("gang", values.count),
+        split=_split(f),
+        resume=f.get("resume", Duration.parse),
+        max_gaps=f.get("max-gaps", values.number),
+        min_part=f.get("min-part", values.positive),
         accesses=Stated(tuple(a for a in accesses if a), f.at("access")) if "access" in f else None,
         precedences=Stated(tuple(w for w in windows if w), f.at("precedence")) if "precedence" in f else None,
         source=_source(f),

@@ -32,6 +32,40 @@ def platform_part(
     return stated.value
 
 
+def keeping_interrupts(
+    stated: Stated[tuple[Unit, ...]] | None, imported: tuple[Unit, ...]
+) -> Stated[tuple[Unit, ...]] | None:
+    """Return the overlay's list of units, in which a unit that states no interrupts has those of the source."""
+    served = {unit.name: unit.interrupts for unit in imported}
+    if stated is None or not any(served.values()):
+        return stated
+    units = (replace(u, interrupts=u.interrupts or served.get(u.name, ())) for u in stated.value)
+    return replace(stated, value=tuple(units))
+
+
+def with_interrupts(units: tuple[Unit, ...], overlay: Overlay, changes: Changes) -> tuple[Unit, ...]:
+    """Return the units with the interrupts that the overlay states apart from them, in its order."""
+    served = {unit.name: {i.name: i for i in unit.interrupts} for unit in units}
+    for entry in overlay.interrupts:
+        added = entry.interrupt
+        for pattern in entry.units.value:
+            matching = expand(pattern, served)
+            if not matching and is_glob(pattern):
+                help = f"the units are: {show(tuple(served))}"
+                message = f'units "{pattern}" match no unit'
+                changes.fault(MATCHES_NOTHING, message, entry.units.at, f'interrupt "{added.name}"', help)
+            elif not matching:
+                otherwise = f"the units are: {show(tuple(served))}"
+                changes.unknown("unit", pattern, served, entry.units.at, f'interrupt "{added.name}"', otherwise)
+            for unit in matching:
+                old = served[unit].get(added.name)
+                if old is not None:
+                    path = f'unit "{unit}" interrupt "{added.name}"'
+                    changes.overridden(path, "interrupt", old, added, added.at)
+                served[unit][added.name] = added
+    return tuple(replace(unit, interrupts=tuple(served[unit.name].values())) for unit in units)
+
+
 def without(model: TaskModel, dropped: Collection[str], changes: Changes) -> TaskModel:
     """Return the model without the dropped tasks and without what the source says of them."""
     if not dropped:

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
+from halpipe.durations import ZERO
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand, is_glob
-from halpipe.models import Origin, Version
+from halpipe.models import WHOLE, Binding, Origin, Split, Version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,6 +54,8 @@ class TaskMerger:
             slack=pick(path, "slack", task.slack, NO_SLACK, entries, lambda e: e.slack),
             offset=pick(path, "offset", task.offset, None, entries, lambda e: e.offset),
             deadline=pick(path, "deadline", task.deadline, None, entries, lambda e: e.deadline),
+            distance=pick(path, "distance", task.distance, None, entries, lambda e: e.distance),
+            binding=pick(path, "binding", task.binding, Binding.JOB, entries, lambda e: e.binding),
             versions=tuple(
                 self._version(task.name, base, _statements(ranked, base.name, key))
                 for base in _base_versions(task, ranked, key)
@@ -67,12 +70,23 @@ class TaskMerger:
             wcet=pick(path, "WCET", base.wcet, None, entries, lambda v: v.wcet),
             units=self._units(path, base, entries),
             gang=pick(path, "gang", base.gang, 1, entries, lambda v: v.gang),
+            split=self._split(path, base.split, entries),
             accesses=pick(path, "access phases", base.accesses, (), entries, lambda v: v.accesses),
             precedences=self._precedences(path, task, base, entries),
             source=pick(path, "source", base.source, None, entries, lambda v: v.source),
         )
         self._check_fit(path, base, version)
         return version
+
+    def _split(self, path: str, base: Split, entries: Ranks[VersionEntry]) -> Split:
+        pick = self.changes.pick
+        where = Split(points=base.points, anywhere=base.anywhere)
+        return replace(
+            pick(path, "split", where, WHOLE, entries, lambda v: v.split),
+            resume=pick(path, "resume", base.resume, ZERO, entries, lambda v: v.resume),
+            max_gaps=pick(path, "max-gaps", base.max_gaps, None, entries, lambda v: v.max_gaps),
+            min_part=pick(path, "min-part", base.min_part, None, entries, lambda v: v.min_part),
+        )
 
     # ---------------------------------------------------------------------------------------------- units
 
@@ -154,6 +168,11 @@ class TaskMerger:
             if changed and version.wcet is not None and access.end > version.wcet:
                 message = f"an access phase ends at {access.end}, the WCET is {version.wcet}"
                 self.changes.does_not_fit(message, access.at, path, "end the phase earlier, or raise the WCET")
+        beyond = [p for p in version.split.points if version.wcet is not None and p >= version.wcet]
+        if beyond and (version.wcet, version.split.points) != (base.wcet, base.split.points):
+            message = f"the split point {beyond[0]} is not below the WCET {version.wcet}"
+            help = "state the split points of the new WCET, or split: none"
+            self.changes.does_not_fit(message, version.at, path, help)
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
             message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
             self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")
@@ -174,7 +193,8 @@ def _base_versions(task: Task, ranked: Ranked, key: str | None) -> list[Version]
     """Return the imported versions, and empty ones for those that only the overlay has.
 
     Stated versions replace the importer's version "default" if that has no WCET. A new version starts with the units
-    and the constraints of the imported one: data flows to it all the same.
+    and the constraints of the imported one: data flows to it all the same. Of its split only the points stay behind,
+    which count its execution time.
     """
     stated: dict[str, Location] = {}
     for pattern, entry in reversed(ranked):
@@ -189,7 +209,10 @@ def _base_versions(task: Task, ranked: Ranked, key: str | None) -> list[Version]
     for name, at in stated.items():
         if name not in kept:
             origin = Origin(at.file, at.line, f'task "{task.name}" version "{name}"')
-            kept[name] = replace(template, name=name, wcet=None, accesses=(), source=None, origin=origin, at=at)
+            split = replace(template.split, points=())
+            kept[name] = replace(
+                template, name=name, wcet=None, accesses=(), source=None, split=split, origin=origin, at=at
+            )
     return list(kept.values())
 
 

@@ -56,6 +56,12 @@ class OverlayUse:
         self._matched_sources.update(pattern for pattern, _ in found)
         return found[0][1] if found else None
 
+    def states_interrupt(self, name: str) -> bool:
+        """Return whether the overlay states when and how long the interrupt `name` comes, and on which units."""
+        listed = self._overlay.units.value if self._overlay.units else ()
+        apart = (entry.interrupt.name for entry in self._overlay.interrupts)
+        return name in apart or any(i.name == name for unit in listed for i in unit.interrupts)
+
     def task_period(self, name: str) -> Duration | None:
         """Return the period that a task entry states for `name`, with which an element without one becomes a task."""
         stated = ((pattern, entry.period) for pattern, entry in self._tasks.of(name) if entry.period is not None)
@@ -75,7 +81,10 @@ class OverlayUse:
         model = structure.without(model, dropped_now, changes)
         changes.tasks = frozenset(task.name for task in model.tasks)
         changes.dropped = tuple(name for name, dropped in self._answers.items() if dropped)
-        units = structure.platform_part("units", model.units, overlay.units, changes)
+        units = structure.platform_part(
+            "units", model.units, structure.keeping_interrupts(overlay.units, model.units), changes
+        )
+        units = structure.with_interrupts(units, overlay, changes)
         resources = structure.platform_part("resources", model.resources, overlay.resources, changes)
         merger = TaskMerger(
             changes=changes,

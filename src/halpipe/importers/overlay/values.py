@@ -71,6 +71,16 @@ def count(text: str) -> int:
     return int(text)
 
 
+def number(text: str) -> int:
+    """Read a whole number from 0 to a million."""
+    return 0 if text == "0" else count(text)
+
+
+def splitting(text: str) -> Duration | str:
+    """Read a split point, or where else jobs may be split: ``anywhere`` or ``none``."""
+    return text if text in ("anywhere", "none") else positive(text)
+
+
 def one_of(*words: str) -> Callable[[str], str]:
     """Return a reader of one of `words`."""
 
