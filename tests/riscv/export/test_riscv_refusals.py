@@ -46,6 +46,40 @@ def test_a_transfer_needs_a_variable_of_its_own(refusal):
     assert "cleared" in found.message
 
 
+READS = {
+    "asm": 'void leak(void) {{ __asm__(".incbin \\"{file}\\""); }}',
+    "top level": '__asm__(".section .rodata\\n.incbin \\"{file}\\"");',
+    "parts": '__asm__(".inc" "bin \\"{file}\\"");',
+    "pasting": '#define J(a, b) a##b\nJ(__as, m__)(".incb" "in \\"{file}\\"");',
+    "macro": '__asm__(".macro m a b\\n.\\\\a\\\\b \\"{file}\\"\\n.endm\\nm inc bin");',
+    "include": '__asm__(".include \\"{file}\\"");',
+}
+
+
+@pytest.mark.parametrize("kind", READS)
+def test_no_file_of_the_machine_gets_into_a_bundle(refusal, tmp_path, kind):
+    """Nor into a message: the assembler would quote what it cannot read."""
+    (tmp_path / "secret").write_text("years of work")
+    found = refusal(*single(), scale_c=SCALE + READS[kind].format(file=tmp_path / "secret"))
+    assert found.code == codes.OUTSIDE_FILE.id
+    assert found.at.file == str(tmp_path / "scale.c")
+    assert "work" not in found.message
+
+
+def test_assembler_sources_are_held_to_the_same(refusal):
+    found = refusal(
+        *single(deployed(files="scale.c more.S")), more_S='#define J(a, b) a##b\nJ(.inc, bin) "/etc/passwd"\n'
+    )
+    assert found.code == codes.OUTSIDE_FILE.id
+    found = refusal(*single(deployed(files="scale.c more.s")), more_s='.incbin "/etc/passwd"\n')
+    assert found.code == codes.OUTSIDE_FILE.id
+
+
+def test_ordinary_assembler_is_built(build):
+    bundle = build(*single(), scale_c=SCALE + 'void wait(void) { __asm__ volatile("wfi"); }')
+    assert "bundle.elf" in bundle
+
+
 # Of 120 KiB for code, the monitor has 4; of 256 KiB for data, stack and mailbox have 12.
 CODE = 'static void huge(void) {{ __asm__ volatile(".zero {}"); }}'
 BSS = "uint8_t big[{}];\nstatic void huge(void) {{ *(volatile uint8_t *)big = 1; }}"

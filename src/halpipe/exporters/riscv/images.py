@@ -14,8 +14,10 @@ from halpipe.exporters.riscv.codes import (
     MISSING_ENTRY,
     MISSING_SYMBOL,
     NAME_CLASH,
+    OUTSIDE_FILE,
     SYMBOL_TOO_SMALL,
 )
+from halpipe.exporters.riscv.confinement import assembler_reads, has_assembler
 from halpipe.exporters.riscv.cores import LINE, aligned
 from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.phases import functions_of
@@ -104,11 +106,26 @@ def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> di
     steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
     owners = [part for _, part in objects.values()]
     findings = Findings()
+    findings.extend(_reading(shop, steps, owners, tree))
+    findings.stop_on_errors()
     for failure in shop.compile(steps):
         findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
     findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
     findings.stop_on_errors()
     return needs
+
+
+def _reading(shop: Workshop, steps: list[Compile], owners: list[Part], tree: SourceTree) -> Iterable[Diagnostic]:
+    """Yield the sources whose assembler text, their own or that of their C, could read files."""
+    if not any(has_assembler(content) or not name.endswith((".c", ".h")) for name, content in tree.files.items()):
+        return
+    plain = [shop.read(step.source) if step.source.endswith(".s") else b"" for step in steps]
+    for step, part, text, own in zip(steps, owners, shop.translate(steps), plain, strict=True):
+        what = assembler_reads(own or text)
+        if what:
+            at = Location(str(tree.folder / step.source.removeprefix("src/")))
+            help = "state the bytes in the source itself"
+            yield OUTSIDE_FILE(f"{what}, which may read files from elsewhere", at=at, path=part.path, help=help)
 
 
 def _broken(failure: Failure) -> Diagnostic:

@@ -7,21 +7,23 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
+from halpipe.exporters.riscv.confinement import outside_includes
 from halpipe.files import read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from halpipe.diagnostics import Findings, Location
+    from halpipe.diagnostics import Findings
     from halpipe.models import Version
 
 COMPILED = (".c", ".S", ".s")
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,200}")
 _DEFINE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(=[^\s$]*)?")
-_FILE = re.compile(r"(?!\.)[A-Za-z0-9_.+@~%=-]+(/(?!\.)[A-Za-z0-9_.+@~%=-]+)*")
+_FILE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)*")
+"""What make, shells and linker scripts take for a name and nothing else."""
 
 
 @dataclass(slots=True)
@@ -62,6 +64,7 @@ class SourceTree:
                 continue
             if staged not in self.files:
                 self.files[staged] = content
+                self._confine(normal, content, path)
                 waiting += self._included(normal, content)
             first = first or staged
         return first
@@ -72,14 +75,14 @@ class SourceTree:
         found = [
             posixpath.normpath(posixpath.join(folder, n.decode("utf-8", "replace"))) for n in _INCLUDE.findall(content)
         ]
-        return [name for name in found if name.startswith("..") or (self.folder / name).is_file()]
+        return [name for name in found if not name.startswith(("..", "/")) and (self.folder / name).is_file()]
 
     def _content(self, normal: str, at: Location, path: str) -> bytes | None:
         if normal.startswith(("..", "/")):
             self._outside(normal, at, path)
             return None
         if _FILE.fullmatch(normal) is None:
-            help = "rename it to letters, digits and _ . + @ ~ % = -"
+            help = "rename it to letters, digits and _ . + -, beginning with one of the first three"
             self.findings.add(BAD_NAME(f"{normal[:80]!r} is no usable file name", at=at, path=path, help=help))
             return None
         return self._read(normal, at, path)
@@ -96,6 +99,13 @@ class SourceTree:
             help = f"sources are sought in {self.folder}; --sources names another folder"
             self.findings.add(MISSING_FILE(f'source "{name}": {why}', at=at, path=path, help=help))
             return None
+
+    def _confine(self, name: str, content: bytes, path: str) -> None:
+        """Report what in a source would have a file from elsewhere read."""
+        for line, what in outside_includes(name, content):
+            help = f"include files below {self.folder} by their literal relative names"
+            at = Location(str(self.folder / name), line)
+            self.findings.add(OUTSIDE_FILE(f"{what}, which may lie outside", at=at, path=path, help=help))
 
     def _outside(self, name: str, at: Location, path: str) -> None:
         help = f"move it below {self.folder}, or name a folder that holds it all with --sources"

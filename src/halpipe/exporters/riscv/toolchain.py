@@ -57,6 +57,13 @@ class Toolchain:
         """Return the command that compiles one file."""
         return [*self.compiler, *self.flags, *(f"-D{d}" for d in defines), "-c", source, "-o", target]
 
+    def translate(self, source: str, target: str, defines: Iterable[str] = ()) -> list[str]:
+        """Return the command that turns one file into the text that the assembler would get."""
+        # clang's own assembler would obey what is sought here, and write what it has read.
+        plain = ["-fno-integrated-as"] if self.name == "zig" else []
+        stop = "-S" if source.endswith(".c") else "-E"
+        return [*self.compiler, *self.flags, *plain, *(f"-D{d}" for d in defines), stop, source, "-o", target]
+
     def link(self, script: str, target: str, objects: Iterable[str]) -> list[str]:
         """Return the command that links objects by a script."""
         return [*self.linker, *self.link_flags, "-T", script, "-o", target, *objects]
@@ -98,7 +105,7 @@ def _zig(folder: Path) -> Toolchain:
         compiler=(zig, "clang", "-nostdinc", "-isystem", headers),
         linker=(zig, "ld.lld"),
         flags=("--target=riscv64-unknown-elf", "-march=rv64imac_zicsr_zifencei", *_COMMON, *unmerged),
-        link_flags=_LINK,
+        link_flags=(*_LINK, "--no-dependent-libraries"),
         variables=(
             ("ZIG", "$(shell python3 -c 'import os, ziglang; print(os.path.dirname(ziglang.__file__))')"),
             ("CC", "$(ZIG)/zig clang -nostdinc -isystem $(ZIG)/lib/include"),

@@ -4,6 +4,7 @@ import pytest
 
 from halpipe.diagnostics import Findings
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
+from halpipe.exporters.riscv.confinement import assembler_reads, has_assembler
 from halpipe.exporters.riscv.sources import SourceTree
 from riscv_models import deployed
 from support import version
@@ -66,6 +67,66 @@ def test_no_way_out_by_include(tree):
     assert list(tree.files) == ["src/a.c"]
 
 
+READS = {
+    "an absolute name": '#include "/etc/passwd"',
+    "an absolute name in angles": "#include </etc/passwd>",
+    "a way out": '#include "../../../etc/passwd"',
+    "a way out in angles": "#include <../../etc/passwd>",
+    "comments in between": '#/* x\n*/include/**/"/etc/passwd"',
+    "continued lines": '#inc\\\nlude "/etc/\\  \npasswd"',
+    "a digraph": '%:include "/etc/passwd"',
+    "a computed name": '#define X "/etc/passwd"\n#include X',
+    "the next of a name": '#include_next "/etc/passwd"',
+    "import": '#import "/etc/passwd"',
+    "embed": 'char x[] = {\n#embed "/etc/passwd"\n};',
+    "a test of presence": '#if __has_include("/etc/passwd")\n#endif',
+    "a comment that opens in a raw string": 'char *s = R"x(" /* )x";\n#include "/etc/passwd"',
+    "a pragma": '#pragma GCC dependency "/etc/passwd"',
+    "backslashes": '#include "..\\\\secret.h"',
+}
+
+
+@pytest.mark.parametrize("kind", READS)
+def test_no_way_out_by_the_preprocessor(tree, kind):
+    (tree.folder / "a.c").write_text(READS[kind])
+    tree.add(deployed(files="a.c"), "here")
+    assert set(codes(tree)) == {OUTSIDE_FILE.id}
+    assert list(tree.files) == ["src/a.c"]
+
+
+def test_ordinary_includes_are_fine(tree):
+    (tree.folder / "a").mkdir()
+    text = '#include <stdint.h>\n#include "../b.h" // #x\n# include\t"halpipe.h"\nint including; /* includes */\n'
+    (tree.folder / "a" / "a.c").write_text(text)
+    (tree.folder / "b.h").write_text("#pragma once\n")
+    tree.add(deployed(files="a/a.c"), "here")
+    assert codes(tree) == []
+
+
+ASSEMBLER = {
+    '.incbin "/etc/passwd"': True,
+    '\t.INCBIN "/etc/passwd"': True,
+    'x: .include "/etc/passwd"': True,
+    '.macro m a b\n.\\a\\b "/etc/passwd"\n.endm\nm inc bin': True,
+    '.macro m a\n l: \\a "/etc/passwd"\n.endm': True,
+    '.irp a, inc\n.\\a\\()bin "/etc/passwd"\n.endr': True,
+    ".altmacro": True,
+    ".macro save r, at\nsd \\r, \\at(sp)\n.endm\nsave ra, 8": False,
+    "add a0, a1, a2\n.word 1 # \\": False,
+    ".include_me: ret": False,
+}
+
+
+@pytest.mark.parametrize("text", ASSEMBLER)
+def test_no_way_out_by_the_assembler(text):
+    assert bool(assembler_reads(text.encode())) == ASSEMBLER[text]
+
+
+@pytest.mark.parametrize(("text", "may"), [("int x;", False), ("__asm__(x)", True), ("#define J(a, b) a##b", True)])
+def test_c_without_assembler_is_known(text, may):
+    assert has_assembler(text.encode()) == may
+
+
 def test_links_inside_are_fine(tree):
     (tree.folder / "real.c").write_text("int x;")
     (tree.folder / "alias.c").symlink_to("real.c")
@@ -89,7 +150,7 @@ def test_definitions_are_definitions(tree, define):
     assert codes(tree) == [BAD_NAME.id]
 
 
-@pytest.mark.parametrize("name", [".hidden.c", "a$b.c", "x;y.c"])
+@pytest.mark.parametrize("name", [".hidden.c", "a$b.c", "x;y.c", "a=b%c~d@.c", "a%.c", "~a.c", "-o.c", "a#.c"])
 def test_file_names_are_plain(tree, name):
     (tree.folder / name).write_text("")
     tree.add(deployed(files=name), "here")
