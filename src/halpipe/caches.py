@@ -13,13 +13,31 @@ from pathlib import Path
 
 def cache_folder(kind: str) -> Path | None:
     """Return the folder for things of a kind, None where the user's cache cannot hold one that only they can write."""
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return _find(kind)[0]
+
+
+def why_no_cache(kind: str) -> str:
+    """Return why nothing of a kind is kept for the next run, and what to do; empty where it is."""
+    return _find(kind)[1]
+
+
+def _find(kind: str) -> tuple[Path | None, str]:
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(home):  # a relative one has no meaning, says its specification
+        home = os.path.join(os.path.expanduser("~"), ".cache")
+    if not os.path.isabs(home):
+        return None, "there is no home folder; name a folder in XDG_CACHE_HOME"
     folder = Path(home, "halpipe", kind)
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return folder if _is_private(folder) else None
-    except OSError:
-        return None
+        for place in (folder, folder.parent):
+            if not _is_private(place):
+                return None, f"others can write to {place}; take that from them: chmod go-w"
+        if not os.access(folder, os.W_OK | os.X_OK):
+            return None, f"{folder} cannot be written to; name another folder in XDG_CACHE_HOME"
+    except OSError as failure:
+        return None, f"{folder} cannot be made: {failure.strerror}; name another folder in XDG_CACHE_HOME"
+    return folder, ""
 
 
 def is_ours(path: Path) -> bool:

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from halpipe.caches import cache_folder, is_ours, keep
+from halpipe.caches import cache_folder, is_ours, keep, why_no_cache
 
 
 @pytest.fixture
@@ -22,6 +22,35 @@ def test_without_the_variable_it_is_in_the_home_folder(tmp_path, monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache_folder("things") == tmp_path / ".cache" / "halpipe" / "things"
+
+
+def test_a_relative_variable_has_no_meaning(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CACHE_HOME", "here")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder("things") == tmp_path / "home" / ".cache" / "halpipe" / "things"
+    assert not (tmp_path / "here").exists()
+
+
+def test_without_a_home_there_is_none_and_it_is_said(monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", "nowhere")
+    assert cache_folder("things") is None
+    assert "XDG_CACHE_HOME" in why_no_cache("things")
+
+
+def test_a_home_that_cannot_be_written_to_is_said(tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert cache_folder("things") is None
+    assert "cannot be made" in why_no_cache("things")
+
+
+def test_a_folder_above_that_others_can_write_to_is_said(folder):
+    assert why_no_cache("things") == ""
+    folder.parent.chmod(0o777)
+    assert cache_folder("things") is None
+    assert "chmod" in why_no_cache("things")
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o722])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import sys
 import time
@@ -14,6 +13,7 @@ import typer
 from halpipe import __version__
 from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
+from halpipe.cli.processors import processor_count
 from halpipe.diagnostics import Exit
 from halpipe.suggest import did_you_mean
 
@@ -105,7 +105,7 @@ def _machine(jobs: int, cluster: str) -> dict[str, Any]:
     """Say on what the times were measured; without names that identify the machine."""
     return {
         "processor": _processor(),
-        "processors": os.cpu_count(),
+        "processors": processor_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "executor": "dask.distributed" if cluster else f"{jobs} process{'es' if jobs > 1 else ''}",

@@ -155,10 +155,11 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
 
 
 def workers_of(count: int | None, engine: str) -> Workers:
-    """Return as many workers as the user asked for, else as many as there are processors for this process.
+    """Return as many workers as the user asked for, else as many as there are processors for it.
 
     The exact engine gets one: with several, what it finds would depend on the machine.
     """
+    from halpipe.cli.processors import processor_count
     from halpipe.pipeline.solve.schedule import EXACT
     from halpipe.pipeline.solve.workers import Workers
 
@@ -166,7 +167,7 @@ def workers_of(count: int | None, engine: str) -> Workers:
         return Workers(count)
     if engine == EXACT:
         return Workers()
-    return Workers(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    return Workers(processor_count())
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:

@@ -88,6 +88,8 @@ def _execute(
 
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
+    from halpipe.caches import why_no_cache
+    from halpipe.deploy.regulator.engines import CACHE
     from halpipe.deploy.regulator.simulate import choose_engine, simulate
 
     if options.engine == ARITHMETIC:
@@ -97,7 +99,9 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
         return [], [told]
     runs = list(simulate(target.bundle, tables, engine, seed=options.seed, cycles=options.cycles))
     findings = [found for played in runs for found in played.verdict.findings]
-    return findings, [f"simulation: {told}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
+    lines = [f"simulation: {told}, seed {options.seed}", *_table(tables, runs), *_unplayed(tables, runs)]
+    trouble = why_no_cache(CACHE) if engine.is_kept else ""
+    return findings, [*lines, f"  compiled anew each time: {trouble}"] if trouble else lines
 
 
 def _unplayed(tables: Tables, runs: list[Played]) -> list[str]:

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
 
+CACHE = "regulator"
+"""What compiled benches are kept under."""
+
 TOP = "bench"
 BUILD_SECONDS = 600
 RUN_SECONDS = 1800
@@ -63,6 +66,8 @@ class Verilator:
     """Compiles the design to a native program: millions of cycles a second, after a build of some seconds."""
 
     name = "verilator"
+    is_kept = True
+    """Whether what it builds is kept for the next check."""
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""
@@ -73,7 +78,7 @@ class Verilator:
         """Compile, or take what an earlier check compiled."""
         versions = [_version([tool, "--version"]) for tool in ("verilator", "g++")]
         name = design.digest(self.name, *versions)
-        kept = cache_folder("regulator")
+        kept = cache_folder(CACHE)
         if kept is not None and is_ours(kept / name) and os.access(kept / name, os.X_OK):
             return Player((str(kept / name),))
         program = _verilate(design, folder)
@@ -86,6 +91,7 @@ class Icarus:
     """Interprets the design: starts at once, some ten thousand cycles a second."""
 
     name = "icarus"
+    is_kept = False
 
     def missing(self) -> str:
         """Return why this engine cannot be used here, empty if it can."""

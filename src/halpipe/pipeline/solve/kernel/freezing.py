@@ -56,7 +56,12 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
 
 
 def _option(problem: Problem, task: int, job: Job) -> int | None:
-    """Return the option that puts a job's version on its units; None if the task no longer has it."""
+    """Return the option that puts a job's version on its units; None if the task no longer has it.
+
+    Nor does a job have one that starts outside of the hyperperiod, as in a schedule that nobody verified.
+    """
+    if not 0 <= job.start // problem.tick < int(problem.arrays.hyperperiod):
+        return None
     group_of = {names[0]: group for group, names in enumerate(problem.groups)}
     if not all(name in group_of for name in job.units):
         return None

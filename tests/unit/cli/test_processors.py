@@ -1,0 +1,60 @@
+"""Processors are counted within the quota of a container, as both versions of control groups state it."""
+
+import os
+
+import pytest
+
+from halpipe.cli import processors
+from halpipe.cli.processors import processor_count
+from halpipe.cli.searching import workers_of
+
+
+@pytest.fixture
+def system(tmp_path, monkeypatch):
+    """Make a system with 8 processors and the given files of control groups."""
+    monkeypatch.setattr(processors, "GROUPS", tmp_path / "cgroup")
+    monkeypatch.setattr(processors, "MEMBERSHIP", tmp_path / "membership")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(8)), raising=False)
+
+    def make(membership, **files):
+        (tmp_path / "membership").write_text(membership)
+        for name, content in files.items():
+            path = tmp_path / "cgroup" / name.replace("__", "/")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content)
+
+    return lambda membership, files: make(membership, **files)
+
+
+@pytest.mark.parametrize(
+    ("membership", "files", "count"),
+    [
+        ("", {}, 8),
+        ("0::/\n", {}, 8),
+        ("0::/\n", {"cpu.max": "max 100000\n"}, 8),
+        ("0::/\n", {"cpu.max": "200000 100000\n"}, 2),
+        ("0::/\n", {"cpu.max": "150000 100000\n"}, 2),
+        ("0::/\n", {"cpu.max": "1000 100000\n"}, 1),
+        ("0::/\n", {"cpu.max": "1600000 100000\n"}, 8),
+        ("0::/\n", {"cpu.max": "nonsense"}, 8),
+        ("0::/\n", {"cpu.max": "100000 0\n"}, 8),
+        ("0::/a/b\n", {"a__b__cpu.max": "max 100000\n", "a__cpu.max": "300000 100000\n"}, 3),
+        ("0::/docker/host/path\n", {"cpu.max": "400000 100000\n"}, 4),
+        ("0::/../../x\n", {"cpu.max": "400000 100000\n"}, 8),
+        ("4:cpu,cpuacct:/x\n", {"cpu,cpuacct__x__cpu.cfs_quota_us": "200000\n",
+                                "cpu,cpuacct__x__cpu.cfs_period_us": "100000\n"}, 2),
+        ("4:cpu:/docker/x\n", {"cpu__cpu.cfs_quota_us": "50000\n", "cpu__cpu.cfs_period_us": "100000\n"}, 1),
+        ("4:cpu:/\n", {"cpu__cpu.cfs_quota_us": "-1\n", "cpu__cpu.cfs_period_us": "100000\n"}, 8),
+        ("5:memory:/x\n", {"cpu.max": "100000 100000\n"}, 8),
+    ],
+)  # fmt: skip
+def test_the_quota_bounds_what_is_counted(system, membership, files, count):
+    system(membership, files)
+    assert processor_count() == count
+
+
+def test_one_worker_per_processor_that_is_counted(system):
+    system("0::/\n", {"cpu.max": "300000 100000\n"})
+    assert workers_of(None, "anneal").count == 3
+    assert workers_of(7, "anneal").count == 7
+    assert workers_of(None, "exact").count == 1
