@@ -76,12 +76,16 @@ def test_anywhere_is_cut_where_the_other_comes():
     assert len(parts(found, "long")) > 1
 
 
-@pytest.mark.parametrize(("gaps", "is_found"), [(1, False), (2, True)])
-def test_gaps_are_counted(gaps, is_found):
+def test_gaps_are_counted():
     """Between two short jobs there are at most 8 ms, so that 17 ms need three parts."""
-    long = split(version("v", 17), "anywhere", max_gaps=gaps, min_part=milliseconds(1))
-    found = scheduled(model(task("short", 5, version("v", 1), slack=1), task("long", 40, long, slack=1)))
-    assert found.is_complete is is_found
+
+    def beside_short(gaps):
+        long = split(version("v", 17), "anywhere", max_gaps=gaps, min_part=milliseconds(1))
+        return model(task("short", 5, version("v", 1), slack=1), task("long", 40, long, slack=1))
+
+    assert len(parts(scheduled(beside_short(2)), "long")) == 3
+    with pytest.raises(HalpipeError, match="in one go"):
+        scheduled(beside_short(1))
 
 
 def test_no_part_is_shorter_than_stated():

@@ -61,7 +61,7 @@ class FixedStarts:
     def of(cls, model: TaskModel, mode: ModeSchedule, tick: Duration) -> FixedStarts:
         """Put a valid schedule of a mode onto the grid of `tick`."""
         expansion = expand(model, model.mode(mode.name))
-        coarse = Placement.of(expansion, mode.jobs)
+        coarse = Placement.of(expansion, mode.jobs, model.units)
         times = coarse.tick // tick
         jobs = tuple(replace(job, start=job.start * times, length=job.length * times) for job in coarse.jobs)
         return cls(model, Placement(expansion, tick, jobs))

@@ -167,7 +167,7 @@ class _Search:
     def _chain_excess(self, plan: Plan, table: Table) -> int:
         if not self.chains:
             return 0
-        placement = Placement.of(self.mode.expansion, named(self.mode, plan, table))
+        placement = Placement.of(self.mode.expansion, named(self.mode, plan, table), self.mode.platform)
         found = {latency.name: latency for latency in chain_latencies(placement, self.chains)}
         excess = 0
         for chain in self.chains:
@@ -194,19 +194,22 @@ class _Search:
         pool = late or list(range(len(self.mode.works)))
         task = pool[self.draws.below(len(pool))]
         plan = current.plan
-        kind = self.draws.below(8)
+        kind = self.draws.below(10)
+        if kind in (1, 4, 6, 8):
+            task = self._neighbour(plan, task)
         if kind < 3:
             return self._urgent(plan, task)
         if kind < 5:
-            return self._shifted(plan, self._neighbour(plan, task) if kind == 4 else task)
+            return self._elsewhere(plan, task)
         if kind < 7:
-            return self._elsewhere(plan, self._neighbour(plan, task) if kind == 6 else task)
-        return self._urgent(plan, self._neighbour(plan, task))
+            return self._shifted(plan, task)
+        return self._held(plan, task)
 
     def _neighbour(self, plan: Plan, task: int) -> int:
-        """Return a task that shares a unit with `task`."""
+        """Return a task that shares a unit with `task`, or has a window in common with it."""
         units = set(plan.ways[task].units)
         others = [number for number, way in enumerate(plan.ways) if units & set(way.units)]
+        others += [window.task for window in plan.ways[task].windows]
         return others[self.draws.below(len(others))]
 
     def _urgent(self, plan: Plan, task: int) -> Plan:
@@ -217,18 +220,41 @@ class _Search:
         return replace(plan, urgency=_with(plan.urgency, task, urgency))
 
     def _shifted(self, plan: Plan, task: int) -> Plan:
+        """Release a task whose phase is free at another phase: where its windows open, near the old one, anywhere."""
         work = self.mode.works[task]
         if work.phase is not None or not work.is_cyclic:
-            return self._urgent(plan, task)
-        targets = [0, self.draws.below(work.period)]
-        for window in plan.ways[task].windows:
-            other = self.mode.works[window.task]
-            if other.period == work.period:
-                lag = plan.ways[window.task].length if window.from_end else 0
-                targets.append(plan.phases[window.task] + lag + window.least)
+            return self._held(plan, task)
+        targets = [0, self.draws.below(work.period), *self._openings(plan, task)]
         targets.append(plan.phases[task] + self.draws.below(2 * work.period // 8 + 1) - work.period // 8)
         phase = targets[self.draws.below(len(targets))]
-        return replace(plan, phases=_with(plan.phases, task, max(0, phase)))
+        return replace(plan, phases=_with(plan.phases, task, max(0, phase)), holds=_with(plan.holds, task, 0))
+
+    def _held(self, plan: Plan, task: int) -> Plan:
+        """Hold the jobs of a task back, so that they meet a window, or for any time that their slack allows."""
+        work = self.mode.works[task]
+        most = work.latest if work.is_cyclic else self.mode.hyperperiod
+        if not most:
+            return self._urgent(plan, task)
+        targets = [0, self.draws.below(most + 1)]
+        targets += [
+            hold for start in self._openings(plan, task) if (hold := (start - plan.phases[task]) % work.period) <= most
+        ]
+        return replace(plan, holds=_with(plan.holds, task, targets[self.draws.below(len(targets))]))
+
+    def _openings(self, plan: Plan, task: int) -> list[int]:
+        """Return starts at which windows with other tasks begin or end, as far as the plan tells."""
+        lengths = [way.length for way in plan.ways]
+        starts = [phase + hold for phase, hold in zip(plan.phases, plan.holds, strict=True)]
+        found = []
+        for window in plan.ways[task].windows:
+            lag = lengths[window.task] if window.from_end else 0
+            found += [starts[window.task] + lag + window.least, starts[window.task] + lag + window.most]
+        for other, way in enumerate(plan.ways):
+            for window in way.windows:
+                if window.task == task:
+                    lag = lengths[task] if window.from_end else 0
+                    found += [starts[other] - lag - window.least, starts[other] - lag - window.most]
+        return found
 
     def _elsewhere(self, plan: Plan, task: int) -> Plan:
         ways = self.allowed[task]
@@ -270,7 +296,8 @@ def first_plan(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> Plan:
                     urgency[window.task] = min(urgency[window.task], due - lag - window.least)
         if urgency == before:
             break
-    return Plan(ways, tuple(work.phase or 0 for work in mode.works), tuple(urgency))
+    phases = tuple(work.phase or 0 for work in mode.works)
+    return Plan(ways, phases, tuple(urgency), (0,) * len(phases))
 
 
 def _spread(mode: Mode, allowed: Sequence[tuple[Way, ...]]) -> tuple[Way, ...]:

@@ -1,8 +1,8 @@
 """Earliest deadline first over parts, on unrolled time, until one hyperperiod repeats the one before it (MODEL 8.3).
 
 On each unit the job with the earliest deadline runs to its next split point. A piece that would keep a job which is
-still to come from its latest start is not begun: idle time is inserted instead. Jobs that have begun are a stack on
-each unit, so that spans are nested.
+still to come from its latest start is not begun: idle time is inserted instead. A job that can wait no longer comes
+before all others. Jobs that have begun are a stack on each unit, so that spans are nested.
 """
 
 from __future__ import annotations
@@ -30,17 +30,21 @@ Span = tuple[int, int, int, int]
 
 _RELEASE, _STOP, _WAKE = 0, 1, 2
 
+_AT_ONCE = -1
+"""The deadline of a job that can wait no longer."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plan:
     """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
 
-    `urgency` is the deadline by which jobs are ordered, from their release.
+    `urgency` is the deadline by which jobs are ordered, from their release; they are held back for `holds` after it.
     """
 
     ways: tuple[Way, ...]
     phases: tuple[int, ...]
     urgency: tuple[int, ...]
+    holds: tuple[int, ...]
 
 
 @dataclass(slots=True)
@@ -67,6 +71,11 @@ class Job:
     def order(self) -> tuple[int, int, int]:
         """Earlier ones run first."""
         return self.due, self.task, self.number
+
+    @property
+    def last_start(self) -> int:
+        """Return when the job must start at the latest to run in one piece."""
+        return min(self.latest, self.end_by - self.way.length)
 
     @property
     def gaps(self) -> int:
@@ -124,6 +133,7 @@ class _Simulation:
         self.followers: list[set[int]] = [set() for _ in mode.works]
         self.reach = [0] * len(mode.works)
         self.done: list[Job] = []
+        self.hurried = 0
         for task, way in enumerate(plan.ways):
             for unit in way.units:
                 self.on_unit[unit].append(task)
@@ -178,6 +188,7 @@ class _Simulation:
         self._announce(task, number + 1)
         work, way = self.mode.works[task], self.plan.ways[task]
         far = self.cycle * MOST_CYCLES
+        time -= self.plan.holds[task]
         job = Job(
             work=work,
             task=task,
@@ -199,6 +210,15 @@ class _Simulation:
         for unit in job.way.units:
             waiting = self.pending[unit]
             waiting.insert(bisect_left([other.order for other in waiting], job.order), job)
+        if job.last_start > job.release:
+            self._at(job.last_start, _WAKE, None, job.way.units[0])
+
+    def _hurry(self, job: Job) -> None:
+        """Put a job before all that can still wait."""
+        job.due = _AT_ONCE
+        self.hurried += 1
+        for unit in job.way.units:
+            self.pending[unit].sort(key=lambda other: other.order)
 
     def _stop(self, job: Job, now: int) -> set[int]:
         """End a piece; the job goes on, or makes room, when the unit is dispatched."""
@@ -222,15 +242,21 @@ class _Simulation:
     # ---- decisions
 
     def _dispatch(self, unit: int, now: int) -> None:
+        for job in list(self.pending[unit]):
+            if now >= job.last_start and job.due != _AT_ONCE:
+                self._hurry(job)
         current = self.running[unit]
         if current is not None:
             self._cut(current, unit, now)
             return
-        waiting: list[Job] = []
-        for job in self._candidates(unit):
-            if self._begin(job, waiting, now):
-                return
-            waiting.append(job)
+        hurried = -1
+        while hurried != self.hurried:  # who was put first meanwhile has not been asked
+            hurried = self.hurried
+            waiting: list[Job] = []
+            for job in self._candidates(unit):
+                if self._begin(job, waiting, now):
+                    return
+                waiting.append(job)
 
     def _candidates(self, unit: int) -> Iterator[Job]:
         """Yield the jobs that may take a unit, the most urgent first: those above the job that has begun, and it."""
@@ -336,7 +362,8 @@ class _Simulation:
         least = bisect_right(way.ends, job.executed)
         if any(self.pending[unit] and self.pending[unit][0].order < job.order for unit in way.units):
             return way.ends[least]
-        others = (self.next[task][0] for unit in way.units for task in self.on_unit[unit] if task != job.task)
+        others = [self.next[task][0] for unit in way.units for task in self.on_unit[unit] if task != job.task]
+        others += [other.last_start for unit in way.units for other in self.pending[unit]]
         quiet = min(others, default=start) - start
         most = len(way.ends) - 1
         while least < most:
@@ -390,11 +417,23 @@ class _Simulation:
                 free = end
                 if job.way.anywhere and gaps < job.way.max_gaps:
                     free = min(end, _wall(job.way, start, first, lost, max(release, now), job.executed))
-                latest = min(release + work.latest, release + work.deadline - way.length)
+                latest = release - self.plan.holds[task] + min(work.latest, work.deadline - way.length)
                 can_wait = release + way.length + left <= job.end_by and (
                     bool(job.spans) or release + way.length <= job.latest
                 )
                 if free > latest and can_wait:
+                    return True
+            for other in self.pending[unit]:
+                if other is job or other.due == _AT_ONCE or not now <= other.last_start < end:
+                    continue
+                free = end
+                if job.way.anywhere and gaps < job.way.max_gaps:
+                    free = min(end, _wall(job.way, start, first, lost, other.last_start, job.executed))
+                can_wait = now + other.way.length + left <= job.end_by and (
+                    bool(job.spans) or now + other.way.length <= job.latest
+                )
+                if free > other.last_start and can_wait:
+                    self._hurry(other)
                     return True
         for other in waiting:
             latest = other.latest if not other.spans else other.end_by
@@ -475,13 +514,14 @@ def _releases(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
     """Return when the jobs of a task are released in the first hyperperiod, with their indices."""
     work = mode.works[task]
     if work.is_cyclic:
-        return [(plan.phases[task] + index * work.period, index) for index in range(work.jobs)]
+        first = plan.phases[task] + plan.holds[task]
+        return [(first + index * work.period, index) for index in range(work.jobs)]
     found = []
     for index, (demander, number, slot) in enumerate(work.demands):
         asked = sum(1 for window in plan.ways[demander].windows if window.task == task)
         times = {place: time for time, place in _releases(mode, plan, demander)}
         if slot < asked and number in times:
-            found.append((times[number], index))
+            found.append((times[number] + plan.holds[task], index))
     return sorted(found)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.durations import Duration
-    from halpipe.models import TaskModel, Version
+    from halpipe.models import TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 
 MAX_UNIT_SETS = 256
@@ -112,6 +112,7 @@ class Mode:
     tick: Duration
     hyperperiod: int
     units: tuple[str, ...]
+    platform: tuple[Unit, ...]
     services: tuple[Service[Duration], ...]
     works: tuple[Work, ...]
     capacity: tuple[int, ...]
@@ -145,6 +146,7 @@ class _Builder:
             tick=self.tick,
             hyperperiod=self.down(self.expansion.hyperperiod),
             units=tuple(self.units),
+            platform=self.model.units,
             services=tuple(service_of(self.units, [name]) for name in self.units),
             works=tuple(map(self._work, self.expansion.tasks)),
             capacity=self.capacity,
