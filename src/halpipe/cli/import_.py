@@ -27,6 +27,7 @@ def import_(
         list[str] | None, typer.Option(help="YAML file with what the source cannot say; repeatable, later wins.")
     ] = None,
     granularity: Annotated[str, typer.Option(help="ARXML: one task per runnable, event or ostask.")] = "runnable",
+    ecu: Annotated[str, typer.Option(metavar="NAME", help="ARXML: the ECU of a system that has several.")] = "",
     wcet: Annotated[
         str, typer.Option(help="AMALTHEA: the WCET is the upper, average or lower of a stated execution time.")
     ] = "upper",
@@ -80,6 +81,7 @@ def import_(
     options = ImportOptions(
         name=name,
         granularity=granularity,
+        ecu=ecu,
         wcet=wcet,
         memory=memory,
         mapping=mapping,

@@ -34,7 +34,12 @@ NOT_A_PIPELINE = error(
 VERSION = "1"
 _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
 _IMPORT = (
+<<<<<<< HEAD
     *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping", "pieces"),
+=======
+    *("format", "inputs", "overlay", "name", "granularity", "ecu", "variant", "conditions"),
+    *("wcet", "memory", "mapping"),
+>>>>>>> 04d2461 (One ECU of a vehicle is imported with its own instances, cores and configuration)
     *("calibrate", "quantile", "margin", "groups", "strict"),
 )
 _SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
@@ -116,6 +121,9 @@ class _Reader:
         options = ImportOptions(
             name=f.value("name", str, ""),
             granularity=f.value("granularity", str, "runnable"),
+            ecu=f.value("ecu", str, ""),
+            variant=f.value("variant", str, ""),
+            conditions=tuple(stated.value for stated in f.texts("conditions", str)),
             wcet=f.value("wcet", str, "upper"),
             memory=f.value("memory", str, "within"),
             mapping=f.value("mapping", str, "stated"),

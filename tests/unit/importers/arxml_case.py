@@ -28,10 +28,10 @@ class Overlay:
         return None
 
 
-def read(*paths, sources=None, drop=(), strict=False, name="", granularity="runnable"):
+def read(*paths, sources=None, drop=(), **options):
     """Import files and directories."""
     overlay = Overlay(sources or {}, drop) if sources or drop else None
-    options = ImportOptions(overlay=overlay, strict=strict, name=name, granularity=granularity)
+    options = ImportOptions(overlay=overlay, **options)
     return FORMAT.read([str(path) for path in paths], options)
 
 

@@ -156,25 +156,6 @@ def test_unmapped_tasks_may_run_on_every_core(tmp_path):
     assert [d.what for d in imported.coverage.defaulted_values] == ["units"]
 
 
-def test_without_cores_there_is_one_per_ecu(tmp_path):
-    def mapping(name, prototype, ecu):
-        component_ref = el("COMPONENT-IREF", ref("TARGET-COMPONENT-REF", f"/T/Car/{prototype}"))
-        return named(
-            "SWC-TO-ECU-MAPPING", name, el("COMPONENT-IREFS", component_ref), ref("ECU-INSTANCE-REF", f"/T/{ecu}")
-        )
-
-    ecus = [named("ECU-INSTANCE", "Front"), named("ECU-INSTANCE", "Rear")]
-    mappings = named("SYSTEM-MAPPING", "M", mapping("f", "f", "Front"), mapping("r", "r", "Rear"))
-    car = composition("Car", "f:Pump r:Pump")
-    imported = read(write(tmp_path, package("T", PUMP, car, *ecus, mappings)))
-    assert {task.name: task.versions[0].units for task in imported.model.tasks} == {
-        "f/Step": ("Front/core0",),
-        "r/Step": ("Rear/core0",),
-    }
-    assert ("ECU-INSTANCE", 2, 2, 0) in imported.coverage.rows()
-    assert found(imported, codes.DEFAULT_UNIT)
-
-
 def test_one_ecu_names_the_model_and_its_core(tmp_path):
     target = el("COMPONENT-IREFS", el("COMPONENT-IREF", ref("TARGET-COMPONENT-REF", "/T/Car/p")))
     mapping = named("SWC-TO-ECU-MAPPING", "M", target, ref("ECU-INSTANCE-REF", "/T/Front"))

@@ -36,6 +36,7 @@ def arxml(
             help="Put the schedule onto the project that the model was imported from; -o is a folder then.",
         ),
     ] = "",
+    ecu: Annotated[str, typer.Option(metavar="NAME", help="With --onto: the ECU that was imported.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -46,7 +47,7 @@ def arxml(
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if onto:
-        return _put_onto(model, schedule, onto, output_file)
+        return _put_onto(model, schedule, onto, output_file, ecu)
     options = ArxmlOptions(
         mode=mode,
         release=release,
@@ -60,7 +61,7 @@ def arxml(
     return export_files("arxml", model, schedule, output_file, options)
 
 
-def _put_onto(model: str, schedule: str, project: str, target: str) -> int:
+def _put_onto(model: str, schedule: str, project: str, target: str, ecu: str) -> int:
     """Write what is added to a project, what changes in it, and the list of both; show the list."""
     from halpipe.exporters.arxml.onto import CHANGES
     from halpipe.files import write_directory
@@ -70,7 +71,7 @@ def _put_onto(model: str, schedule: str, project: str, target: str) -> int:
 
     if not schedule:
         raise typer.BadParameter("a project gets a schedule; name its file after the model", param_hint="--onto")
-    onto = export_onto(read_model(model), read_schedule(schedule), project, ImportOptions())
+    onto = export_onto(read_model(model), read_schedule(schedule), project, ImportOptions(ecu=ecu))
     write_directory(target, onto.files)
     output.report(onto.findings)
     if output.is_text():
@@ -80,5 +81,5 @@ def _put_onto(model: str, schedule: str, project: str, target: str) -> int:
             output.inform(f"{change.file}: {change.path}{what}: {value}")
         output.inform(f"{target}: written")
     else:
-        output.result(onto.files[CHANGES].decode().rstrip())
+        output.text(onto.files[CHANGES].decode().rstrip())
     return Exit.OK

@@ -16,6 +16,7 @@ from halpipe.importers.arxml.system.ecuc import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
 from halpipe.importers.arxml.tasks.arrivals import slack_of
+from halpipe.importers.arxml.tasks.boundary import report_boundary
 from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.execution_modes import make_modes
@@ -66,7 +67,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     package = find_carried(tree)
     if package is not None:
         return read_carried(tree, package, options)
-    built = assemble(tree, read_system(tree), paths, options)
+    built = assemble(tree, read_system(tree, options.ecu), paths, options)
     return built.model, built.coverage
 
 
@@ -83,6 +84,7 @@ class Built:
 def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOptions) -> Built:
     """Make the model of what was read; findings go to those of the tree."""
     findings = tree.findings
+    report_boundary(tree, system)
     dataflow = find_dataflow(system)
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)

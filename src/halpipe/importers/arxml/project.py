@@ -5,7 +5,7 @@ The project is read again and its model made anew, so that what changed since th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
@@ -17,7 +17,6 @@ from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.ecuc import Containers, Ticks
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
-from halpipe.importers.base import ImportOptions
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.tree import Node, Tree
     from halpipe.importers.arxml.system.ecuc import Container
     from halpipe.importers.arxml.tasks.activation import Activation
+    from halpipe.importers.base import ImportOptions
     from halpipe.models import Task, TaskModel
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
@@ -95,16 +95,18 @@ def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOp
             )
         )
     findings.stop_on_errors()
-    return assemble(tree, read_system(tree), paths, _options(options, model, granularity, is_dropping=True))
+    return assemble(
+        tree, read_system(tree, options.ecu), paths, _options(options, model, granularity, is_dropping=True)
+    )
 
 
 def _options(options: ImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool) -> ImportOptions:
-    return ImportOptions(overlay=_OfModel(model, is_dropping), granularity=granularity, name=options.name)
+    return replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
 
 
 def _names(tree: Tree, paths: Sequence[str], options: ImportOptions) -> set[str]:
     try:
-        return {task.name for task in assemble(tree, read_system(tree), paths, options).model.tasks}
+        return {task.name for task in assemble(tree, read_system(tree, options.ecu), paths, options).model.tasks}
     except HalpipeError:
         return set()
 

@@ -103,21 +103,39 @@ def read_ecus(tree: Tree) -> tuple[Ecu, ...]:
     mapped: dict[str, list[str]] = {node.path: [] for node in ecus}
     mappings: dict[str, list[Place]] = {node.path: [] for node in ecus}
     hardware: dict[str, list[tuple[str, str]]] = {node.path: [] for node in ecus}
+    chains: dict[str, list[tuple[str, ...]]] = {node.path: [] for node in ecus}
     for node in tree.tagged("SWC-TO-ECU-MAPPING"):
         ref = tree.ref(node, "ECU-INSTANCE-REF")
         ecu = tree.find(ref, f'mapping "{node.path}"', ("ECU-INSTANCE",)) if ref else None
         if ecu is not None:
             refs = tree.refs(node, "COMPONENT-IREFS/COMPONENT-IREF/TARGET-COMPONENT-REF")
             mapped[ecu.path] += [ref.path for ref in refs]
+            chains[ecu.path] += _chains(tree, node)
             mappings[ecu.path].append(place_of(node))
             unit = tree.ref(node, "PROCESSING-UNIT-REF")
             found = tree.find(unit, f'mapping "{node.path}"', ("HW-ELEMENT",)) if unit else None
             if found is not None:
                 hardware[ecu.path] += [(ref.path, found.path) for ref in refs]
     return tuple(
-        Ecu(place_of(ecu), tuple(mapped[ecu.path]), tuple(mappings[ecu.path]), tuple(hardware[ecu.path]))
+        Ecu(
+            place_of(ecu),
+            tuple(mapped[ecu.path]),
+            tuple(mappings[ecu.path]),
+            tuple(hardware[ecu.path]),
+            tuple(chains[ecu.path]),
+        )
         for ecu in ecus
     )
+
+
+def _chains(tree: Tree, mapping: Node) -> Iterator[tuple[str, ...]]:
+    """Yield each mapped prototype after those that hold it; some tools name it among these, too."""
+    for element, file in tree.elements(mapping, "COMPONENT-IREFS/COMPONENT-IREF"):
+        refs = [tree.reference(mapping, child, file) for child in element]
+        target = next((ref.path for ref in refs if ref and local(ref.element) == "TARGET-COMPONENT-REF"), None)
+        if target is not None:
+            outer = [ref.path for ref in refs if ref and local(ref.element) == "CONTEXT-COMPONENT-REF"]
+            yield (*(path for path in outer if path != target), target)
 
 
 def read_hardware(tree: Tree) -> tuple[Place, ...]:

@@ -116,13 +116,15 @@ def _last(definition: str | None) -> str:
 
 
 class Containers:
-    """Every container of the modules Os, Rte and EcuC, by path."""
+    """Every container of the modules Os, Rte and EcuC, by path; of `modules` only, if given (paths)."""
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, modules: frozenset[str] | None = None) -> None:
         self.tree = tree
         self.by_path: dict[str, Container] = {}
         self.added: dict[str, Container] = {}
         for node in tree.tagged(_CONTAINER):
+            if modules is not None and _module_of(node).path not in modules:
+                continue
             definition = tree.text(node, "DEFINITION-REF")
             steps = "".join(definition.value.split()).split("/") if definition else []
             if any(module in steps for module in _MODULES):
@@ -144,10 +146,7 @@ class Containers:
 
     def beside(self, container: Container, kind: str) -> list[Container]:
         """Return the containers of a definition in the module configuration that holds `container`."""
-        module = container.node
-        while module.parent is not None and module.tag != _MODULE:
-            module = module.parent
-        inside = (self.by_path.get(node.path) for node in module.inside(_CONTAINER))
+        inside = (self.by_path.get(node.path) for node in _module_of(container.node).inside(_CONTAINER))
         return [found for found in inside if found is not None and found.kind == kind]
 
     def below(self, container: Container) -> Iterator[Container]:
@@ -158,9 +157,16 @@ class Containers:
                 yield from self.below(self.by_path[node.path])
 
 
-def read_configuration(tree: Tree) -> Configuration:
+def _module_of(node: Node) -> Node:
+    """Return the module configuration that holds a container."""
+    while node.parent is not None and node.tag != _MODULE:
+        node = node.parent
+    return node
+
+
+def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Configuration:
     """Read cores, applications, OS tasks, what triggers them, and the mapping of events to them."""
-    containers = Containers(tree)
+    containers = Containers(tree, modules)
     cores = _cores(containers)
     applications, numbered = _applications(containers, cores)
     core_of = {task: application.core for application in applications for task in application.tasks}
@@ -175,6 +181,7 @@ def read_configuration(tree: Tree) -> Configuration:
         triggers=tuple(_triggers(containers)),
         mappings=tuple(_mappings(containers)),
         instances=tuple(_instances(containers)),
+        modules=tuple(sorted(modules or ())),
     )
 
 

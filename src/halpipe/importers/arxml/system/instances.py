@@ -91,7 +91,7 @@ class _Configured:
         for instance in instances:
             self._by_prototype.setdefault(instance.prototype, []).append(instance)
         self._owner = {event.place.path: component for component in components for event in component.events}
-        self._upstream = dict(_upstream(tree))
+        self._upstream = dict(upstream(tree))
 
     def resolve(self, named: Sequence[RteInstance]) -> tuple[dict[str, Context], list[Instance]]:
         """Return the context that each named prototype stands for, and the instances that only the Rte knows."""
@@ -172,7 +172,7 @@ class _Configured:
         )
 
 
-def _upstream(tree: Tree) -> Iterator[tuple[str, Context]]:
+def upstream(tree: Tree) -> Iterator[tuple[str, Context]]:
     """Yield every prototype of a flat ECU extract, and the prototypes down to the one that it was made of."""
     for node in tree.tagged("FLAT-INSTANCE-DESCRIPTOR"):
         flat = tree.ref(node, "ECU-EXTRACT-REFERENCE-IREF/TARGET-REF")

@@ -15,6 +15,7 @@ from halpipe.importers.arxml.system.ecuc import read_configuration
 from halpipe.importers.arxml.system.execution_times import read_execution_times
 from halpipe.importers.arxml.system.instances import find_instances
 from halpipe.importers.arxml.system.modes import read_mode_groups
+from halpipe.importers.arxml.system.selection import keep_own, select_ecu
 from halpipe.importers.arxml.system.swc import is_component_type, place_of, read_components, read_twins
 from halpipe.importers.arxml.system.timing import read_timing, report_not_read
 from halpipe.importers.arxml.system.values import System
@@ -34,15 +35,20 @@ def read_tree(paths: Sequence[str], findings: Findings) -> Tree:
     return tree
 
 
-def read_system(tree: Tree) -> System:
-    """Read everything that influences timing out of the merged elements."""
+def read_system(tree: Tree, ecu: str = "") -> System:
+    """Read everything that influences timing out of the merged elements, for one ECU if there are several.
+
+    Raise `HalpipeError` if there are several, and `ecu` names none of them.
+    """
     components = read_components(tree)
     compositions = read_compositions(tree)
-    configuration = read_configuration(tree)
+    ecus = read_ecus(tree)
+    selection = select_ecu(tree, ecus, ecu)
+    configuration = read_configuration(tree, selection.modules)
     instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
     machines, groups = read_machines(tree), read_function_groups(tree)
     report_not_read(tree)
-    return System(
+    system = System(
         place=_place(tree),
         components=components,
         compositions=compositions,
@@ -54,12 +60,13 @@ def read_system(tree: Tree) -> System:
         orders=read_orders(tree),
         twins=read_twins(tree),
         execution_times=read_execution_times(tree),
-        ecus=read_ecus(tree),
+        ecus=ecus,
         hardware=read_hardware(tree),
         timing=read_timing(tree),
         machines=machines,
         processes=read_processes(tree, machines, groups),
     )
+    return system if selection.ecu is None else keep_own(tree, system, selection.ecu)
 
 
 def _check_platform(tree: Tree) -> None:

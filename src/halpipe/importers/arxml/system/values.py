@@ -243,7 +243,10 @@ class RteInstance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Configuration:
-    """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names."""
+    """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names.
+
+    `modules` are the module configurations (paths) of the ECU that was chosen, of whatever kind; empty if none was.
+    """
 
     cores: tuple[Core, ...] = ()
     applications: tuple[OsApplication, ...] = ()
@@ -251,6 +254,7 @@ class Configuration:
     triggers: tuple[Trigger, ...] = ()
     mappings: tuple[Mapping, ...] = ()
     instances: tuple[RteInstance, ...] = ()
+    modules: tuple[str, ...] = ()
 
 
 # ----------------------------------------------------------------------------------------- modes and constraints
@@ -412,20 +416,23 @@ class Process:
 class Ecu:
     """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so.
 
-    `hardware` has the HW-ELEMENT (path) of those prototypes whose mapping names a processing unit.
+    `hardware` has the HW-ELEMENT (path) of those prototypes whose mapping names a processing unit; `chains` has each
+    prototype with those that hold it, as the mapping states them.
     """
 
     place: Place
     prototypes: tuple[str, ...]
     mappings: tuple[Place, ...]
     hardware: tuple[tuple[str, str], ...] = ()
+    chains: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class System:
     """Everything that the input says about timing; `place` is the element that gives the system its name.
 
-    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for.
+    `configured` has the context of the instance that each prototype (path) of the Rte configuration stands for;
+    `others` are the instances on other ECUs than the one that was chosen.
     """
 
     place: Place | None = None
@@ -434,6 +441,7 @@ class System:
     instances: tuple[Instance, ...] = ()
     copies: tuple[str, ...] = ()
     configured: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    others: tuple[Instance, ...] = ()
     configuration: Configuration = field(default_factory=Configuration)
     mode_groups: tuple[ModeGroup, ...] = ()
     orders: tuple[Order, ...] = ()
