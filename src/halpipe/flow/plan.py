@@ -34,12 +34,8 @@ NOT_A_PIPELINE = error(
 VERSION = "1"
 _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
 _IMPORT = (
-<<<<<<< HEAD
-    *("format", "inputs", "overlay", "name", "granularity", "wcet", "memory", "mapping", "pieces"),
-=======
     *("format", "inputs", "overlay", "name", "granularity", "ecu", "variant", "conditions"),
-    *("wcet", "memory", "mapping"),
->>>>>>> 04d2461 (One ECU of a vehicle is imported with its own instances, cores and configuration)
+    *("wcet", "memory", "mapping", "pieces"),
     *("calibrate", "quantile", "margin", "groups", "strict"),
 )
 _SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
