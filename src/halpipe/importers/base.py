@@ -47,21 +47,13 @@ class Supplement(Protocol):
 class ImportOptions:
     """What the user may choose: `overlay` adds what the source lacks.
 
-<<<<<<< HEAD
-    `granularity` is for ARXML only; `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of an
-    execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds tasks;
-    `pieces` is the longest piece of a runnable of a preemptive task there (0: as long as it is).
-    `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the WCET
-    (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback groups are
-    ignored or become resources.
-=======
     `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the variant
     of a product line, and values of system constants and criteria (``NAME=VALUE``). `wcet`, `memory` and `mapping`
     are for AMALTHEA only: which statistic of an execution time counts, whether it contains the accesses to memory, and
-    whether the stated mapping binds tasks. `calibrate`, `quantile` and `margin` are for ROS only: tables of measured
-    durations, which of them is the WCET (1: the maximum), and the share of it that is added; `groups` says whether
-    mutually exclusive callback groups are ignored or become resources.
->>>>>>> 04d2461 (One ECU of a vehicle is imported with its own instances, cores and configuration)
+    whether the stated mapping binds tasks; `pieces` is the longest piece of a runnable of a preemptive task there (0:
+    as long as it is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of
+    them is the WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive
+    callback groups are ignored or become resources.
     """
 
     name: str = ""
