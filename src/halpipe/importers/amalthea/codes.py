@@ -91,6 +91,12 @@ CONTRADICTION = warning(
     "The parts of a sequence begin where the chain begins, follow on each other, and end where it ends. Data does not "
     "take the way of a chain that contradicts itself, so it is not imported.",
 )
+ACTIVE_WAIT = warning(
+    "HAL1218",
+    "Active wait leaves its unit to others",
+    "A task that waits actively keeps its unit busy. The model cuts it at the wait, and a schedule may use the unit "
+    "meanwhile for other tasks, which the running system would delay.",
+)
 NO_TASKS = error(
     "HAL1220",
     "No task in the model",
@@ -136,8 +142,7 @@ WAITING = note(
     "Task that waits became several tasks",
     "A task that starts work elsewhere and waits for its end is cut at the wait: each part is a task, with "
     "precedence between them, and the response time of the whole is the largest data age of a chain. While it "
-    "waits, its unit is free for others, also where the wait is active, since the schedule starts a part no "
-    "earlier than what it waits for ends.",
+    "waits, its unit is free for others; of active waits a warning says so.",
 )
 UNUSED_WAIT = warning(
     "HAL1228",

@@ -77,7 +77,7 @@ def compare(schedule: Schedule, trace: Trace, options: CompareOptions) -> Compar
     if executions and all(execution.cycle is not None and execution.table for execution in executions):
         origin, matching = _stated(executions, tables, options, findings)
     else:
-        origin, matching = _repeated(executions, tables[_mode(schedule, options)], options)
+        origin, matching = _repeated(executions, tables[_mode(schedule, executions, options)], options)
     if options.origin is None and executions:
         message = f"the schedule's zero lies at {origin} of the trace"
         findings.add(ALIGNED(message, path=trace.name, help="state it with --origin if it is known"))
@@ -110,13 +110,24 @@ def _repeated(executions: Sequence[Execution], table: Table, options: CompareOpt
     return origin, match_nearest(executions, table, origin)
 
 
-def _mode(schedule: Schedule, options: CompareOptions) -> str:
+def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareOptions) -> str:
+    """Return the mode that ran: the one asked for, the only one that the trace names, or the only one there is."""
     names = [mode.name for mode in schedule.modes]
+    stated = list(dict.fromkeys(execution.table for execution in executions if execution.table))
     if options.mode in names:
         return options.mode
     if options.mode:
         help = did_you_mean(options.mode, names, "the modes are " + ", ".join(names))
         raise HalpipeError(UNKNOWN_TABLE(f'the schedule has no mode "{options.mode}"', help=help))
+    if stated:
+        if len(stated) == 1 and stated[0] in names and all(execution.table for execution in executions):
+            return stated[0]
+        what = f"the trace names {len(stated)} tables, but not the cycle of every job"
+        help = (
+            "add a column cycle, which counts the tables played from 0 on, or cut the trace where the mode changes and "
+            "compare each piece with its --mode"
+        )
+        raise HalpipeError(NEEDS_MODE(what, at=executions[0].at, help=help))
     if len(names) != 1:
         help = "say which one ran with --mode: " + ", ".join(names)
         raise HalpipeError(NEEDS_MODE("the trace names no tables and cycles", help=help))

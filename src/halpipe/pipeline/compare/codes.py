@@ -7,7 +7,8 @@ from halpipe.diagnostics import error, note
 NEEDS_MODE = error(
     "HAL1101",
     "Trace does not say which mode ran",
-    "The schedule has several modes and the trace names none, so --mode must.",
+    "The schedule has several modes and the trace names none, so --mode must; or it names several without counting "
+    "the tables played, so that it is open where one ends.",
 )
 UNKNOWN_TABLE = error(
     "HAL1102",

@@ -1,0 +1,155 @@
+"""Compiles types into decoders. A decoder reads one value at a byte of a packet and returns it with the byte after it.
+
+Fields of fixed size that stand together are read at once, which is what makes millions of events bearable.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from halpipe.importers.traces.ctf.types import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant, alignment
+
+Scope = dict[str, Any]
+Decoder = Callable[[bytes, int, Scope], tuple[Any, int]]
+
+_CODES = {8: "b", 16: "h", 32: "i", 64: "q"}
+_FLOATS = {32: "f", 64: "d"}
+
+
+def decoder(type: Type) -> Decoder:
+    """Return what reads `type`; raise `CtfError` for bit fields that are no whole bytes."""
+    if isinstance(type, Enum):
+        return decoder(type.base)
+    if isinstance(type, Int | Float):
+        return _number(type)
+    if isinstance(type, String):
+        return _string
+    if isinstance(type, Struct):
+        return _structure(type)
+    if isinstance(type, Array):
+        return _array(type)
+    return _variant(type)
+
+
+def _code(type: Int | Float) -> str:
+    known = _CODES if isinstance(type, Int) else _FLOATS
+    if type.size not in known or (type.align % 8 and type.align != 1):
+        raise CtfError(f"a field of {type.size} bits cannot be read")
+    code = known[type.size]
+    return code.upper() if isinstance(type, Int) and not type.signed else code
+
+
+def _number(type: Int | Float) -> Decoder:
+    unpack = struct.Struct(type.order + _code(type)).unpack_from
+    size, mask = type.size // 8, max(type.align, 8) // 8 - 1
+
+    def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
+        at = (at + mask) & ~mask
+        return unpack(data, at)[0], at + size
+
+    return read
+
+
+def _string(data: bytes, at: int, scope: Scope) -> tuple[str, int]:
+    end = data.index(b"\0", at)
+    return data[at:end].decode("utf-8", "replace"), end + 1
+
+
+def _plain(name: str) -> str:
+    """Return the name of a field without the underscore that the language adds."""
+    return name.removeprefix("_")
+
+
+def _structure(type: Struct) -> Decoder:
+    mask = max(alignment(type), 8) // 8 - 1
+    steps: list[tuple[tuple[str, ...], Any, Any]] = []
+    run: list[tuple[str, Int | Float]] = []
+
+    def flush() -> None:
+        if run:
+            layout, size, align = _layout([field for _, field in run])
+            names = tuple(_plain(name) for name, _ in run)
+            steps.append((names, struct.Struct(layout).unpack_from, (size, align - 1)))
+            run.clear()
+
+    for name, field in type.fields:
+        flat = field.base if isinstance(field, Enum) else field
+        if not isinstance(flat, Int | Float):
+            flush()
+            steps.append(((_plain(name),), None, decoder(field)))
+            continue
+        if run and (run[0][1].order != flat.order or max(8, flat.align) > max(8, run[0][1].align)):
+            flush()
+        run.append((name, flat))
+    flush()
+
+    def read(data: bytes, at: int, scope: Scope) -> tuple[dict[str, Any], int]:
+        at = (at + mask) & ~mask
+        found: dict[str, Any] = {}
+        for names, unpack, rest in steps:
+            if unpack is None:
+                found[names[0]], at = rest(data, at, {**scope, **found} if scope else found)
+            else:
+                size, pad = rest
+                at = (at + pad) & ~pad
+                found.update(zip(names, unpack(data, at), strict=True))
+                at += size
+        return found, at
+
+    return read
+
+
+def _layout(fields: list[Int | Float]) -> tuple[str, int, int]:
+    """Return the format, size and alignment in bytes of fields in a row, of which the first is aligned most."""
+    layout, size = fields[0].order, 0
+    for field in fields:
+        pad = -size % (max(8, field.align) // 8)
+        layout += "x" * pad + _code(field)
+        size += pad + field.size // 8
+    return layout, size, max(8, fields[0].align) // 8
+
+
+def _array(type: Array) -> Decoder:
+    length, element = type.length, type.element
+    plain = _plain(length) if isinstance(length, str) else ""
+
+    def count(scope: Scope) -> int:
+        if isinstance(length, int):
+            return length
+        found = scope.get(plain)
+        if not isinstance(found, int) or found < 0:
+            raise CtfError(f'the length "{plain}" of a sequence is not stated before it')
+        return found
+
+    if isinstance(element, Int | Float):
+        code, size, mask = _code(element), element.size // 8, max(8, element.align) // 8 - 1
+        is_text = isinstance(element, Int) and element.text and element.size == 8
+
+        def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
+            number = count(scope)
+            if number * size > len(data) - at:
+                raise CtfError("a sequence is longer than its packet")
+            if is_text:
+                return data[at : at + number].split(b"\0", 1)[0].decode("utf-8", "replace"), at + number
+            at = (at + mask) & ~mask
+            return list(struct.unpack_from(f"{element.order}{number}{code}", data, at)), at + number * size
+
+        return read
+    inner = decoder(element)
+
+    def read_each(data: bytes, at: int, scope: Scope) -> tuple[list[Any], int]:
+        number, found = count(scope), []
+        if number > len(data) - at:
+            raise CtfError("a sequence is longer than its packet")
+        for _ in range(number):
+            value, at = inner(data, at, scope)
+            found.append(value)
+        return found, at
+
+    return read_each
+
+
+def _variant(type: Variant) -> Decoder:
+    raise CtfError(f'a variant by "{type.tag}" stands where only headers have one')
