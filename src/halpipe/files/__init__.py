@@ -19,6 +19,7 @@ from halpipe.files.reading import (
     read_own,
     sha256,
 )
+from halpipe.files.recordings import folders_with, mapped, plain_files
 from halpipe.files.writing import (
     CANNOT_WRITE,
     FOREIGN_FILE,
@@ -50,9 +51,12 @@ __all__ = [
     "YamlMap",
     "begins_like",
     "find_inputs",
+    "folders_with",
     "is_input",
+    "mapped",
     "parse_xml",
     "parse_yaml",
+    "plain_files",
     "protecting_inputs",
     "read_bytes",
     "read_own",

@@ -149,7 +149,9 @@ def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> N
     held = f"{count} tasks, none of them with a period" if count else "no task"
     help = "state periods under tasks: in an overlay" if count else "name the file with the software model, too"
     if not count and forest.kinds("SWModel"):
-        help = "its software model defines no tasks: let tasks call its runnables, or name the file that defines them, too"
+        help = (
+            "its software model defines no tasks: let tasks call its runnables, or name the file that defines them, too"
+        )
     findings.add(codes.NO_TASKS(f"the model has {held}", at=Location(forest.roots[0].file), help=help))
     raise HalpipeError(*findings.items)
 
@@ -239,7 +241,8 @@ def _report(forest: Forest, model: TaskModel, evaluator: Evaluator, coverage: Co
         forest.findings.add(codes.NO_WCET(message, at=at, help="give them in an overlay (tasks: wcet)"))
     if model.units == (Unit(name=UNIT),):
         coverage.defaulted("platform", "units", UNIT)
-        other = "let the hardware model define" if forest.kinds("HWModel") else "add the file with the"
-        lacking = "processing units" if forest.kinds("HWModel") else "hardware model"
-        help = f"{other} {lacking}, or name units under platform: in an overlay"
+        cure = "add the file with the hardware model"
+        if forest.kinds("HWModel"):
+            cure = "let the hardware model define processing units"
+        help = f"{cure}, or name units under platform: in an overlay"
         forest.findings.add(codes.DEFAULT_UNIT(f"no processing unit is defined; assumed {UNIT}", at=file, help=help))

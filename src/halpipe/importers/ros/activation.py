@@ -18,6 +18,7 @@ from halpipe.importers.ros.graph import Callback, Certainty, Kind, Publication, 
 from halpipe.importers.ros.periods import MEASURED, STATED, snap
 from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.rqt import DEADLINE, STATISTICS
+from halpipe.importers.ros.traced import TRACE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from halpipe.importers.base import Supplement
     from halpipe.importers.ros.graph import Rate
 
-_PRIORITY = (ROSBAG, STATISTICS, DEADLINE)
+_PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,8 @@ from halpipe.importers.ros.names import Names, clean, task_names
 from halpipe.importers.ros.rosbag import read_bag
 from halpipe.importers.ros.rqt import read_dot
 from halpipe.importers.ros.sniff import FileKind, find
+from halpipe.importers.ros.traced import confront, graph_of
+from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
@@ -33,8 +35,9 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.importers.base import ImportOptions
-    from halpipe.importers.ros.graph import Group, Rate
+    from halpipe.importers.ros.graph import Callback, Group, Rate, RosGraph
     from halpipe.importers.ros.sniff import Input
+    from halpipe.importers.traces.ros2 import RosTrace
 
 UNIT = "core0"
 VERSION = "default"
@@ -50,14 +53,21 @@ def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
     rates = [r for bag in inputs.bags for r in read_bag(bag.content, bag.name, findings, coverage)]
     if files := len(inputs.graphs) + len(inputs.bags):
         coverage.mapped("file", files)
+    trace = read_ros_trace(inputs.traces[0], findings) if inputs.traces else None
+    if trace is not None:
+        coverage.mapped("trace")
+        rates += graph_of(trace, Findings(), Coverage()).rates
     if inputs.designs:
         system = _from_design(inputs.designs, rates, options, findings, coverage)
+    elif trace is not None and not inputs.graphs:
+        graph = replace(graph_of(trace, findings, coverage), rates=())
+        system = _from_parsed(graph, rates, options, findings, coverage)
     elif inputs.graphs[0].kind is FileKind.EXECUTORS:
         system = _from_executors(inputs.graphs[0], rates, findings, coverage)
     else:
-        system = _from_graph(inputs.graphs[0], rates, options, findings, coverage)
+        system = _from_graph(inputs.graphs[0], trace, rates, options, findings, coverage)
     model = replace(system.model, name=options.name or system.model.name)
-    model = calibrate(model, system.tasks_of, options, findings, coverage)
+    model = calibrate(model, system.tasks_of, system.callbacks, trace, options, findings, coverage)
     exclusion = Exclusion(system.groups, system.tasks_of, options.groups == RESOURCES, coverage)
     imported = replace(_finish(model, findings, coverage, options.strict), completion=exclusion.complete)
     return imported.completed() if options.overlay is None else imported
@@ -70,20 +80,33 @@ class _System:
     model: TaskModel
     tasks_of: Mapping[str, str]
     groups: tuple[Group, ...] = ()
+    callbacks: tuple[Callback, ...] = ()
 
 
 def _from_graph(
-    source: Input, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+    source: Input,
+    trace: RosTrace | None,
+    rates: list[Rate],
+    options: ImportOptions,
+    findings: Findings,
+    coverage: Coverage,
 ) -> _System:
     if source.kind is FileKind.CARET:
         graph = read_caret(source.content, source.name, findings, coverage)
+        graph = graph if trace is None or findings.has_errors else confront(graph, trace, findings)
     else:
         graph = read_dot(source.content, source.name, findings)
+    return _from_parsed(graph, rates, options, findings, coverage)
+
+
+def _from_parsed(
+    graph: RosGraph, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+) -> _System:
     _stop_on_errors(findings)
-    system = _tasks(ModeGraph(MODE, graph, {}, Location(source.name)), rates, options, findings, coverage)
+    system = _tasks(ModeGraph(MODE, graph, {}, Location(graph.file)), rates, options, findings, coverage)
     if system is None:
-        raise _no_tasks("graph", source.name, findings)
-    return replace(system, model=replace(system.model, name=_stem(source.name)))
+        raise _no_tasks("graph", graph.file, findings)
+    return replace(system, model=replace(system.model, name=_stem(graph.file)))
 
 
 def _from_executors(source: Input, rates: list[Rate], findings: Findings, coverage: Coverage) -> _System:
@@ -134,11 +157,11 @@ def _tasks(
         return None
     model = _model(result, names, part.units, findings, coverage)
     groups = (*wiring.graph.groups, *default_groups(wiring.graph, coverage))
-    return _System(model, {callback: names[callback] for callback in activations.of}, groups)
+    return _System(model, {callback: names[callback] for callback in activations.of}, groups, part.graph.callbacks)
 
 
 def _stem(file: str) -> str:
-    return clean(os.path.basename(file).split(".")[0] or "ros")
+    return clean(os.path.basename(os.path.normpath(file)).split(".")[0] or "ros")
 
 
 def _no_tasks(what: str, file: str, findings: Findings) -> HalpipeError:

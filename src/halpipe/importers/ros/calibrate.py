@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location, Severity
 from halpipe.durations import Duration
-from halpipe.files import read_bytes
+from halpipe.files import folders_with, read_bytes
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.measured import Measurements, read_measured
+from halpipe.importers.ros.traced import measure
+from halpipe.importers.traces.ctf import METADATA
+from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
 from halpipe.quantities import format_rational
 from halpipe.suggest import did_you_mean
@@ -27,7 +30,9 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.base import Coverage, ImportOptions
+    from halpipe.importers.ros.graph import Callback
     from halpipe.importers.ros.measured import Sample
+    from halpipe.importers.traces.ros2 import RosTrace
     from halpipe.models import Task, TaskModel
 
 FEWEST_SAMPLES = 10
@@ -47,24 +52,32 @@ class Estimate:
 def calibrate(
     model: TaskModel,
     tasks_of: Mapping[str, str],
+    callbacks: Sequence[Callback],
+    trace: RosTrace | None,
     options: ImportOptions,
     findings: Findings,
     coverage: Coverage,
 ) -> TaskModel:
-    """Return `model` with the WCETs that the files of `options.calibrate` give.
+    """Return `model` with the WCETs that the files of `options.calibrate`, and the trace of the import, give.
 
     `tasks_of` has the task of every name that the files may use for it. Rows that cannot be read are errors.
     """
-    if not options.calibrate:
+    if not options.calibrate and trace is None:
         return model
     measured = Measurements()
+    if trace is not None:
+        measure(trace, callbacks, measured, findings)
     for file in options.calibrate:
-        read_measured(read_bytes(file), file, measured, findings)
+        if folders_with(file, METADATA):
+            measure(read_ros_trace(file, findings), callbacks, measured, findings)
+        else:
+            read_measured(read_bytes(file), file, measured, findings)
     findings.stop_on_errors()
     aliases = {**tasks_of, **{task.name: task.name for task in model.tasks}}
-    samples = _by_task(measured, aliases, options.calibrate[0], findings, coverage)
+    first = trace.file if trace is not None else options.calibrate[0]
+    samples = _by_task(measured, aliases, first, findings, coverage)
     tasks = tuple(_calibrated(task, samples.get(task.name, []), options, findings) for task in model.tasks)
-    _report_unmeasured(model, samples, options.calibrate[0], findings)
+    _report_unmeasured(model, samples, first, findings)
     return replace(model, tasks=tasks)
 
 

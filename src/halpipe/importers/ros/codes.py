@@ -193,3 +193,25 @@ COMPUTE_UNITS = note(
     "A compute unit of a design is a computer, which may have several cores; a design does not say how many. Each is "
     "one execution unit of the model until an overlay names cores.",
 )
+WALL_TIME = note(
+    "HAL0646",
+    "Measured durations contain preemption",
+    "Without the kernel's events sched_switch a trace shows when a callback began and ended, not when it had the CPU. "
+    "The longest of such times is no less than the time on the CPU.",
+)
+CONTRADICTED = warning(
+    "HAL0647",
+    "Trace and graph contradict each other",
+    "A callback is in one of them only, or another callback publishes a topic than the file states. What was seen to "
+    "publish is taken.",
+)
+CONFIRMED = note(
+    "HAL0648",
+    "Trace confirms the graph",
+    "So many callbacks and publishers of the file are in the trace as the file states them.",
+)
+OTHER_GRAPH = error(
+    "HAL0649",
+    "Trace of another system",
+    "Callbacks are known by node, kind, and topic or period. Not one of the trace is in the graph.",
+)

@@ -19,6 +19,11 @@ _TOOLS = re.compile(
 _PLUMBING = re.compile(r"/(rosout(_agg)?|parameter_events|tf(_static)?|clock|bond|statistics)|/(.*/)?_action(/.*)?")
 
 
+def is_plumbing(topic: str) -> bool:
+    """Return whether a topic is plumbing of ROS."""
+    return _PLUMBING.fullmatch(topic) is not None
+
+
 @dataclass(slots=True)
 class _Rules:
     """Decides by name; every name is asked once, so that the overlay knows which of its entries matched."""
@@ -40,7 +45,7 @@ class _Rules:
             return "dropped by the overlay"
         if kind == "node" and _TOOLS.fullmatch(name):
             return "is a tool, not part of the application"
-        if kind == "topic" and _PLUMBING.fullmatch(name):
+        if kind == "topic" and is_plumbing(name):
             return "is plumbing of ROS, not application data"
         return ""
 

@@ -9,9 +9,10 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, Severity
-from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
+from halpipe.files import YamlMap, find_inputs, folders_with, parse_yaml, read_bytes
 from halpipe.importers.ros import codes, executors
 from halpipe.importers.ros.design.entities import FORMAT_KEY
+from halpipe.importers.traces.ctf import METADATA
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,13 +54,14 @@ class Inputs:
     graphs: list[Input] = field(default_factory=list)
     designs: list[Input] = field(default_factory=list)
     bags: list[Input] = field(default_factory=list)
+    traces: list[str] = field(default_factory=list)
     skipped: list[str] = field(default_factory=list)
     findings: list[Diagnostic] = field(default_factory=list)
 
 
 def find(paths: Sequence[str]) -> Inputs:
     """Recognise every file of `paths`; raise `HalpipeError` unless one of them is a graph, or some are a design."""
-    inputs = Inputs()
+    inputs = Inputs(traces=[path for path in dict.fromkeys(paths) if folders_with(path, METADATA)])
     for name in dict.fromkeys(find_inputs(paths, _SUFFIXES)):
         try:
             found = recognise(name, read_bytes(name))
@@ -89,18 +91,22 @@ def _refuse(inputs: Inputs, name: str, failure: HalpipeError, named: bool) -> No
 
 def _check_graphs(inputs: Inputs, paths: Sequence[str]) -> None:
     graphs = [*inputs.graphs, *inputs.designs[:1]]
+    if len(inputs.traces) > 1:
+        help = "name one; further ones may go to --calibrate"
+        text = f"is one of {len(inputs.traces)} traces"
+        inputs.findings.extend(codes.TWO_GRAPHS(text, at=Location(trace), help=help) for trace in inputs.traces)
     if len(graphs) > 1:
         names = ", ".join(graph.name for graph in graphs)
         inputs.findings.extend(
             codes.TWO_GRAPHS(f"is one of {len(graphs)} graphs: {names}", at=Location(graph.name), help="name one")
             for graph in graphs
         )
-    if not graphs and not any(f.severity is Severity.ERROR for f in inputs.findings):
+    if not graphs and not inputs.traces and not any(f.severity is Severity.ERROR for f in inputs.findings):
         inputs.findings.append(
             codes.NO_GRAPH(
                 "holds no graph" if paths else "no input was named",
                 at=Location(paths[0] if paths else ""),
-                help="name an architecture.yaml (CARET), a DOT file (rqt_graph) or Autoware System Design files",
+                help="name an architecture.yaml (CARET), a DOT file (rqt_graph), Autoware System Design or a trace",
             )
         )
 

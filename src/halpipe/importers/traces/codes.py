@@ -34,3 +34,25 @@ LEFT_OUT = note(
     "Events of a trace are of no use for a comparison",
     "They tell of other things than tasks, or of pieces of jobs that lie across the edge of the picture.",
 )
+NO_CTF = error(
+    "HAL1126",
+    "Directory is no trace that can be read",
+    "A trace of LTTng is a directory with a file called metadata in it or below it, in CTF 1.8.",
+)
+CUT_OFF = warning(
+    "HAL1127",
+    "Trace is cut off",
+    "A packet of a stream is incomplete or malformed, most often since the trace was copied while it was written. What "
+    "comes before it counts; the rest of that stream does not.",
+)
+LOST_EVENTS = warning(
+    "HAL1128",
+    "Tracer discarded events",
+    "The buffers were full. Jobs, publishers and maxima of execution times may be missing, so nothing that rests on "
+    "all events being there can be relied on.",
+)
+FOREIGN_EVENTS = note(
+    "HAL1129",
+    "Events of other tracepoints are not used",
+    "They are neither of ROS 2 (providers ros2 and ros2_caret) nor switches of the kernel between threads.",
+)

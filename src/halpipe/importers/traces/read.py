@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.files import read_bytes
+from halpipe.files import folders_with, read_bytes
 from halpipe.importers.traces import codes
+from halpipe.importers.traces.ctf import METADATA
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +28,12 @@ class Recording:
 
 
 def read_traces(path: str) -> Recording:
-    """Read the trace file `path`; raise `HalpipeError` with every row that cannot be read."""
+    """Read the trace `path`, a file or a directory of CTF; raise `HalpipeError` with every row that cannot be read."""
+    if folders_with(path, METADATA):
+        from halpipe.importers.traces.callbacks import executions_of
+
+        findings = Findings()
+        return Recording((executions_of(path, findings),), tuple(findings.items))
     return parse_traces(read_bytes(path), path)
 
 
@@ -59,5 +65,9 @@ def _reader(text: str, file: str) -> Callable[[str, str, Findings], list[Trace]]
         return btf.read
     if table.is_header(first):
         return table.read
+    if any(word in first.lower() for word in ("duration", "latency", "execution_time", "elapsed")):
+        help = "export the starts and ends of callbacks: durations do not say when a job ran"
+        message = "it has durations, but no starts and ends"
+        raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=help))
     shown = first if len(first) <= 60 else first[:60] + "..."
     raise HalpipeError(codes.UNKNOWN_TRACE(f"it begins with {shown!r}", at=Location(file, 1), help=FORMS))

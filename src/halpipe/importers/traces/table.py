@@ -2,7 +2,8 @@
 
 Needed are ``task``, ``start`` and ``end``; known are also ``units`` (separated by blanks), ``mode``, ``cycle``,
 ``job`` and ``busy``. Times are nanoseconds, or as the name of the column says: ``start_us``. An empty end is that of a
-job which still ran when the trace ended.
+job which still ran when the trace ended. CARET's records have two columns for each callback instead, which end in
+``/callback_start_timestamp`` and ``/callback_end_timestamp``.
 """
 
 from __future__ import annotations
@@ -26,19 +27,37 @@ T = TypeVar("T")
 
 TIMES = ("start", "end", "busy")
 _ALIASES = {"unit": "units", "table": "mode", "callback": "task", "core": "units"}
+_LONG = {"callback_name": "task", "name": "task", "node": "task"}
+_LONG |= {
+    f"{way}{name}{form}": name for name in ("start", "end") for way in ("", "callback_") for form in ("_timestamp", "")
+}
+_START, _END = "/callback_start_timestamp", "/callback_end_timestamp"
+_ABSENT = ("", "nan", "none", "<na>")
 
 
 def is_header(line: str) -> bool:
     """Whether a line names the columns that are needed."""
-    columns = _columns(line.split(","))
+    return bool(_records(line.split(","))) or _is_complete(_columns(line.split(",")))
+
+
+def _is_complete(columns: dict[str, tuple[int, str]]) -> bool:
     return all(name in columns for name in ("task", "start", "end"))
+
+
+def _records(names: list[str]) -> dict[str, tuple[int, int]]:
+    """Return the positions of start and end of each callback, where a table is one of CARET's records."""
+    plain = [name.strip().strip('"') for name in names]
+    starts = {name.removesuffix(_START): position for position, name in enumerate(plain) if name.endswith(_START)}
+    ends = {name.removesuffix(_END): position for position, name in enumerate(plain) if name.endswith(_END)}
+    return {name: (starts[name], ends[name]) for name in starts if name in ends}
 
 
 def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
     """Return position and unit of time of each column, by its plain name."""
     found: dict[str, tuple[int, str]] = {}
     for position, name in enumerate(names):
-        plain, _, unit = name.strip().strip('"').lower().partition("_")
+        full = name.strip().strip('"').lower().replace(" [", "_").rstrip("]")
+        plain, _, unit = _LONG.get(full, full).partition("_")
         if plain in TIMES and (unit or "ns") in SCALES_NS:
             found.setdefault(plain, (position, unit or "ns"))
         elif not unit:
@@ -49,24 +68,45 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 def read(text: str, file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
     rows = csv.reader(io.StringIO(text))
-    row = _Row(_columns(next(rows)), file)
-    executions = []
+    header = next(rows)
+    columns, records = _columns(header), _records(header)
+    row = _Row(columns, file)
+    executions: list[Execution] = []
     try:
         for cells in rows:
             if not cells or (len(cells) == 1 and not cells[0].strip()):
                 continue
             try:
-                executions.append(row.execution(cells, rows.line_num))
+                if _is_complete(columns):
+                    executions.append(row.execution(cells, rows.line_num))
+                else:
+                    executions += _recorded(records, cells, Location(file, rows.line_num))
             except ValueError as failure:
                 help = "correct the row; times are whole or decimal numbers"
                 findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help=help))
     except csv.Error as failure:
         findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help="write plain CSV"))
+    executions = executions if _is_complete(columns) else list(dict.fromkeys(executions))
     executions.sort(key=lambda execution: execution.start.ns)
     unfinished = sum(execution.end is None for execution in executions)
     if unfinished:
         findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
     return [Trace(name="", executions=tuple(executions))]
+
+
+def _recorded(records: dict[str, tuple[int, int]], cells: list[str], at: Location) -> list[Execution]:
+    """Return the jobs of a row of CARET's records; rows of a path repeat a job for each message that it made."""
+    found = []
+    for name, places in records.items():
+        start, end = (cells[place].strip() if place < len(cells) else "" for place in places)
+        if start.lower() in _ABSENT:
+            continue
+        began = instant(start, 1)
+        ended = None if end.lower() in _ABSENT else instant(end, 1)
+        if ended is not None and ended < began:
+            raise ValueError(f"{name} ends at {end}, before it starts")
+        found.append(Execution(task=name, start=began, end=ended, at=at))
+    return found
 
 
 class _Row:

@@ -20,7 +20,7 @@ from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, m
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Execution, Schedule, Trace
@@ -140,7 +140,7 @@ def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findin
     jobs += [job for switch in schedule.transitions for job in switch.jobs]
     tasks = {job.task for job in jobs}
     units = {unit for job in jobs for unit in job.units}
-    plain_task, plain_unit = _names(tasks), _names(units)
+    plain_task, plain_unit = _names(tasks, _nodes(executions, tasks)), _names(units, {})
     found: list[Execution] = []
     unknown: dict[str, list[Execution]] = defaultdict(list)
     for execution in executions:
@@ -158,13 +158,25 @@ def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findin
     return found
 
 
-def _names(known: Collection[str]) -> Callable[[str], str]:
-    """Return what gives a name as the schedule has it, without the prefix of a viewer."""
+def _nodes(executions: Sequence[Execution], tasks: Collection[str]) -> dict[str, str]:
+    """Return the tasks that are called after the node of their only callback, by the name of that callback."""
+    called: dict[str, set[str]] = defaultdict(set)
+    for execution in executions:
+        node, slash, _ = execution.task.rpartition("/")
+        if slash and execution.task not in tasks and node in tasks:
+            called[node].add(execution.task)
+    return {next(iter(names)): node for node, names in called.items() if len(names) == 1}
+
+
+def _names(known: Collection[str], others: Mapping[str, str]) -> Callable[[str], str]:
+    """Return what gives a name as the schedule has it: one of `others`, or without the prefix of a viewer."""
 
     @cache
     def plain(name: str) -> str:
         if name in known:
             return name
+        if name in others:
+            return others[name]
         bare = (name.removeprefix(prefix) for prefix in PREFIXES if name.startswith(prefix))
         return next((candidate for candidate in bare if candidate in known), name)
 

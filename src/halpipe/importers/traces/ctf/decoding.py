@@ -9,7 +9,18 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from halpipe.importers.traces.ctf.types import Array, CtfError, Enum, Float, Int, String, Struct, Type, Variant, alignment
+from halpipe.importers.traces.ctf.types import (
+    Array,
+    CtfError,
+    Enum,
+    Float,
+    Int,
+    String,
+    Struct,
+    Type,
+    Variant,
+    alignment,
+)
 
 Scope = dict[str, Any]
 Decoder = Callable[[bytes, int, Scope], tuple[Any, int]]
@@ -30,7 +41,7 @@ def decoder(type: Type) -> Decoder:
         return _structure(type)
     if isinstance(type, Array):
         return _array(type)
-    return _variant(type)
+    raise CtfError(f'a variant by "{type.tag}" stands outside of a structure')
 
 
 def _code(type: Int | Float) -> str:
@@ -78,7 +89,8 @@ def _structure(type: Struct) -> Decoder:
         flat = field.base if isinstance(field, Enum) else field
         if not isinstance(flat, Int | Float):
             flush()
-            steps.append(((_plain(name),), None, decoder(field)))
+            read_it = _variant(field, type) if isinstance(field, Variant) else decoder(field)
+            steps.append(((_plain(name),), None, read_it))
             continue
         if run and (run[0][1].order != flat.order or max(8, flat.align) > max(8, run[0][1].align)):
             flush()
@@ -151,5 +163,19 @@ def _array(type: Array) -> Decoder:
     return read_each
 
 
-def _variant(type: Variant) -> Decoder:
-    raise CtfError(f'a variant by "{type.tag}" stands where only headers have one')
+def _variant(type: Variant, owner: Struct) -> Decoder:
+    """Return what reads a variant whose tag is a field of the same structure."""
+    tags = [field for name, field in owner.fields if _plain(name) == _plain(type.tag)]
+    if not tags or not isinstance(tags[0], Enum):
+        raise CtfError(f'a variant has the tag "{type.tag}", which is no enumeration beside it')
+    choices = {_plain(label): decoder(choice) for label, choice in type.choices}
+    ranges = [(low, high, choices.get(_plain(label))) for low, high, label in tags[0].ranges]
+    tag = _plain(type.tag)
+
+    def read(data: bytes, at: int, scope: Scope) -> tuple[Any, int]:
+        for low, high, choice in ranges:
+            if low <= scope[tag] <= high and choice is not None:
+                return choice(data, at, scope)
+        raise CtfError(f'no choice of a variant is that of "{tag}" = {scope[tag]}')
+
+    return read

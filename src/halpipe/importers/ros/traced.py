@@ -1,0 +1,235 @@
+"""A trace as a source: the graph that was seen to run, measured durations, and what it says of a stated graph.
+
+Names are CARET's: ``<node>/callback_<i>``, the timers of a node before its subscriptions, in order of construction.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.durations import Duration
+from halpipe.importers.ros import codes
+from halpipe.importers.ros.drops import is_plumbing
+from halpipe.importers.ros.feedback import few
+from halpipe.importers.ros.graph import (
+    Callback,
+    Certainty,
+    Group,
+    Kind,
+    Node,
+    Publication,
+    Rate,
+    RosGraph,
+    Subscription,
+)
+from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.periods import STATED, snap
+from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, RosTrace
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.base import Coverage
+    from halpipe.importers.ros.measured import Measurements
+
+TRACE = "trace"
+"""Where the rate of a topic comes from that nothing in the trace publishes."""
+
+_KINDS = {TIMER: Kind.TIMER, SUBSCRIPTION: Kind.SUBSCRIPTION, SERVICE: Kind.SERVICE}
+_FEWEST = 3
+"""Jobs from which a rate is taken."""
+
+
+def graph_of(trace: RosTrace, findings: Findings, coverage: Coverage) -> RosGraph:
+    """Return the graph of a trace; publishers are those that were seen, so nothing about them is guessed."""
+    at = Location(trace.file)
+    names = names_of(trace)
+    callbacks = []
+    for key in trace.callbacks:
+        if key in names:
+            callbacks.append(_callback(key, names[key], at, findings))
+        else:
+            what = (
+                "a service is called on demand" if key.kind == SERVICE else "is plumbing of ROS, not application data"
+            )
+            coverage.ignored(_KINDS[key.kind].value, f"{key.node} {printable(key.subject)}", what, at)
+    callbacks.sort(key=lambda callback: (callback.node, callback.name))
+    return RosGraph(
+        file=trace.file,
+        nodes=tuple(Node(name=printable(node), at=at) for node in trace.nodes),
+        callbacks=tuple(callbacks),
+        publications=tuple(_publications(trace, names, coverage)),
+        subscriptions=tuple(
+            Subscription(node=c.node, topic=c.inputs[0], callback=c.name, at=at) for c in callbacks if c.inputs
+        ),
+        groups=tuple(_groups(trace, names)),
+        rates=tuple(_rates(trace)),
+    )
+
+
+def names_of(trace: RosTrace) -> dict[Key, str]:
+    """Return the names of the callbacks that are no services and no plumbing."""
+    names = {}
+    count: Counter[str] = Counter()
+    for kind in (TIMER, SUBSCRIPTION):
+        for key in trace.callbacks:
+            if key.kind == kind and not (kind == SUBSCRIPTION and is_plumbing(key.subject)):
+                names[key] = f"{printable(key.node)}/callback_{count[key.node]}"
+                count[key.node] += 1
+    return names
+
+
+def short_names_of(trace: RosTrace) -> dict[Key, str]:
+    """Return the names of tasks that an import gives to callbacks: that of the node where it has only one."""
+    names = names_of(trace)
+    count = Counter(key.node for key in names)
+    return {key: key.node if count[key.node] == 1 else name for key, name in names.items()}
+
+
+def _callback(key: Key, name: str, at: Location, findings: Findings) -> Callback:
+    node = printable(key.node)
+    if key.kind == SUBSCRIPTION:
+        return Callback(name=name, node=node, kind=Kind.SUBSCRIPTION, inputs=(printable(key.subject),), at=at)
+    measured = Duration(int(key.subject))
+    period = snap(measured, STATED) if measured else None
+    if period is None:
+        help = "trace from before the nodes start"
+        findings.add(codes.BAD_PERIOD("its timer has no period", at=at, path=f'callback "{name}"', help=help))
+    elif period != measured:
+        text = f"period {measured} rounded to {period}"
+        help = "nothing to do unless the odd period is meant"
+        findings.add(codes.SNAPPED(text, at=at, path=f'callback "{name}"', help=help))
+    return Callback(name=name, node=node, kind=Kind.TIMER, period=period, at=at)
+
+
+def _publications(trace: RosTrace, names: Mapping[Key, str], coverage: Coverage) -> list[Publication]:
+    at, found = Location(trace.file), []
+    for (node, topic), counts in trace.publishers.items():
+        shown = f"{printable(node)} {printable(topic)}"
+        callbacks = tuple(names[key] for key in counts if key is not None and key in names)
+        if counts:
+            found.append(Publication(node=printable(node), topic=printable(topic), callbacks=callbacks, at=at))
+        else:
+            coverage.ignored("publisher", shown, "published nothing while it was traced", at)
+    return found
+
+
+def _groups(trace: RosTrace, names: Mapping[Key, str]) -> list[Group]:
+    at = Location(trace.file)
+    members = {name: tuple(names[k] for k in keys if k in names) for name, (_, keys) in trace.groups.items()}
+    found = [
+        Group(kind="executor", name=name, exclusive="single" in kind, callbacks=_joined(members, groups), at=at)
+        for name, (kind, groups) in trace.executors.items()
+    ]
+    found += [
+        Group(kind="callback_group", name=name, exclusive=kind != "reentrant", callbacks=members[name], at=at)
+        for name, (kind, _) in trace.groups.items()
+    ]
+    return found
+
+
+def _joined(members: Mapping[str, tuple[str, ...]], groups: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for group in groups for name in members[group])
+
+
+def _rates(trace: RosTrace) -> list[Rate]:
+    """Return the rates at which messages came that nothing in the trace publishes."""
+    published = {topic for (_, topic), counts in trace.publishers.items() if counts}
+    found = []
+    for key, jobs in trace.jobs.items():
+        if key.kind != SUBSCRIPTION or key.subject in published or is_plumbing(key.subject) or len(jobs) < _FEWEST:
+            continue
+        starts = sorted(job.start for job in jobs)
+        period = Duration(starts[-1] - starts[0]) / (len(starts) - 1)
+        found.append(Rate(topic=printable(key.subject), period=period, source=TRACE, at=Location(trace.file)))
+    return found
+
+
+# ------------------------------------------------------------------------------------------ measurements
+
+
+def measure(trace: RosTrace, callbacks: Sequence[Callback], into: Measurements, findings: Findings) -> None:
+    """Add the times of all jobs, by the names of `callbacks` where they are the same, else by those of the trace."""
+    at = Location(trace.file)
+    names = {**short_names_of(trace), **matched(trace, callbacks)}
+    for key, jobs in trace.jobs.items():
+        if key in names:
+            for job in jobs:
+                into.add(names[key], job.busy, at)
+    if not trace.has_switches:
+        text = "durations are from start to end, with whatever preempted the callbacks in between"
+        help = "trace sched_switch of the kernel, too, to measure the time on the CPU alone"
+        findings.add(codes.WALL_TIME(text, at=at, help=help))
+
+
+def matched(trace: RosTrace, callbacks: Sequence[Callback]) -> dict[Key, str]:
+    """Return the callbacks of a graph by those of a trace: same node, kind and topic or period, in their order."""
+    waiting: dict[tuple[str, str, str], list[str]] = defaultdict(list)
+    for callback in callbacks:
+        if callback.kind is Kind.TIMER and callback.period is not None:
+            waiting[callback.node, TIMER, str(callback.period)].append(callback.name)
+        elif callback.kind is Kind.SUBSCRIPTION:
+            for topic in callback.inputs:
+                waiting[callback.node, SUBSCRIPTION, topic].append(callback.name)
+    found = {}
+    for key in names_of(trace):
+        subject = str(snap(Duration(int(key.subject)), STATED)) if key.kind == TIMER else printable(key.subject)
+        names = waiting[printable(key.node), key.kind, subject]
+        if key.order < len(names):
+            found[key] = names[key.order]
+    return found
+
+
+# ------------------------------------------------------------------------------------------ confrontation
+
+
+def confront(graph: RosGraph, trace: RosTrace, findings: Findings) -> RosGraph:
+    """Return a stated graph with the publishers that were seen; say what the trace confirms and contradicts.
+
+    Raise `HalpipeError` if not one callback of the graph is in the trace.
+    """
+    at = Location(trace.file)
+    names = matched(trace, graph.callbacks)
+    if not names:
+        help = "name the trace and the graph of one system"
+        text = f"none of its {len(names_of(trace))} callbacks is one of {graph.file}"
+        raise HalpipeError(*findings.items, codes.OTHER_GRAPH(text, at=at, help=help))
+    _report_differences(graph, trace, names, findings)
+    confirmed, publications = 0, []
+    for publication in graph.publications:
+        counts = trace.publishers.get((publication.node, publication.topic), Counter())
+        seen = tuple(names[key] for key in counts if key is not None and key in names)
+        agrees = set(seen) == set(publication.callbacks)
+        confirmed += bool(seen) and agrees
+        if seen and not agrees and publication.certainty is Certainty.STATED:
+            text = f"the trace shows {few(seen)} publish, the file states {few(publication.callbacks)}"
+            path = f'node "{publication.node}" publishing "{publication.topic}"'
+            help = "export the graph again; the publishers that were seen are taken"
+            findings.add(codes.CONTRADICTED(text, at=publication.at, path=path, help=help))
+        publications.append(replace(publication, callbacks=seen, certainty=Certainty.STATED) if seen else publication)
+    text = f"{len(names)} of {len(graph.callbacks)} callbacks and {confirmed} publishers are as {graph.file} says"
+    findings.add(codes.CONFIRMED(text, at=at))
+    return replace(graph, publications=tuple(publications), groups=graph.groups)
+
+
+def _report_differences(graph: RosGraph, trace: RosTrace, names: Mapping[Key, str], findings: Findings) -> None:
+    known = set(names.values())
+    lacking = [c.name for c in graph.callbacks if c.name not in known and c.kind is not Kind.SERVICE]
+    own = names_of(trace)
+    new = [f"{own[key]} ({key.kind} of {_subject(key)})" for key in own if key not in names]
+    if lacking:
+        text = f"{len(lacking)} callbacks of the file are not in the trace: {few(lacking)}"
+        help = "trace from before all nodes start, or export the graph again"
+        findings.add(codes.CONTRADICTED(text, at=Location(trace.file), help=help))
+    if new:
+        text = f"{len(new)} callbacks of the trace are not in the file: {few(new)}"
+        help = "export the graph again, or import the trace alone"
+        findings.add(codes.CONTRADICTED(text, at=Location(trace.file), help=help))
+
+
+def _subject(key: Key) -> str:
+    return str(Duration(int(key.subject))) if key.kind == TIMER else printable(key.subject)

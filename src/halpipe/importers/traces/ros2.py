@@ -1,0 +1,343 @@
+"""What a trace of ros2_tracing or CARET says: nodes, callbacks, publishers that were seen, and every job.
+
+Addresses identify things within one process (vpid), and are used again for others. So a callback is what its address
+meant when the job ran. Init events that CARET repeats may come late: they only fill what is not known yet.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.importers.traces import codes
+from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.traces.ctf import Event
+
+TIMER, SUBSCRIPTION, SERVICE = "timer", "subscription", "service"
+_PROVIDERS = ("ros2", "ros2_caret")
+
+Handle = tuple[int, int]
+"""Process and address."""
+
+
+class Key(NamedTuple):
+    """What makes a callback itself: node, kind, topic or service or period, and its place among equal ones."""
+
+    node: str
+    kind: str
+    subject: str
+    order: int
+
+
+class Seen(NamedTuple):
+    """One job: its span, the CPU on which it began, its thread, and the time in it that the thread really ran."""
+
+    start: int
+    end: int
+    cpu: int
+    thread: int
+    busy: int
+
+
+@dataclass(slots=True)
+class RosTrace:
+    """All that a trace says of a ROS system; times in nanoseconds."""
+
+    file: str
+    nodes: list[str] = field(default_factory=list)
+    callbacks: dict[Key, str] = field(default_factory=dict)
+    jobs: dict[Key, list[Seen]] = field(default_factory=dict)
+    publishers: dict[tuple[str, str], Counter[Key | None]] = field(default_factory=dict)
+    groups: dict[str, tuple[str, list[Key]]] = field(default_factory=dict)
+    executors: dict[str, tuple[str, list[str]]] = field(default_factory=dict)
+    has_switches: bool = False
+    discarded: int = 0
+
+    @property
+    def is_lossless(self) -> bool:
+        """Whether no event is known to be missing."""
+        return not self.discarded
+
+
+def read_ros_trace(root: str, findings: Findings) -> RosTrace:
+    """Read the trace in a directory; raise `HalpipeError` if there is none that can be read."""
+    damage = Damage()
+    try:
+        found = folders(root)
+        if not found:
+            raise CtfError("there is no file called metadata in it")
+        join = _Join(root)
+        for event in events(found, damage):
+            join.take(event)
+    except (CtfError, OSError) as failure:
+        text = str(failure) if isinstance(failure, CtfError) else failure.strerror or "it cannot be read"
+        help = "name the directory that lttng or `ros2 trace` wrote (CTF 1.8)"
+        raise HalpipeError(codes.NO_CTF(text, at=Location(root), help=help)) from None
+    trace = join.result(damage)
+    _report(trace, join, damage, findings)
+    return trace
+
+
+def _report(trace: RosTrace, join: _Join, damage: Damage, findings: Findings) -> None:
+    at = Location(trace.file)
+    if damage.broken:
+        text = f"{len(damage.broken)} streams end early: {damage.broken[0]}"
+        help = "stop the session with `lttng stop` and `lttng destroy` before copying the trace"
+        findings.add(codes.CUT_OFF(text, at=at, help=help))
+    if damage.discarded:
+        text = f"{damage.discarded} events were discarded while tracing, so jobs and publishers may be missing"
+        help = "trace again with more or larger sub-buffers: lttng enable-channel --subbuf-size 8M --num-subbuf 4"
+        findings.add(codes.LOST_EVENTS(text, at=at, help=help))
+    if join.foreign:
+        names = ", ".join(sorted(join.foreign)[:5])
+        text = f"{sum(join.foreign.values())} events of other kinds are not used: {names}"
+        findings.add(codes.FOREIGN_EVENTS(text, at=at))
+    if odd := join.unmatched + join.unended:
+        text = f"{join.unended} callbacks have no end, {join.unmatched} ends no beginning"
+        findings.add(codes.ODD_SEQUENCE(f"{text}; {odd} jobs are left out", at=at, help="trace from start to shutdown"))
+    if not trace.callbacks:
+        help = "trace from before the nodes start, with the events ros2:*"
+        text = "it describes no callback of a node"
+        raise HalpipeError(*findings.items, codes.NO_EXECUTIONS(text, at=at, help=help))
+
+
+@dataclass(slots=True)
+class _Known:
+    """What addresses mean."""
+
+    node: dict[Handle, str] = field(default_factory=dict)
+    publisher: dict[Handle, tuple[str, str]] = field(default_factory=dict)
+    subscription: dict[Handle, tuple[str, str]] = field(default_factory=dict)
+    of_rclcpp: dict[Handle, Handle] = field(default_factory=dict)
+    service: dict[Handle, tuple[str, str]] = field(default_factory=dict)
+    period: dict[Handle, int] = field(default_factory=dict)
+    timer_node: dict[Handle, Handle] = field(default_factory=dict)
+    trigger: dict[Handle, tuple[str, Handle]] = field(default_factory=dict)
+    symbol: dict[Handle, str] = field(default_factory=dict)
+    group_of: dict[tuple[str, Handle], Handle] = field(default_factory=dict)
+    group_type: dict[Handle, str] = field(default_factory=dict)
+    group_executor: dict[Handle, Handle] = field(default_factory=dict)
+    executor_type: dict[Handle, str] = field(default_factory=dict)
+
+
+class _Join:
+    """Puts the events together as they come."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._known = _Known()
+        self._open: dict[tuple[int, int], list[tuple[Handle, int, int, int]]] = {}
+        self._ran: dict[Handle, list[Seen]] = {}
+        self._published: dict[tuple[str, str], Counter[Handle | None]] = {}
+        self._early: dict[Handle, Counter[Handle | None]] = {}
+        self._announced: dict[tuple[str, str], None] = {}
+        self._switched_in: dict[int, int] = {}
+        self._cpu_time: dict[int, int] = {}
+        self._has_switches = False
+        self._created: list[Handle] = []
+        self.foreign: Counter[str] = Counter()
+        self.unmatched = 0
+        self._handlers = {
+            name[1:]: getattr(self, name)
+            for name in dir(type(self))
+            if name.startswith(("_rcl", "_caret", "_callback"))
+        }
+        self._handlers |= {
+            "add_callback_group": self._group,
+            "add_callback_group_static_executor": self._group,
+            "construct_executor": self._executor,
+            "construct_static_executor": self._executor,
+            "callback_group_add_timer": self._group_timer,
+            "callback_group_add_subscription": self._group_subscription,
+            "callback_group_add_service": self._group_service,
+            "rclcpp_intra_publish": self._rcl_publish,
+        }
+
+    @property
+    def unended(self) -> int:
+        """How many jobs still ran at the end, or lost their end."""
+        return sum(map(len, self._open.values()))
+
+    def take(self, event: Event) -> None:
+        """Take one event."""
+        if event.name == "sched_switch":
+            if {"prev_tid", "next_tid"} <= event.fields.keys():
+                self._switch(event)
+            return
+        provider, _, name = event.name.rpartition(":")
+        handler = self._handlers.get(name) if provider in _PROVIDERS else None
+        if handler is not None:
+            try:
+                handler(event, event.context.get("vpid", 0), event.fields)
+            except (KeyError, TypeError, AttributeError):  # a tracepoint of the name, but not of the form
+                self.foreign[event.name] += 1
+        elif provider not in _PROVIDERS:
+            self.foreign[event.name] += 1
+
+    # ---------------------------------------------------------------------------------- what things are
+
+    def _rcl_node_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        name = f"{fields['namespace'].rstrip('/')}/{fields['node_name']}"
+        self._known.node[pid, fields["node_handle"]] = name
+
+    def _rcl_publisher_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        node = self._known.node.get((pid, fields["node_handle"]))
+        if node:
+            of = node, fields["topic_name"]
+            self._known.publisher[pid, fields["publisher_handle"]] = of
+            self._announced[of] = None
+
+    def _rcl_subscription_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        node = self._known.node.get((pid, fields["node_handle"]))
+        if node:
+            self._known.subscription[pid, fields["subscription_handle"]] = node, fields["topic_name"]
+
+    def _rclcpp_subscription_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.of_rclcpp[pid, fields["subscription"]] = pid, fields["subscription_handle"]
+
+    def _rclcpp_subscription_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        handle = self._known.of_rclcpp.get((pid, fields["subscription"]))
+        if handle:
+            self._trigger((pid, fields["callback"]), SUBSCRIPTION, handle)
+
+    def _rcl_service_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        node = self._known.node.get((pid, fields["node_handle"]))
+        if node:
+            self._known.service[pid, fields["service_handle"]] = node, fields["service_name"]
+
+    def _rclcpp_service_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._trigger((pid, fields["callback"]), SERVICE, (pid, fields["service_handle"]))
+
+    def _rcl_timer_init(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.period[pid, fields["timer_handle"]] = fields["period"]
+
+    def _rclcpp_timer_callback_added(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._trigger((pid, fields["callback"]), TIMER, (pid, fields["timer_handle"]))
+
+    def _rclcpp_timer_link_node(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.timer_node[pid, fields["timer_handle"]] = pid, fields["node_handle"]
+
+    def _rclcpp_callback_register(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.symbol[pid, fields["callback"]] = fields["symbol"]
+
+    def _trigger(self, callback: Handle, kind: str, handle: Handle) -> None:
+        if callback not in self._known.trigger:
+            self._created.append(callback)
+        self._known.trigger[callback] = kind, handle
+
+    def _group(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        group = pid, fields["callback_group_addr"]
+        self._known.group_type[group] = fields["group_type_name"]
+        self._known.group_executor[group] = pid, fields["executor_addr"]
+
+    def _executor(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        kind = fields.get("executor_type_name", "static_single_threaded_executor")
+        self._known.executor_type[pid, fields["executor_addr"]] = kind
+
+    def _group_timer(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.group_of[TIMER, (pid, fields["timer_handle"])] = pid, fields["callback_group_addr"]
+
+    def _group_subscription(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.group_of[SUBSCRIPTION, (pid, fields["subscription_handle"])] = pid, fields["callback_group_addr"]
+
+    def _group_service(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        self._known.group_of[SERVICE, (pid, fields["service_handle"])] = pid, fields["callback_group_addr"]
+
+    # ---------------------------------------------------------------------------------------- what runs
+
+    def _callback_start(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        thread = event.context.get("vtid", 0)
+        used = self._used(thread, event.time)
+        self._open.setdefault((pid, thread), []).append(((pid, fields["callback"]), event.time, event.cpu, used))
+
+    def _callback_end(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        thread = event.context.get("vtid", 0)
+        running = self._open.get((pid, thread))
+        if not running or running[-1][0] != (pid, fields["callback"]):
+            self.unmatched += 1
+            return
+        callback, start, cpu, used = running.pop()
+        busy = self._used(thread, event.time) - used if self._has_switches else event.time - start
+        self._ran.setdefault(callback, []).append(Seen(start, event.time, cpu, thread, busy))
+
+    def _rcl_publish(self, event: Event, pid: int, fields: dict[str, Any]) -> None:
+        running = self._open.get((pid, event.context.get("vtid", 0)))
+        callback = running[-1][0] if running else None
+        handle = pid, fields["publisher_handle"]
+        of = self._known.publisher.get(handle)
+        counts = self._early.setdefault(handle, Counter()) if of is None else self._published.setdefault(of, Counter())
+        counts[callback] += 1
+
+    def _switch(self, event: Event) -> None:
+        """Add up the time that each thread has the CPU; what runs now counts up to now."""
+        self._has_switches = True
+        left, entered = event.fields["prev_tid"], event.fields["next_tid"]
+        since = self._switched_in.pop(left, None)
+        if since is not None:
+            self._cpu_time[left] = self._cpu_time.get(left, 0) + event.time - since
+        self._switched_in[entered] = event.time
+
+    def _used(self, thread: int, now: int) -> int:
+        since = self._switched_in.get(thread)
+        if since is None and thread not in self._cpu_time:
+            self._switched_in[thread] = since = now  # it runs, since it writes events: its switch came before the trace
+        return self._cpu_time.get(thread, 0) + (now - since if since is not None else 0)
+
+    # -------------------------------------------------------------------------------------------- result
+
+    def result(self, damage: Damage) -> RosTrace:
+        """Return everything by name."""
+        keys = dict(self._keys())
+        trace = RosTrace(self._file, has_switches=self._has_switches, discarded=damage.discarded)
+        trace.nodes = sorted(set(self._known.node.values()))
+        trace.callbacks = {key: self._known.symbol.get(callback, "") for callback, key in keys.items()}
+        for callback, jobs in self._ran.items():
+            if callback in keys:
+                trace.jobs.setdefault(keys[callback], []).extend(jobs)
+        for handle, early in self._early.items():
+            if handle in self._known.publisher:
+                self._published.setdefault(self._known.publisher[handle], Counter()).update(early)
+        for of in self._announced:
+            counts = trace.publishers.setdefault(of, Counter())
+            for publishing, count in self._published.get(of, Counter()).items():
+                counts[keys.get(publishing) if publishing else None] += count
+        self._groups(trace, keys)
+        return trace
+
+    def _keys(self) -> Iterator[tuple[Handle, Key]]:
+        order: Counter[tuple[str, str, str]] = Counter()
+        for callback in self._created:
+            kind, handle = self._known.trigger[callback]
+            if kind == TIMER:
+                node = self._known.node.get(self._known.timer_node.get(handle, (0, 0)), "")
+                subject = str(self._known.period.get(handle, 0))
+            else:
+                places = self._known.subscription if kind == SUBSCRIPTION else self._known.service
+                node, subject = places.get(handle, ("", ""))
+            if node:
+                yield callback, Key(node, kind, subject, order[node, kind, subject])
+                order[node, kind, subject] += 1
+
+    def _groups(self, trace: RosTrace, keys: dict[Handle, Key]) -> None:
+        members: dict[Handle, list[Key]] = {}
+        for callback, key in keys.items():
+            group = self._known.group_of.get(self._known.trigger[callback])
+            if group is not None:
+                members.setdefault(group, []).append(key)
+        names: dict[Handle, str] = {}
+        count: Counter[str] = Counter()
+        for group, found in members.items():
+            node = found[0].node
+            names[group] = f"{node}/callback_group_{count[node]}"
+            count[node] += 1
+            trace.groups[names[group]] = self._known.group_type.get(group, ""), found
+        for number, (executor, kind) in enumerate(self._known.executor_type.items()):
+            held = [names[group] for group in names if self._known.group_executor.get(group) == executor]
+            trace.executors[f"executor_{number}"] = kind, held

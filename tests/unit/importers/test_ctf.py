@@ -1,0 +1,191 @@
+"""The reader of CTF: events with times and values, whatever header and byte order; and all that can be wrong."""
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ctf_writer import MS, ROS, Trace, ros_trace
+from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.importers.traces import codes, read_traces
+from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
+from halpipe.importers.traces.ctf.metadata import MAGIC, parse, text_of
+from halpipe.importers.traces.ros2 import Key, read_ros_trace
+from profiles import examples
+
+
+def all_events(folder):
+    damage = Damage()
+    return list(events(folders(str(folder)), damage)), damage
+
+
+def packed(text, order="<"):
+    """Metadata in packets of 100 bytes of text, as LTTng writes it."""
+    found = b""
+    data = text.encode()
+    for at in range(0, len(data), 100):
+        piece = data[at : at + 100]
+        sizes = (8 * (37 + len(piece)), 8 * (37 + len(piece) + 11))
+        found += struct.pack(f"{order}I16sIII5B", MAGIC, bytes(16), 0, *sizes, 0, 0, 0, 1, 8) + piece + bytes(11)
+    return found
+
+
+@pytest.mark.parametrize("order", ["le", "be"])
+@pytest.mark.parametrize("header", ["large", "small"])
+@pytest.mark.parametrize("extended", [False, True])
+def test_events_of_all_headers_and_orders(tmp_path, order, header, extended):
+    trace = Trace(order, header)
+    trace.declare("a:one", number="u64", text="str", small="u32")
+    trace.declare("a:two")
+    times = [5, 6, 1_000, 130_000_000, 134_217_729, 260_000_000]  # the 27 bits of a compact header roll over twice
+    for index, time in enumerate(times):
+        trace.add("a:one", time, cpu=index % 2, tid=index, number=2**63 + index, text="ä" * index, small=index)
+    trace.add("a:two", 270_000_000, cpu=1)
+    found, damage = all_events(trace.write(tmp_path / "t", extended=extended))
+    assert [event.time - trace.offset for event in found] == [*times, 270_000_000]
+    assert [event.fields for event in found[:-1]] == [
+        {"number": 2**63 + i, "text": "ä" * i, "small": i} for i in range(len(times))
+    ]
+    assert found[3].context == {"vpid": 7, "vtid": 3}
+    assert [event.cpu for event in found] == [0, 1, 0, 1, 0, 1, 1]
+    assert damage == Damage()
+
+
+def test_metadata_in_packets(tmp_path):
+    trace = Trace()
+    trace.declare("a:one", number="u64")
+    trace.add("a:one", 5, number=3)
+    folder = trace.write(tmp_path)
+    (folder / "metadata").write_bytes(packed(trace.text))
+    assert [event.fields for event in all_events(folder)[0]] == [{"number": 3}]
+    assert text_of(packed(trace.text, ">")) == trace.text
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b'\x1e{"type":"preamble"}', "CTF 2"),
+        (packed("trace { };")[:45], "cut off"),
+        (packed("trace { };")[:20], "cut off"),
+        (b"\xff\xfe\x00", "no text"),
+    ],
+)
+def test_metadata_that_is_none(data, said):
+    with pytest.raises(CtfError, match=said):
+        text_of(data)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "trace {",
+        "nonsense",
+        "event { name = ; };",
+        "typealias integer { size = 8; } := a; typealias b := c;",
+        "typealias integer { size = 8; align = 3; } := a;",
+        "struct a { a x[99999999999]; };",
+        "typealias " + "struct { " * 50 + "} " * 50 + ":= deep;",
+        "@",
+    ],
+)
+def test_declarations_that_are_none(text):
+    with pytest.raises(CtfError):
+        parse(text)
+
+
+@examples(60)
+@given(st.binary(max_size=200), st.integers(0, 4000))
+def test_damaged_traces_are_read_as_far_as_they_go_or_refused(tmp_path_factory, junk, at):
+    folder = ros_trace(3).write(tmp_path_factory.mktemp("t"))
+    file = folder / ("channel_0" if at % 2 else "metadata")
+    data = file.read_bytes()
+    file.write_bytes(data[:at] + junk + data[at + len(junk) :])
+    findings = Findings()
+    try:
+        read_ros_trace(str(folder), findings)
+    except HalpipeError as failure:
+        assert all(found.message for found in failure.diagnostics)  # noqa: PT017
+
+
+def read(folder):
+    findings = Findings()
+    return read_ros_trace(str(folder), findings), findings.items
+
+
+def test_what_a_trace_says(tmp_path):
+    trace, said = read(ros_trace().write(tmp_path / "ust" / "uid"))
+    source, sink = Key("/source", "timer", str(10 * MS), 0), Key("/sink", "timer", str(20 * MS), 0)
+    keeper = Key("/sink", "subscription", "/a", 0)
+    assert set(trace.callbacks) == {source, sink, keeper}
+    assert [job.busy for job in trace.jobs[source]] == [MS + 1000 * k for k in range(20)]
+    assert [job.busy for job in trace.jobs[sink]] == [3 * MS] * 10
+    assert trace.publishers == {("/source", "/a"): {source: 20}, ("/sink", "/b"): {sink: 10}}
+    assert trace.groups == {"/sink/callback_group_0": ("mutually_exclusive", [sink, keeper])}
+    assert trace.executors == {"executor_0": ("multi_threaded_executor", ["/sink/callback_group_0"])}
+    assert said == []
+
+
+def test_time_on_the_cpu_is_net_of_preemption(tmp_path):
+    trace, _ = read(ros_trace(switches=True).write(tmp_path))
+    assert trace.has_switches
+    assert {job.busy for job in trace.jobs[Key("/sink", "timer", str(20 * MS), 0)]} == {2 * MS}
+    assert {job.end - job.start for job in trace.jobs[Key("/sink", "timer", str(20 * MS), 0)]} == {3 * MS}
+
+
+def test_a_cut_off_trace_counts_up_to_the_cut(tmp_path):
+    folder = ros_trace().write(tmp_path)
+    whole, _ = read(folder)
+    file = folder / "channel_0"
+    file.write_bytes(file.read_bytes()[:-30])
+    cut, said = read(folder)
+    source = Key("/source", "timer", str(10 * MS), 0)
+    assert len(cut.jobs[source]) == len(whole.jobs[source]) - 1
+    (warning,) = said
+    assert warning.code == codes.CUT_OFF.id
+    assert "channel_0 from byte" in warning.message
+
+
+def test_discarded_events_are_counted(tmp_path):
+    trace, said = read(ros_trace().write(tmp_path, discarded=3))
+    assert trace.discarded == 6
+    assert [d.code for d in said] == [codes.LOST_EVENTS.id]
+    assert "6 events" in said[0].message
+
+
+def test_events_of_others_and_lone_ends_are_told(tmp_path):
+    trace = ros_trace()
+    trace.add("other:thing", 500 * MS, value=1)
+    trace.add("ros2:callback_end", 501 * MS, callback=100)
+    trace.add("ros2:callback_start", 502 * MS, callback=100, is_intra_process=0)
+    _, said = read(trace.write(tmp_path))
+    assert [d.code for d in said] == [codes.FOREIGN_EVENTS.id, codes.ODD_SEQUENCE.id]
+    assert "other:thing" in said[0].message
+
+
+def test_an_address_that_is_used_again_is_another_publisher(tmp_path):
+    trace = ros_trace(2)
+    trace.add("ros2:rcl_publisher_init", 300 * MS, publisher_handle=10, node_handle=2, topic_name="/new")
+    trace.add("ros2:rcl_publish", 301 * MS, publisher_handle=10, message=0)
+    found, _ = read(trace.write(tmp_path))
+    assert found.publishers["/source", "/a"] == {Key("/source", "timer", str(10 * MS), 0): 2}
+    assert found.publishers["/sink", "/new"] == {None: 1}
+
+
+def test_a_directory_without_a_trace_and_a_trace_without_callbacks(tmp_path):
+    with pytest.raises(HalpipeError) as caught:
+        read(tmp_path)
+    assert [d.code for d in caught.value.diagnostics] == [codes.NO_CTF.id]
+    trace = Trace()
+    for name in ("ros2:rcl_node_init", "other:thing"):
+        trace.declare(name, **ROS[name])
+    trace.add("other:thing", 1, value=1)
+    with pytest.raises(HalpipeError) as caught:
+        read(trace.write(tmp_path / "t"))
+    assert caught.value.diagnostics[-1].code == codes.NO_EXECUTIONS.id
+
+
+def test_a_trace_of_callbacks_is_compared_under_the_names_of_tasks(tmp_path):
+    (line,) = read_traces(str(ros_trace(4).write(tmp_path))).traces
+    assert [e.task for e in line.executions[:3]] == ["/source", "/sink/callback_1", "/sink/callback_0"]
+    assert line.executions[0].end - line.executions[0].start == line.executions[0].start.parse("1ms")

@@ -1,0 +1,135 @@
+"""A trace as a source of a model, alone and beside the architecture file that it confirms or contradicts."""
+
+import pytest
+from ros_case import Overlay, found, periods, predecessors, rows
+
+from ctf_writer import ros_trace
+from halpipe.diagnostics import HalpipeError
+from halpipe.importers.base import ImportOptions
+from halpipe.importers.ros import FORMAT, codes
+
+GRAPH = """\
+named_paths:
+- path_name: through
+  node_chain:
+  - {node_name: /source, publish_topic_name: /a, subscribe_topic_name: UNDEFINED}
+  - {node_name: /sink, publish_topic_name: /b, subscribe_topic_name: /a}
+executors: []
+nodes:
+- node_name: /source
+  callbacks:
+  - {callback_name: /source/tick, callback_type: timer_callback, period_ns: 10000100, symbol: A}
+  publishes:
+  - {topic_name: /a, callback_names: [/source/tick]}
+- node_name: /sink
+  callbacks:
+  - {callback_name: /sink/keep, callback_type: subscription_callback, topic_name: /a, symbol: B}
+  - {callback_name: /sink/send, callback_type: timer_callback, period_ns: 20000000, symbol: C}
+  publishes:
+  - {topic_name: /b, callback_names: [UNDEFINED]}
+"""
+
+
+def read(*paths, calibrate=(), **options):
+    return FORMAT.read([str(path) for path in paths], ImportOptions(calibrate=tuple(map(str, calibrate)), **options))
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    return ros_trace(switches=True).write(tmp_path_factory.mktemp("trace") / "session")
+
+
+@pytest.fixture
+def graph(tmp_path):
+    def write(text=GRAPH):
+        (tmp_path / "a.yaml").write_text(text)
+        return tmp_path / "a.yaml"
+
+    return write
+
+
+def wcets(imported):
+    return {task.name: str(task.versions[0].wcet) for task in imported.model.tasks}
+
+
+def test_a_trace_alone_is_a_model_with_wcets(trace):
+    imported = read(trace)
+    assert imported.model.name == "session"
+    assert periods(imported) == {"/source": "10ms", "/sink/callback_0": "20ms", "/sink/callback_1": "10ms"}
+    assert wcets(imported) == {"/source": "1.019ms", "/sink/callback_0": "2ms", "/sink/callback_1": "700us"}
+    assert predecessors(imported)["/sink/callback_1"] == ["/source"]
+    assert [resource.name for resource in imported.model.resources] == ["/sink/callback_group_0"]
+    assert not found(imported.diagnostics, codes.UNKNOWN_PUBLISHER)
+    assert not found(imported.diagnostics, codes.WALL_TIME)
+    assert rows(imported)["publisher"][0] == 2
+
+
+def test_a_quantile_and_a_margin_of_the_trace(trace):
+    from fractions import Fraction
+
+    assert wcets(read(trace, quantile=Fraction(1, 2)))["/source"] == "1.009ms"
+    assert wcets(read(trace, margin=Fraction(1, 2)))["/sink/callback_1"] == "1.05ms"
+
+
+def test_without_switches_of_the_kernel_durations_are_wall_times(tmp_path):
+    imported = read(ros_trace().write(tmp_path))
+    assert wcets(imported)["/sink/callback_0"] == "3ms"
+    assert len(found(imported.diagnostics, codes.WALL_TIME)) == 1
+
+
+def test_a_trace_tells_an_architecture_who_publishes(trace, graph):
+    imported = read(graph(), trace)
+    assert not found(imported.diagnostics, codes.UNKNOWN_PUBLISHER)
+    assert found(imported.diagnostics, codes.CONFIRMED)
+    assert wcets(imported) == {"/source": "1.019ms", "/sink/send": "2ms", "/sink/keep": "700us"}
+    (chain,) = imported.model.chains
+    assert chain.tasks == ("/source", "/sink/keep", "/sink/send")
+
+
+def test_what_a_trace_contradicts_is_told_and_what_was_seen_is_taken(trace, graph):
+    wrong = graph(GRAPH.replace("callback_names: [UNDEFINED]", "callback_names: [/sink/keep]"))
+    imported = read(wrong, trace)
+    (warning,) = found(imported.diagnostics, codes.CONTRADICTED)
+    assert '"/sink/send"' in warning.message
+    assert imported.model.chains[0].tasks[-1] == "/sink/send"
+
+
+def test_callbacks_that_only_one_of_them_has_are_told(trace, graph):
+    other = graph(GRAPH.replace("topic_name: /a, symbol: B", "topic_name: /c, symbol: B"))
+    said = [d.message for d in found(read(other, trace).diagnostics, codes.CONTRADICTED)]
+    assert any("/sink/keep" in text for text in said)
+    assert any("subscription of /a" in text for text in said)
+
+
+def test_a_trace_of_another_system_is_refused(trace, graph):
+    with pytest.raises(HalpipeError) as caught:
+        read(graph(GRAPH.replace("/source", "/other").replace("/sink", "/nothing")), trace)
+    assert [d.code for d in caught.value.diagnostics if d.is_error] == [codes.OTHER_GRAPH.id]
+
+
+def test_a_trace_calibrates_a_graph(trace, graph):
+    imported = read(graph(), calibrate=[trace])
+    assert wcets(imported)["/sink/send"] == "2ms"
+    assert found(imported.diagnostics, codes.CALIBRATED)
+
+
+def test_the_rate_of_a_topic_from_outside_is_measured(tmp_path):
+    trace = ros_trace()
+    trace.add("ros2:rcl_subscription_init", 15, subscription_handle=40, node_handle=2, topic_name="/scan")
+    trace.add("ros2:rclcpp_subscription_init", 16, subscription_handle=40, subscription=41)
+    trace.add("ros2:rclcpp_subscription_callback_added", 17, subscription=41, callback=400)
+    for k in range(9):
+        trace.add("ros2:callback_start", (1000 + 25 * k) * 1_000_000 + 17 * k, callback=400, is_intra_process=0)
+        trace.add("ros2:callback_end", (1001 + 25 * k) * 1_000_000 + 17 * k, callback=400)
+    assert periods(read(trace.write(tmp_path)))["/sink/callback_2"] == "25ms"
+
+
+def test_two_traces_are_one_too_many(trace, tmp_path):
+    with pytest.raises(HalpipeError) as caught:
+        read(trace, ros_trace(2).write(tmp_path / "two"))
+    assert {d.code for d in caught.value.diagnostics} == {codes.TWO_GRAPHS.id}
+
+
+def test_an_overlay_may_drop_callbacks_of_a_trace(trace):
+    imported = FORMAT.read([str(trace)], ImportOptions(overlay=Overlay(drop=["/sink/callback_1"])))
+    assert {task.name for task in imported.model.tasks} == {"/source", "/sink/callback_0"}
