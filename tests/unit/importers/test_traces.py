@@ -184,3 +184,29 @@ def test_whatever_the_text_it_is_read_or_refused_with_a_code(text):
         parse_traces(text.encode("utf-8", "surrogatepass"), "t")
     except HalpipeError:
         return  # with codes; anything else would escape
+
+
+CARET_RECORDS = (
+    "index,/n/callback_0/callback_start_timestamp,/n/callback_0/callback_end_timestamp,"
+    "/m/callback_1/callback_start_timestamp,/m/callback_1/callback_end_timestamp\n"
+)
+
+
+def test_records_of_caret_are_executions_each_once():
+    text = CARET_RECORDS + "0,1000.0,1500,2000,2600\n1,1000,1500,3000,\n2,nan,nan,,\n"
+    found = executions(text)
+    assert [(e.task, str(e.start), None if e.end is None else str(e.end)) for e in found] == [
+        ("/n/callback_0", "1us", "1.5us"),
+        ("/m/callback_1", "2us", "2600ns"),
+        ("/m/callback_1", "3us", None),
+    ]
+
+
+def test_a_record_that_ends_before_it_starts_is_named():
+    assert [d.at.line for d in refusal(CARET_RECORDS + "0,9,1,,\n") if d.code == codes.BROKEN_ROW.id] == [2]
+
+
+def test_the_long_form_of_calibrate_is_a_trace_where_it_has_instants():
+    (found,) = executions("callback_name,callback_start_timestamp,callback_end_timestamp\n/n/a,5,9\n")
+    assert (found.task, found.start.ns) == ("/n/a", 5)
+    assert "starts and ends" in refusal("callback,duration_ns\n/n/a,5\n")[0].help

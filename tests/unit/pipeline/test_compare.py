@@ -219,6 +219,23 @@ def test_several_modes_and_no_labels_need_a_word():
         assert "race" in refused.value.diagnostics[0].help
 
 
+def test_a_mode_without_cycles_is_the_mode_that_ran_and_several_need_a_column():
+    seen = [replace(e, cycle=None) for e in play([("race", RACE)] * 2)]
+    assert [d.code for d in compared(seen).diagnostics if d.is_error] == []
+    mixed = [replace(e, cycle=None) for e in play()]
+    with pytest.raises(HalpipeError) as refused:
+        compared(mixed)
+    assert "add a column cycle" in refused.value.diagnostics[0].help
+
+
+def test_the_only_callback_of_a_node_is_the_task_called_after_the_node():
+    jobs = tuple(replace(job, task="/n") for job in SLOW.jobs)
+    plan = replace(PLAN, modes=(replace(SLOW, jobs=jobs),), transitions=())
+    seen = [Execution(task="/n/callback_0", start=j.start, end=j.end) for j in jobs]
+    found = compare(plan, Trace(name="", executions=tuple(seen)), CompareOptions())
+    assert [d.code for d in found.diagnostics if d.is_error] == []
+
+
 def test_deviations_of_one_job_are_one_finding_with_the_worst_and_how_often():
     seen = [replace(e, start=e.start + Duration(e.cycle + 1), end=e.end) if e.task == "c" else e for e in play()]
     (late,) = deviations(seen, origin=ZERO)

@@ -127,16 +127,19 @@ class _Drafting:
         cut = [part.task for parts in self.result.parts.values() for part in parts if part.index == 1]
         help = "state limits of the whole under chains: in an overlay"
         self.forest.report_each(codes.WAITING, "tasks wait for others and became several", cut, help)
-        waits = [wait for parts in self.result.parts.values() for part in parts for wait in part.waits]
-        active = [wait for wait in waits if wait.get("waitingBehaviour") == "active"]
-        help = "add the time of the wait to the WCET of the part before it, under tasks: in an overlay"
-        self.forest.report_each(codes.ACTIVE_WAIT, "waits are active, but leave the unit to others", active, help)
         top = {wait for task in self.tasks for wait in _flat(task) if wait.kind == "WaitEvent"}
         unused = [
             wait
             for wait in self.forest.kinds("WaitEvent")
             if wait not in top or not any(event in settable for event in _events(self.forest, wait))
         ]
+        active = [
+            wait
+            for wait in self.forest.kinds("WaitEvent")
+            if wait in top and wait not in unused and wait.get("waitingBehaviour") == "active"
+        ]
+        help = "add the time of the wait to the WCET of the part before it, under tasks: in an overlay"
+        self.forest.report_each(codes.ACTIVE_WAIT, "waits are active, but leave the unit to others", active, help)
         help = "let a task set the event, or wait in the task itself"
         self.forest.report_each(codes.UNUSED_WAIT, "waits have no effect", unused, help)
 

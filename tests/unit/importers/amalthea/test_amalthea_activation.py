@@ -205,3 +205,16 @@ def test_a_wait_for_what_nobody_sets_or_inside_of_a_runnable_cuts_nothing(tmp_pa
     imported = read(tmp_path, sw=inside, stimuli=PLAIN_STIMULI + GO)
     assert len(imported.model.tasks) == 2
     assert len(found(imported.diagnostics, codes.UNUSED_WAIT)) == 1
+
+
+@pytest.mark.parametrize(("stated", "told"), [("active", 1), ("passive", 0)])
+def test_an_active_wait_that_leaves_its_unit_is_told(tmp_path, stated, told):
+    wait = event("WaitEvent")
+    sw = OFFLOAD.replace(wait, wait.replace(">", f' waitingBehaviour="{stated}">', 1))
+    assert sw != OFFLOAD
+    assert len(found(read(tmp_path, sw=sw).diagnostics, codes.ACTIVE_WAIT)) == told
+
+
+def test_the_remedy_for_a_model_without_tasks_names_no_file_that_is_there(tmp_path):
+    (error,) = found(refusal(read, tmp_path, sw=runnable("R", ticks(1))).diagnostics, codes.NO_TASKS)
+    assert error.help.startswith("its software model defines no tasks")
