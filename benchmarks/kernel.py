@@ -1,85 +1,92 @@
-"""Time the annealing kernel on random task sets: ``python benchmarks/kernel.py --tasks 60 120 --load 0.7``.
+"""Time the annealing kernel, and ask what each of its parts is worth.
 
-Prints one row per set size: solved sets, median moves, median seconds in the kernel, microseconds per move. Sets are
-strictly periodic with memory phases at both ends of a job; they are not known to be schedulable.
+    python benchmarks/kernel.py                          microseconds per move, on six kinds of sets
+    python benchmarks/kernel.py --without AIM_AT_GAP     the same search without one of its parts
+    python benchmarks/kernel.py --each                   with every part off in turn: solved sets and moves
+
+Sets are generated, so each has a schedule. A part is a bit of `Part`; without a rule, what is found is no schedule.
 """
 
 import argparse
-import random
 import statistics
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from halpipe.durations import milliseconds
-from halpipe.models import Access, Anchor, Mode, Precedence, Resource, Run, Task, TaskModel, Unit, Version
+from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel.kernel import anneal
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, new_state
-from halpipe.pipeline.solve.problem import build_problem
+from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, MOVES, Part, new_state
+from halpipe.pipeline.solve.problem import Problem, build_problem
 
-HYPERPERIOD = 1200
+RULES = Part.LANES | Part.WINDOWS | Part.DEMANDS | Part.CHAINS
 
-
-def task_set(tasks: int, load: Fraction, slack: Fraction, linked: Fraction, seed: int) -> TaskModel:
-    """Make a set of `tasks` tasks on `tasks` / 10 units, of which a share `linked` follows an earlier one."""
-    rng = random.Random(seed)
-    count = max(1, tasks // 10)
-    units = tuple(Unit(name=f"u{n}") for n in range(count))
-    resources = tuple(Resource(name=f"r{n}") for n in range(max(1, count // 3)))
-    parts = [rng.random() + 0.2 for _ in range(tasks)]
-    scale = float(load) * count / sum(parts)
-    made: list[Task] = []
-    for number, part in enumerate(parts):
-        period = HYPERPERIOD // rng.choice((1, 2, 3))
-        wcet = min(period, max(4, round(part * scale * period)))
-        phase, where = max(1, wcet // 12), rng.choice(resources).name
-        version = Version(
-            name="v",
-            wcet=milliseconds(wcet),
-            units=tuple(unit.name for unit in units),
-            accesses=(
-                Access(resource=where, start=milliseconds(0), end=milliseconds(phase)),
-                Access(resource=where, start=milliseconds(wcet - phase), end=milliseconds(wcet)),
-            ),
-            precedences=tuple(
-                Precedence(task=other.name, anchor=Anchor.END, max=milliseconds(period // 4))
-                for other in [t for t in made if t.period == milliseconds(period)][-1:]
-                if rng.random() < linked
-            ),
-        )
-        made.append(Task(name=f"t{number}", period=milliseconds(period), slack=slack, versions=(version,)))
-    mode = Mode(name="all", runs=tuple(Run(task=task.name, versions=("v",)) for task in made))
-    return TaskModel(name="bench", units=units, resources=resources, tasks=tuple(made), modes=(mode,))
+PLAIN = SetParameters(tasks=60, utilisation=Fraction(7, 10))
+SHARE = Fraction(3, 10)
+KINDS = {
+    "120 tasks": replace(PLAIN, tasks=120, units=12),
+    "precedence": replace(PLAIN, precedence=2 * SHARE),
+    "versions": replace(PLAIN, multi_version=SHARE),
+    "gang": replace(PLAIN, gang=SHARE / 2),
+    "fractional": replace(PLAIN, fractional=True, resource_fill=Fraction(7, 10)),
+    "mixed": replace(PLAIN, precedence=SHARE, multi_version=SHARE, gang=SHARE / 2, fractional=True, slack=SHARE / 6),
+}
 
 
-def solve(model: TaskModel, budget: int) -> tuple[bool, int, float]:
-    """Return whether the kernel found a schedule within `budget` moves per task, the moves and the seconds."""
-    problem = build_problem(expand(model, model.modes[0]), model.units, [r.name for r in model.resources])
-    state = new_state(problem.arrays, 1, problem.mean_wcet)
-    begin = time.perf_counter()
-    anneal(problem.arrays, state, gumbel_table(), budget * len(model.tasks))
-    return int(state.register[BEST]) == 0, int(state.register[MOVES]), time.perf_counter() - begin
+@dataclass(frozen=True)
+class Found:
+    """What became of one set: whether it was solved, in how many moves, and the time of the processor."""
+
+    solved: bool
+    moves: int
+    nanoseconds: int
+
+
+def problems(parameters: SetParameters, sets: int) -> Iterator[Problem]:
+    """Return the arrays of some sets of a kind."""
+    for seed in range(1, sets + 1):
+        model = generate(parameters, seed)
+        resources = [resource.name for resource in model.resources]
+        yield build_problem(expand(model, model.modes[0]), model.units, resources, model.chains)
+
+
+def solve(problem: Problem, parts: Part, budget: int) -> Found:
+    """Search for at most `budget` moves per task."""
+    state = new_state(problem.arrays, 1, problem.mean_wcet, parts)
+    begin = time.process_time_ns()
+    anneal(problem.arrays, state, gumbel_table(), budget * len(problem.expansion.tasks))
+    spent = time.process_time_ns() - begin
+    return Found(state.register[BEST] == 0, state.register[MOVES], spent)
+
+
+def line(name: str, found: list[Found]) -> str:
+    """Return one row of the table."""
+    solved = sum(each.solved for each in found)
+    moves = statistics.median(each.moves for each in found)
+    rate = sum(each.nanoseconds for each in found) / sum(each.moves for each in found) / 1000
+    return f"{name:32} {solved:3}/{len(found):<3} {moves:10.0f} {rate:8.2f}"
 
 
 def main() -> None:
+    """Print a table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tasks", type=int, nargs="+", default=[60, 120, 240])
-    parser.add_argument("--load", type=Fraction, default=Fraction("0.7"), help="share of the units' time")
-    parser.add_argument("--slack", type=Fraction, default=Fraction(0))
-    parser.add_argument("--linked", type=Fraction, default=Fraction(0), help="share of tasks with a predecessor")
-    parser.add_argument("--sets", type=int, default=5)
-    parser.add_argument("--budget", type=int, default=1500, help="moves per task")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="one of the kinds; repeatable")
+    parser.add_argument("--sets", type=int, default=8)
+    parser.add_argument("--budget", type=int, default=1000, help="moves per task")
+    parser.add_argument("--without", choices=[part.name for part in Part], action="append", default=[])
+    parser.add_argument("--each", action="store_true", help="switch off one part after the other")
     chosen = parser.parse_args()
-    print("tasks solved     moves   seconds  us/move")
-    for tasks in chosen.tasks:
-        sets = (task_set(tasks, chosen.load, chosen.slack, chosen.linked, seed) for seed in range(chosen.sets))
-        found = [solve(model, chosen.budget) for model in sets]
-        moves = statistics.median(made for _, made, _ in found)
-        seconds = statistics.median(spent for _, _, spent in found)
-        rate = 1e6 * sum(spent for _, _, spent in found) / sum(made for _, made, _ in found)
-        solved = sum(ok for ok, _, _ in found)
-        print(f"{tasks:5} {solved:2}/{len(found):<2} {moves:10.0f} {seconds:9.3f} {rate:8.1f}")
+    without = Part(sum(Part[name] for name in set(chosen.without)))
+    variants = {"": ALL_PARTS & ~without}
+    if chosen.each:
+        variants |= {f"without {part.name}": ALL_PARTS & ~without & ~part for part in Part if part not in RULES}
+    print(f"{'':32} {'solved':>7} {'moves':>10} {'us/move':>8}")
+    for name in chosen.kind or KINDS:
+        made = list(problems(KINDS[name], chosen.sets))
+        for label, parts in variants.items():
+            print(line(f"{name} {label}", [solve(problem, parts, chosen.budget) for problem in made]), flush=True)
 
 
 if __name__ == "__main__":
