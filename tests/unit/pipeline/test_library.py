@@ -14,7 +14,7 @@ from halpipe.pipeline.solve.kernel import state
 from halpipe.pipeline.solve.kernel.kernel import anneal
 from halpipe.pipeline.solve.kernel.noise import SIZE
 from halpipe.pipeline.solve.kernel.state import Part, State, new_state
-from halpipe.pipeline.solve.problem import Arrays, build_problem
+from halpipe.pipeline.solve.problem import ANY_SET, Arrays, build_problem
 from support import access, after, chain, model, task, version
 
 HEADER = re.sub(r"/\*.*?\*/", "", (border.SOURCES / "arrays.h").read_text(), flags=re.DOTALL)
@@ -66,8 +66,9 @@ def test_structs_have_the_fields_of_the_tuples_in_their_order(struct, value):
 def test_registers_constants_and_parts_are_the_same_on_both_sides():
     names = [name.upper() for name, _, _ in members("Registers")]
     assert [getattr(state, name) for name in names] == list(range(state.REGISTERS))
-    shared = ("NEVER", "FROZEN_HINT", "CLUSTER", "NOISES")
-    assert [constant(name) for name in shared] == [state.NEVER, state.FROZEN_HINT, state.CLUSTER, SIZE]
+    shared = ("NEVER", "FROZEN_HINT", "CLUSTER", "ANY_SET", "NOISES")
+    expected = (state.NEVER, state.FROZEN_HINT, state.CLUSTER, ANY_SET)
+    assert [constant(name) for name in shared] == [*expected, SIZE]
     parts = re.findall(r"^ +(\w+) = 1 << (\d+),$", HEADER, re.MULTILINE)
     assert {name: 1 << int(bit) for name, bit in parts} == {part.name: part.value for part in Part}
 
