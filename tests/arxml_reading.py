@@ -96,7 +96,7 @@ def containers(root, kind):
 
 @dataclass(frozen=True)
 class OsTable:
-    """A schedule table: what it is of, and (ticks, OsTasks) at every expiry point."""
+    """A schedule table: what it is of, (ticks, OsTasks) at every expiry point, and (OsTask, event) by ticks."""
 
     name: str
     of: tuple
@@ -106,6 +106,7 @@ class OsTable:
     points: list
     counter: str
     following: list
+    events: dict
 
 
 def tables(root):
@@ -115,17 +116,23 @@ def tables(root):
 
 def _table(name, container):
     values, data = parameters(container), special(container, "table")
-    points, start = [], ()
+    points, start, events = [], (), {}
     for inner in container.iterfind(q("SUB-CONTAINERS/*")):
         if text(inner, "DEFINITION-REF").endswith("OsScheduleTableAutostart"):
             modes = [path.rpartition("/")[2] for key, path in references(inner) if key.endswith("AppModeRef")]
             start = (parameters(inner)["OsScheduleTableStartValue"], *modes)
             continue
-        activated = [
-            target(action, "OsScheduleTableActivateTaskRef").rpartition("/")[2]
-            for action in inner.iterfind(q("SUB-CONTAINERS/*"))
-        ]
-        points.append((int(parameters(inner)["OsScheduleTblExpPointOffset"]), activated))
+        offset = int(parameters(inner)["OsScheduleTblExpPointOffset"])
+        activated = []
+        for action in inner.iterfind(q("SUB-CONTAINERS/*")):
+            if text(action, "DEFINITION-REF").endswith("OsScheduleTableEventSetting"):
+                names = [
+                    target(action, f"OsScheduleTableSetEvent{what}Ref").rpartition("/")[2] for what in ("Task", "")
+                ]
+                events.setdefault(offset, []).append(tuple(names))
+            else:
+                activated.append(target(action, "OsScheduleTableActivateTaskRef").rpartition("/")[2])
+        points.append((offset, activated))
     return OsTable(
         name=name,
         of=tuple(value for key, value in data if key in ("mode", "target")),
@@ -134,6 +141,7 @@ def _table(name, container):
         autostart=start,
         points=points,
         counter=target(container, "OsScheduleTableCounterRef").rpartition("/")[2],
+        events=events,
         following=[tuple(value for _, value in inner) for key, inner in data if key == "halpipe:next"],
     )
 

@@ -45,3 +45,9 @@ NEEDS_HOLD = error(
     "A job with gaps must be held at the end of each part until the next one begins; otherwise it is inside its next "
     "piece when another job of the unit comes, and that one is late. Not every target can do so.",
 )
+PRIORITY_CYCLE = error(
+    "HAL0809",
+    "No fixed priorities play the schedule",
+    "Jobs that may be interrupted anywhere need a target with preemptive fixed priorities, in which a task is above "
+    "each one in whose gaps a job of it starts. On this unit the tasks are above one another in a circle.",
+)

@@ -65,6 +65,9 @@ class ArxmlExporter:
             "tasks": "component type with a runnable and its TIMING-EVENT",
             "timing": "PERIOD, LATENCY-TIMING-CONSTRAINT for deadlines; offset and slack as special data",
             "versions": "SWC-IMPLEMENTATION with ANALYZED-EXECUTION-TIME for each unit; gang size as special data",
+            "split": "special data of the implementation",
+            "binding": "special data of the runnable; one OsTask per task",
+            "interrupts": "special data of the HW-ELEMENT; distance of arrivals as special data of the runnable",
             "accesses": "special data of the implementation",
             "transfers": "special data of the implementation",
             "precedence": "EXECUTION-ORDER-CONSTRAINT and OFFSET-TIMING-CONSTRAINT; by version as special data",
@@ -74,6 +77,7 @@ class ArxmlExporter:
             "sources": "special data of the implementation",
             "origins": "special data of each element",
             "schedule": "OsScheduleTable for each mode and core; timing guarantees",
+            "parts": "OsEvents that hold an OsTask at split points, or priorities of OsTasks that are preempted",
             "tables": "OsScheduleTable that is played once, for each switch and core",
         },
         (

@@ -62,3 +62,9 @@ ACTIVATED_TWICE = error(
     "Jobs of one task that start on one core at one instant would need one OsTask to be activated twice "
     "(OsTaskActivation is 1). This happens only with execution times of zero.",
 )
+TOO_MANY_EVENTS = error(
+    "HAL0889",
+    "OsTask would wait for too many events",
+    "An OsTask waits for an event at each split point in use and at the beginning of each access phase. A mask of "
+    "events has 64 bits.",
+)

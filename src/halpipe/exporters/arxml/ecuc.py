@@ -71,11 +71,12 @@ class Container:
         """Append a reference to an element of the system."""
         self.refer(name, path, definition=_FOREIGN, dest=dest)
 
-    def inside(self, kind: str, short_name: str) -> Container:
-        """Append a container inside this one, with its definition."""
+    def inside(self, kind: str, short_name: str, *, defined: bool = True) -> Container:
+        """Append a container inside this one, with its definition unless special data are to come before."""
         element = named(self._list("SUB-CONTAINERS"), CONTAINER, short_name)
         inner = Container(element, f"{self.path}/{short_name}", f"{self._definition}/{kind}")
-        inner.define()
+        if defined:
+            inner.define()
         return inner
 
     def _value(self, form: str, kind: str, name: str, text: str) -> None:

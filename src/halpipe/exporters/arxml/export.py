@@ -11,6 +11,7 @@ from halpipe.exporters.arxml import PARTS, RELEASES
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.document import add, document, named, origin_of, package, sd, serialise, special
 from halpipe.exporters.arxml.guarantees import write_guarantees
+from halpipe.exporters.arxml.holds import Holds
 from halpipe.exporters.arxml.layout import Layout
 from halpipe.exporters.arxml.modes import disabled_modes, write_modes
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os
@@ -77,7 +78,8 @@ def _write_system(
 def _write_ecuc(
     packages: etree._Element, model: TaskModel, schedule: Schedule, layout: Layout, options: ArxmlOptions
 ) -> None:
-    plan = make_plan(model, schedule, layout, choose_counter(schedule, options), options.max_points)
+    holds = Holds(model, schedule)
+    plan = make_plan(model, schedule, layout, holds, choose_counter(schedule, options, holds), options.max_points)
     names = OsNames(plan, layout)
     elements = package(packages, PACKAGE)
     write_cores(elements, plan, layout, options.ecuc_prefix)

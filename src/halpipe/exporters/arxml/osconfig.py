@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.ecuc import Container
+    from halpipe.exporters.arxml.holds import Hold
     from halpipe.exporters.arxml.layout import Layout
     from halpipe.exporters.arxml.tables import Plan, Table, Work
 
@@ -40,7 +41,8 @@ class OsNames:
     def __init__(self, plan: Plan, layout: Layout) -> None:
         self.base = layout.path(PACKAGE)
         self.layout = layout
-        taken = (*plan.tasks, *plan.idle.values(), *(table.name for table in plan.tables))
+        events = (event for found in plan.events.values() for event in found.values())
+        taken = (*plan.tasks, *plan.idle.values(), *events, *(table.name for table in plan.tables))
         names = ShortNames(SYSTEM, DEFAULT_START, *taken)
         self.counters = {unit: names("Counter", layout.units[unit]) for unit in plan.units}
         self.applications = {unit: names("Application", layout.units[unit]) for unit in plan.units}
@@ -97,10 +99,11 @@ def write_os(elements: etree._Element, plan: Plan, names: OsNames, prefix: str, 
     _hooks(system, "OsHooks", "Os", (*_HOOKS, "PostTask", "PreTask", "Protection"))
     for start in (DEFAULT_START, *names.starts.values()):
         module.container("OsAppMode", start).define()
-    for name, work in plan.tasks.items():
-        _task(module, name, work, names.layout)
-    for name in plan.idle.values():
-        _task(module, name, None, names.layout)
+    for name in (*plan.tasks, *plan.idle.values()):
+        _task(module, name, plan, names)
+    for found in plan.events.values():
+        for event in found.values():
+            module.container("OsEvent", event).define()
     for unit in plan.units:
         _counter(module, names.counters[unit], plan)
     for table in plan.tables:
@@ -116,19 +119,38 @@ def _hooks(container: Container, kind: str, prefix: str, hooks: Iterable[str]) -
         inside.flag(f"{prefix}{hook}Hook", value=False)
 
 
-def _task(module: Module, name: str, work: Work | None, layout: Layout) -> None:
-    """Append an OsTask; it runs to its end, as the schedule has it, and with one priority for all, late ones queue."""
+def _task(module: Module, name: str, plan: Plan, names: OsNames) -> None:
+    """Append an OsTask; it runs to its end, or to where it is held, as the schedule has it.
+
+    With one priority for all, late ones queue. Only an OsTask that is split anywhere is preempted, by those above it.
+    """
+    layout, work = names.layout, plan.tasks.get(name)
+    events = plan.events.get(name, {})
     container = module.container("OsTask", name)
     if work is not None:
-        task, version, unit = work
         data = special(container.element, "work")
-        sdx(data, "RUNNABLE-ENTITY", layout.runnable(task))
-        sdx(data, "SWC-IMPLEMENTATION", layout.implementation(task, version))
-        sdx(data, "HW-ELEMENT", layout.unit(unit))
+        sdx(data, "RUNNABLE-ENTITY", layout.runnable(work.task))
+        for version in work.versions:
+            sdx(data, "SWC-IMPLEMENTATION", layout.implementation(work.task, version))
+        sdx(data, "HW-ELEMENT", layout.unit(work.unit))
+        for hold, event in events.items():
+            _hold(group(data, "hold"), hold, event, work, names)
+        for higher in plan.above.get(name, ()):
+            sdx(group(data, "below"), CONTAINER, names.path(higher))
     container.define()
     container.integer("OsTaskActivation", 1)
-    container.integer("OsTaskPriority", 1)
-    container.choice("OsTaskSchedule", "NON")
+    container.integer("OsTaskPriority", plan.priorities.get(name, 1))
+    container.choice("OsTaskSchedule", "FULL" if name in plan.above else "NON")
+    for event in events.values():
+        container.refer("OsTaskEventRef", names.path(event))
+
+
+def _hold(data: etree._Element, hold: Hold, event: str, work: Work, names: OsNames) -> None:
+    """Append where an OsTask is held: it waits for an event, and clears it, when so much of its work is done."""
+    sd(data, "at", hold.position)
+    sdx(data, CONTAINER, names.path(event))
+    if len(work.versions) > 1:
+        sdx(data, "SWC-IMPLEMENTATION", names.layout.implementation(work.task, hold.version))
 
 
 def _counter(module: Module, name: str, plan: Plan) -> None:
@@ -151,8 +173,8 @@ def _application(module: Module, unit: str, number: int, plan: Plan, names: OsNa
     application.flag("OsTrusted", value=False)
     if not has_cores:
         application.integer("OsApplicationCoreAssignment", number)
-    for name, (_, _, where) in plan.tasks.items():
-        if where == unit:
+    for name, work in plan.tasks.items():
+        if work.unit == unit:
             application.refer("OsAppTaskRef", names.path(name))
     if unit in plan.idle:
         application.refer("OsAppTaskRef", names.path(plan.idle[unit]))
@@ -181,9 +203,18 @@ def _table(module: Module, table: Table, plan: Plan, names: OsNames) -> None:
     for point in table.points:
         at = container.inside(_POINT, point_name(point.offset))
         at.integer("OsScheduleTblExpPointOffset", point.offset)
-        for task in point.tasks:
-            action = at.inside("OsScheduleTableTaskActivation", task)
+        for task, version in zip(point.tasks, point.versions, strict=True):
+            action = at.inside("OsScheduleTableTaskActivation", task, defined=False)
+            work = plan.tasks.get(task)
+            if work is not None and len(work.versions) > 1:
+                data = special(action.element, "activation")
+                sdx(data, "SWC-IMPLEMENTATION", names.layout.implementation(work.task, version))
+            action.define()
             action.refer("OsScheduleTableActivateTaskRef", names.path(task))
+        for task, event in point.events:
+            action = at.inside("OsScheduleTableEventSetting", event)
+            action.refer("OsScheduleTableSetEventRef", names.path(event))
+            action.refer("OsScheduleTableSetEventTaskRef", names.path(task))
 
 
 def _autostart(container: Container, table: Table, plan: Plan, names: OsNames) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import add, named, origin_of, package, ref, sd, special
+from halpipe.exporters.arxml.document import add, group, named, origin_of, package, ref, sd, special
 from halpipe.quantities import format_bandwidth
 
 if TYPE_CHECKING:
@@ -21,7 +21,13 @@ def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -
         named(elements, "HW-CATEGORY", category)
     for unit in model.units:
         data = {"name": unit.name, "type": unit.type or None}
-        _element(elements, layout, layout.units[unit.name], "unit", "ProcessingUnit", data, unit.origin)
+        group_of = _element(elements, layout, layout.units[unit.name], "unit", "ProcessingUnit", data, unit.origin)
+        for interrupt in unit.interrupts:
+            inner = group(group_of, "interrupt")
+            sd(inner, "name", interrupt.name)
+            sd(inner, "distance", interrupt.distance)
+            sd(inner, "wcet", interrupt.wcet)
+            origin_of(inner, interrupt.origin)
     for resource in model.resources:
         bandwidth = None if resource.bandwidth is None else format_bandwidth(resource.bandwidth)
         data = {"name": resource.name, "bandwidth": bandwidth}
@@ -36,11 +42,12 @@ def _element(
     category: str,
     data: dict[str, str | None],
     origin: Origin | None,
-) -> None:
+) -> etree._Element:
     element = named(elements, "HW-ELEMENT", short_name)
-    group = special(element, kind)
+    found = special(element, kind)
     for key, value in data.items():
-        sd(group, key, value)
-    origin_of(group, origin)
+        sd(found, key, value)
+    origin_of(found, origin)
     path = layout.path("Platform", category)
     ref(add(element, "HW-CATEGORY-REFS"), "HW-CATEGORY-REF", "HW-CATEGORY", path)
+    return found

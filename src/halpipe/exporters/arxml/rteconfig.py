@@ -27,8 +27,8 @@ def write_rte(
             for name in point.tasks:
                 points.setdefault(name, []).append(names.point(table, point.offset))
     os_tasks: dict[str, list[str]] = {}
-    for name, (owner, _, _) in plan.tasks.items():
-        os_tasks.setdefault(owner, []).append(name)
+    for name, work in plan.tasks.items():
+        os_tasks.setdefault(work.task, []).append(name)
     module = Module(elements, "Rte", prefix, layout.path(PACKAGE))
     for task in model.tasks:
         if task.period is None or task.name not in os_tasks:

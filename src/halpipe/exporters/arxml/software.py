@@ -20,6 +20,7 @@ from halpipe.exporters.arxml.document import (
     special,
 )
 from halpipe.exporters.arxml.layout import EVENT
+from halpipe.models import Binding
 from halpipe.quantities import format_rational, format_size
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.layout import Layout
-    from halpipe.models import Access, Precedence, Source, Task, TaskModel, Version
+    from halpipe.models import Access, Precedence, Source, Split, Task, TaskModel, Version
 
 
 def write_software(
@@ -69,6 +70,8 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
     sd(data, "period", task.period if rounded else None)
     sd(data, "slack", format_rational(task.slack) if task.slack else None)
     sd(data, "offset", task.offset)
+    sd(data, "distance", task.distance)
+    sd(data, "binding", task.binding if task.binding is not Binding.JOB else None)
     origin_of(data, task.origin)
     add(runnable, "SYMBOL", layout.tasks[task.name])
 
@@ -100,6 +103,8 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
         units = group(data, "units")
         for unit in version.units:
             sdx(units, "HW-ELEMENT", layout.unit(unit))
+    if version.split.is_allowed:
+        _split(group(data, "split"), version.split)
     for access in version.accesses:
         _access(data, access, layout)
     for precedence in version.precedences:
@@ -117,6 +122,15 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
                 ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(unit))
             add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
     ref(element, "BEHAVIOR-REF", "SWC-INTERNAL-BEHAVIOR", layout.behavior(task.name))
+
+
+def _split(data: etree._Element, split: Split) -> None:
+    for point in split.points:
+        sd(data, "point", point)
+    sd(data, "anywhere", "true" if split.anywhere else None)
+    sd(data, "resume", split.resume if split.resume else None)
+    sd(data, "max-gaps", split.max_gaps)
+    sd(data, "min-part", split.min_part)
 
 
 def _access(data: etree._Element, access: Access, layout: Layout) -> None:

@@ -9,15 +9,20 @@ from __future__ import annotations
 from collections import Counter as Counts
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.diagnostics import Findings
-from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_POINTS
+from halpipe.durations import ZERO
+from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
+from halpipe.exporters.priorities import levels_of, relation_of
+from halpipe.models import Binding
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator, Sequence
 
+    from halpipe.durations import Duration
+    from halpipe.exporters.arxml.holds import Hold, Holds
     from halpipe.exporters.arxml.layout import Layout
     from halpipe.exporters.arxml.ticks import Counter
     from halpipe.models import Job, Schedule, TaskModel
@@ -25,16 +30,28 @@ if TYPE_CHECKING:
 SYSTEM, DEFAULT_START = "OsOS", "OSDEFAULTAPPMODE"
 """Containers of the Os that have these names whatever the model."""
 
-Work = tuple[str, str, str]
-"""What an OsTask executes: a task, in a version, on a unit."""
+MOST_EVENTS = 64
+
+
+class Work(NamedTuple):
+    """What an OsTask executes: a task, in a version, on a unit; a bound task in whatever version the table means."""
+
+    task: str
+    versions: tuple[str, ...]
+    unit: str
 
 
 @dataclass(frozen=True, slots=True)
 class ExpiryPoint:
-    """An offset from the beginning of a table, in ticks, and the OsTasks activated there."""
+    """An offset from the beginning of a table, in ticks, the OsTasks activated there, and then the events set.
+
+    `versions` are those of the jobs that are activated, in their order; an event is named with its OsTask.
+    """
 
     offset: int
     tasks: tuple[str, ...]
+    versions: tuple[str, ...] = ()
+    events: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +79,11 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All that an OS needs: its cores, the OsTasks and idle tasks by name, the tables, and the switches without one."""
+    """All that an OS needs: its cores, the OsTasks and idle tasks by name, the tables, and the switches without one.
+
+    `events` are those that an OsTask waits for, with the position of each; `above` are the OsTasks that must be above
+    one that is preempted, and `priorities` what follows from that.
+    """
 
     counter: Counter
     units: tuple[str, ...]
@@ -70,6 +91,9 @@ class Plan:
     idle: dict[str, str]
     tables: tuple[Table, ...]
     switches: tuple[tuple[str, str], ...]
+    events: dict[str, dict[Hold, str]]
+    above: dict[str, tuple[str, ...]]
+    priorities: dict[str, int]
 
     def table(self, unit: str, mode: str, target: str = "") -> Table | None:
         """Return the table of a mode or switch on a core; None for a switch that takes no time."""
@@ -77,8 +101,26 @@ class Plan:
         return next((t for t in self.tables if (t.unit, t.mode, t.target) == wanted), None)
 
 
+@dataclass(frozen=True, slots=True)
+class _Played:
+    """A table as it is played on all cores: its jobs, each moved by some time, and whether it starts them.
+
+    A switch lasts as many cycles of the mode after as jobs in progress are held in, since only it knows of them.
+    """
+
+    mode: str
+    target: str
+    length: Duration
+    jobs: tuple[tuple[Job, Duration, bool], ...]
+
+
 def make_plan(
-    model: TaskModel, schedule: Schedule, layout: Layout, counter: Counter, max_points: int | None = None
+    model: TaskModel,
+    schedule: Schedule,
+    layout: Layout,
+    holds: Holds,
+    counter: Counter,
+    max_points: int | None = None,
 ) -> Plan:
     """Return the tables of a schedule; raise `HalpipeError` with every rule of the OS that one of them breaks."""
     jobs = [job for mode in schedule.modes for job in mode.jobs]
@@ -87,23 +129,25 @@ def make_plan(
     units = tuple(unit.name for unit in model.units if unit.name in used)
     names = ShortNames(SYSTEM, DEFAULT_START)
     tasks = _tasks(jobs, model, layout, names)
-    idle = {unit: names("Idle", layout.units[unit]) for unit in units if _is_ever_idle(unit, schedule)}
+    played = list(_played(schedule, holds))
+    idle = {unit: names("Idle", layout.units[unit]) for unit in units if _is_ever_idle(unit, played)}
+    events = {name: _events(name, holds.of(work.task, work.versions), names) for name, work in tasks.items()}
+    above, priorities = _priorities(model, schedule, tasks, holds)
     tables = []
-    by_work = {work: name for name, work in tasks.items()}
     for unit in units:
-        writer = _Writer(unit, by_work, idle.get(unit, ""), counter)
-        for mode in schedule.modes:
-            name = names("Mode", layout.modes[mode.name], layout.units[unit])
-            points = writer.points(mode.jobs)
-            tables.append(Table(name, unit, mode.name, "", counter.ticks(mode.hyperperiod), points))
-        for switch in schedule.transitions:
-            if switch.length:
-                ends = layout.modes[switch.source], "to", layout.modes[switch.target]
-                name = names("Switch", *ends, layout.units[unit])
-                points = writer.points(switch.jobs)
-                length = counter.ticks(switch.length)
-                tables.append(Table(name, unit, switch.source, switch.target, length, points))
+        writer = _Writer(unit, tasks, events, idle.get(unit, ""), counter, holds)
+        for run in played:
+            mode = layout.modes[run.mode]
+            own = ("Switch", mode, "to", layout.modes[run.target]) if run.target else ("Mode", mode)
+            name = names(*own, layout.units[unit])
+            length = counter.ticks(run.length)
+            tables.append(Table(name, unit, run.mode, run.target, length, writer.points(run)))
     findings = Findings()
+    for name, found in events.items():
+        if len(found) > MOST_EVENTS:
+            help = "allow fewer gaps (max-gaps), or fewer split points, and schedule again"
+            message = f"would wait for {len(found)} events; a mask has {MOST_EVENTS}"
+            findings.add(TOO_MANY_EVENTS(message, path=f'OsTask "{name}"', help=help))
     for table in tables:
         check_table(table, counter, findings)
         if max_points is not None and len(table.points) > max_points:
@@ -116,53 +160,126 @@ def make_plan(
             )
     findings.stop_on_errors()
     switches = tuple((switch.source, switch.target) for switch in schedule.transitions)
-    return Plan(counter, units, tasks, idle, tuple(tables), switches)
+    return Plan(counter, units, tasks, idle, tuple(tables), switches, events, above, priorities)
+
+
+def _played(schedule: Schedule, holds: Holds) -> Iterator[_Played]:
+    """Yield the tables of all modes, then of all switches that take time."""
+    modes = {mode.name: mode for mode in schedule.modes}
+    for mode in schedule.modes:
+        yield _Played(mode.name, "", mode.hyperperiod, tuple((job, ZERO, True) for job in mode.jobs))
+    for switch in schedule.transitions:
+        source, target = modes[switch.source], modes[switch.target]
+        held = [job for job in source.jobs if holds.instants(job)]
+        cycles = max((-(-job.end // source.hyperperiod) for job in held), default=0)
+        moved = [(job, -source.hyperperiod * number) for number in range(1, cycles) for job in held]
+        late = [(job, by, False) for job, by in moved if job.end + by > ZERO]
+        own = [(job, ZERO, True) for job in switch.jobs]
+        ends = [job.end + by for job, by, _ in (*late, *own) if holds.instants(job)]
+        more = max(0, -(-(max(ends, default=ZERO) - switch.length) // target.hyperperiod)) if ends else 0
+        first = [
+            (job, switch.length + target.hyperperiod * number, True) for number in range(more) for job in target.jobs
+        ]
+        length = switch.length + target.hyperperiod * more
+        if length:
+            yield _Played(switch.source, switch.target, length, (*late, *own, *first))
+
+
+def _events(name: str, holds: Sequence[Hold], names: ShortNames) -> dict[Hold, str]:
+    """Name the events that an OsTask waits for."""
+    return {hold: names("Hold", name, str(number)) for number, hold in enumerate(holds, 1)}
+
+
+def _priorities(
+    model: TaskModel, schedule: Schedule, tasks: dict[str, Work], holds: Holds
+) -> tuple[dict[str, tuple[str, ...]], dict[str, int]]:
+    """Return the OsTasks above each that is preempted, and the priority of every OsTask."""
+    relation = relation_of(model, schedule)
+    levels = levels_of(relation)
+    above: dict[str, tuple[str, ...]] = {}
+    for name, work in tasks.items():
+        if holds.is_preempted(work.task, work.versions):
+            higher = relation.get(work.unit, {}).get(work.task, set())
+            above[name] = tuple(n for n, other in tasks.items() if other.unit == work.unit and other.task in higher)
+    return above, {name: 1 + levels.get(work.unit, {}).get(work.task, 0) for name, work in tasks.items()}
 
 
 def _tasks(jobs: Iterable[Job], model: TaskModel, layout: Layout, names: ShortNames) -> dict[str, Work]:
-    """Name an OsTask for every task, version and unit that occur: an OsTask runs one thing on one core."""
+    """Name an OsTask for every task, version and unit that occur: an OsTask runs one thing on one core.
+
+    A task that is bound to its unit has one OsTask for all its versions there.
+    """
+    bound = {task.name for task in model.tasks if task.binding is not Binding.JOB}
     order = {task.name: index for index, task in enumerate(model.tasks)}
     units = {unit.name: index for index, unit in enumerate(model.units)}
     found = {(job.task, job.version, unit) for job in jobs for unit in job.units}
-    works = sorted(found, key=lambda work: (order[work[0]], work[1], units[work[2]]))
+    single = sorted(found, key=lambda work: (order[work[0]], work[1], units[work[2]]))
+    together: dict[tuple[str, str, str], tuple[str, ...]] = {}
+    for task, version, unit in single:
+        key = (task, "" if task in bound else version, unit)
+        together[key] = (*together.get(key, ()), version)
+    works = [Work(task, versions, unit) for (task, _, unit), versions in together.items()]
     versions = Counts(task for task, _ in {work[:2] for work in works})
     places = Counts(task for task, _ in {(work[0], work[2]) for work in works})
     named = {}
     for work in works:
-        task, version, unit = work
-        parts = [layout.tasks[task]]
-        parts += [version] if versions[task] > 1 else []
-        parts += [layout.units[unit]] if places[task] > 1 else []
+        parts = [layout.tasks[work.task]]
+        parts += work.versions if versions[work.task] > 1 and len(work.versions) == 1 else []
+        parts += [layout.units[work.unit]] if places[work.task] > 1 else []
         named[names(*parts)] = work
     return named
 
 
-def _is_ever_idle(unit: str, schedule: Schedule) -> bool:
-    """Return whether a mode, or a switch that takes time, has no job on a unit."""
-    tables = [mode.jobs for mode in schedule.modes]
-    tables += [switch.jobs for switch in schedule.transitions if switch.length]
-    return not all(any(unit in job.units for job in jobs) for jobs in tables)
+def _is_ever_idle(unit: str, played: Iterable[_Played]) -> bool:
+    """Return whether a mode, or a switch that takes time, starts no job on a unit."""
+    return not all(any(unit in job.units for job, _, starts in table.jobs if starts) for table in played)
 
 
 class _Writer:
     """Makes the expiry points of the tables of one core."""
 
-    def __init__(self, unit: str, names: dict[Work, str], idle: str, counter: Counter) -> None:
+    def __init__(
+        self,
+        unit: str,
+        tasks: dict[str, Work],
+        events: dict[str, dict[Hold, str]],
+        idle: str,
+        counter: Counter,
+        holds: Holds,
+    ) -> None:
         self._unit = unit
-        self._names = names
+        own = [(name, work) for name, work in tasks.items() if work.unit == unit]
+        self._names = {(work.task, version): name for name, work in own for version in work.versions}
+        self._events = events
         self._idle = idle
         self._counter = counter
+        self._holds = holds
 
-    def points(self, jobs: Iterable[Job]) -> tuple[ExpiryPoint, ...]:
-        """Return one expiry point for each instant at which jobs start on the core."""
-        found: dict[int, list[str]] = {}
-        for job in jobs:
-            if self._unit in job.units:
-                name = self._names[job.task, job.version, self._unit]
-                found.setdefault(self._counter.ticks(job.start), []).append(name)
+    def points(self, table: _Played) -> tuple[ExpiryPoint, ...]:
+        """Return one expiry point for each instant at which jobs start on the core, or go on after they were held."""
+        found: dict[int, list[tuple[str, str]]] = {}
+        events: dict[int, list[tuple[str, str]]] = {}
+        for job, by, starts in table.jobs:
+            if self._unit not in job.units:
+                continue
+            name = self._names[job.task, job.version]
+            if starts:
+                found.setdefault(self._counter.ticks(job.start + by), []).append((name, job.version))
+            for hold, until in self._holds.instants(job):
+                at = (until + by) % table.length if not table.target else until + by
+                if ZERO <= at < table.length:
+                    events.setdefault(self._counter.ticks(at), []).append((name, self._events[name][hold]))
         if not found:
-            found[0] = [self._idle]
-        return tuple(ExpiryPoint(offset, tuple(found[offset])) for offset in sorted(found))
+            found[0] = [(self._idle, "")]
+        return tuple(
+            ExpiryPoint(
+                offset,
+                tuple(name for name, _ in found.get(offset, ())),
+                tuple(version for _, version in found.get(offset, ())),
+                tuple(events.get(offset, ())),
+            )
+            for offset in sorted({*found, *events})
+        )
 
 
 # ------------------------------------------------------------------------------------------------------ checks

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.exporters.arxml import ArxmlOptions
+    from halpipe.exporters.arxml.holds import Holds
     from halpipe.models import Job, Schedule
 
 _LONGEST = seconds(1)
@@ -38,13 +39,13 @@ class Counter:
         return count.numerator
 
 
-def choose_counter(schedule: Schedule, options: ArxmlOptions) -> Counter:
+def choose_counter(schedule: Schedule, options: ArxmlOptions, holds: Holds) -> Counter:
     """Return the counter for all instants of a schedule; raise `HalpipeError` with all that does not fit a given one.
 
     Without a given tick it is the largest of which all instants are multiples, and at most a second.
     """
     _check(options)
-    found = list(_instants(schedule))
+    found = list(_instants(schedule, holds))
     largest = greatest_common_divisor(time for _, _, time in found) or _DEFAULT
     if largest > _LONGEST:
         largest = greatest_common_divisor([largest, _LONGEST])
@@ -76,21 +77,23 @@ def _check(options: ArxmlOptions) -> None:
     findings.stop_on_errors()
 
 
-def _instants(schedule: Schedule) -> Iterator[tuple[str, str, Duration]]:
+def _instants(schedule: Schedule, holds: Holds) -> Iterator[tuple[str, str, Duration]]:
     """Yield (table, what, time) for everything that must be a whole number of ticks."""
     for mode in schedule.modes:
         path = f'mode "{mode.name}"'
         yield path, "the hyperperiod", mode.hyperperiod
-        yield from _starts(path, mode.jobs)
+        yield from _starts(path, mode.jobs, holds)
     for table in schedule.transitions:
         path = f'transition from "{table.source}" to "{table.target}"'
         yield path, "the length", table.length
-        yield from _starts(path, table.jobs)
+        yield from _starts(path, table.jobs, holds)
 
 
-def _starts(path: str, jobs: tuple[Job, ...]) -> Iterator[tuple[str, str, Duration]]:
+def _starts(path: str, jobs: tuple[Job, ...], holds: Holds) -> Iterator[tuple[str, str, Duration]]:
     for job in jobs:
         yield path, f'the start of job {job.index} of task "{job.task}"', job.start
+        for hold, until in holds.instants(job):
+            yield path, f'where job {job.index} of task "{job.task}" goes on at {hold.position}', until
 
 
 def _check_tick(tick: Duration, largest: Duration, found: list[tuple[str, str, Duration]]) -> None:

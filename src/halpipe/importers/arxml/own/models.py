@@ -15,7 +15,7 @@ from halpipe.importers.arxml.own import codes as codes
 from halpipe.importers.arxml.own.tasks import Tasks, take_name
 from halpipe.importers.arxml.system.ecuc import container_kinds
 from halpipe.importers.arxml.system.swc import place_of
-from halpipe.models import Chain, Mode, Resource, Run, TaskModel, Transition, Unit
+from halpipe.models import Chain, Interrupt, Mode, Resource, Run, TaskModel, Transition, Unit
 from halpipe.quantities import parse_bandwidth
 
 if TYPE_CHECKING:
@@ -131,7 +131,9 @@ class _Reader:
             name = take_name(data.text("name") or node.name, taken)
             self._units[node.path] = name
             type = data.text("type") or ""
-            yield Unit(name=name, type=take_name(type, set()) if type else "", origin=data.origin())
+            type = take_name(type, set()) if type else ""
+            served = tuple(_interrupts(data))
+            yield Unit(name=name, type=type, interrupts=served, origin=data.origin())
 
     def _each_resource(self) -> Iterator[Resource]:
         taken: set[str] = set()
@@ -227,3 +229,15 @@ class _Reader:
             yield Transition(source=names[0], target=names[1], max_length=limit, origin=data.origin())
         else:
             edited(data, "does not name two modes of the model")
+
+
+def _interrupts(data: Data) -> Iterator[Interrupt]:
+    """Yield the interrupts of a unit."""
+    taken: set[str] = set()
+    for group in data.groups("interrupt"):
+        name = group.text("name")
+        distance, wcet = group.value("distance", Duration.parse), group.value("wcet", Duration.parse)
+        if not name or not distance or wcet is None:
+            edited(group, "lacks name, distance or execution time of an interrupt")
+            continue
+        yield Interrupt(name=take_name(name, taken), distance=distance, wcet=wcet, origin=group.origin())

@@ -9,7 +9,19 @@ from halpipe.durations import ZERO, Duration
 from halpipe.importers.arxml.files.special import BLANKS, data_of, edited, microseconds, seconds_of, whole
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.importers.arxml.system.swc import place_of
-from halpipe.models import Access, AccessKind, Anchor, Precedence, Source, Task, Transfer, Version
+from halpipe.models import (
+    WHOLE,
+    Access,
+    AccessKind,
+    Anchor,
+    Binding,
+    Precedence,
+    Source,
+    Split,
+    Task,
+    Transfer,
+    Version,
+)
 from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
@@ -89,6 +101,8 @@ class Tasks:
             slack=data.value("slack", parse_rational) or parse_rational("0"),
             offset=offset,
             deadline=deadline,
+            distance=data.value("distance", Duration.parse),
+            binding=data.value("binding", Binding) or Binding.JOB,
             versions=versions,
             origin=data.origin(),
         )
@@ -158,6 +172,7 @@ class Tasks:
             accesses=tuple(access for group in data.groups("access") for access in self._access(group)),
             precedences=tuple(found for group in data.groups("precedence") for found in self._precedence(group)),
             source=next((source for group in data.groups("source") for source in _source(group)), None),
+            split=next(map(_split, data.groups("split")), WHOLE),
             origin=data.origin(),
         )
 
@@ -200,6 +215,21 @@ class Tasks:
             return
         anchor = data.value("from", Anchor) or Anchor.START
         yield Precedence(task=task, min=low or ZERO, max=high, anchor=anchor, origin=data.origin())
+
+
+def _split(data: Data) -> Split:
+    try:
+        points = tuple(Duration.parse(text) for text in data.texts("point"))
+    except ValueError as failure:
+        edited(data, f"has a split point that cannot be read: {failure}")
+        return WHOLE
+    return Split(
+        points=points,
+        anywhere=data.text("anywhere") == "true",
+        resume=data.value("resume", Duration.parse) or ZERO,
+        max_gaps=data.value("max-gaps", whole),
+        min_part=data.value("min-part", Duration.parse),
+    )
 
 
 def _transfer(data: Data) -> Iterator[Transfer]:

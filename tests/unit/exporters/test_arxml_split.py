@@ -1,0 +1,254 @@
+"""Jobs with gaps as OsTasks that wait for events or are preempted, and bound tasks as one OsTask (MODEL 8.4)."""
+
+from dataclasses import replace
+
+import pytest
+from exporter_samples import split
+
+from arxml_reading import containers, parameters, references, special, tables, write
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.arxml.codes import TOO_MANY_EVENTS
+from halpipe.exporters.codes import PRIORITY_CYCLE
+from halpipe.exporters.priorities import levels_of, relation_of
+from halpipe.importers.arxml import FORMAT
+from halpipe.importers.base import ImportOptions
+from halpipe.models import Binding, Interrupt, ModeSchedule, Schedule, Split, Status, TransitionTable
+from halpipe.pipeline.parts import job_of
+from support import access, job, mode, model, ms, task, version
+
+ANYWHERE = Split(anywhere=True, max_gaps=9)
+
+
+def cut(*points):
+    return Split(points=tuple(map(ms, points)))
+
+
+def parted(system, name, unit, *spans, index=0):
+    """A job of parts (start, executed from, executed to), in milliseconds."""
+    spans = [tuple(map(ms, span)) for span in spans]
+    return job_of(name, index, system.task(name).versions[0], (unit,), spans, ())
+
+
+def planned(system, *modes, transitions=()):
+    found = tuple(
+        ModeSchedule(name=name, hyperperiod=ms(hyperperiod), status=Status.VALID, jobs=jobs)
+        for name, hyperperiod, *jobs in modes
+    )
+    return Schedule(model="m", model_sha256="", modes=found, transitions=tuple(transitions))
+
+
+def switch(source, target, length, *jobs):
+    return TransitionTable(
+        source=source, target=target, length=ms(length), worst_latency=ms(0), status=Status.VALID, jobs=jobs
+    )
+
+
+def events_of(root, task_name):
+    """(ticks, event) of one OsTask, table by table."""
+    return {
+        name: [(at, event) for at, found in table.events.items() for owner, event in found if owner == task_name]
+        for name, table in tables(root).items()
+    }
+
+
+def holds_of(root, task_name):
+    data = special(containers(root, "OsTask")[task_name], "work")
+    return [dict(inner) for key, inner in data if key == "halpipe:hold"]
+
+
+# ------------------------------------------------------------------------------------------------ split points
+
+
+def test_the_example_holds_its_tasks_at_the_points_in_use():
+    root = write(*split())
+    tasks = containers(root, "OsTask")
+    assert sorted(tasks) == ["camera", "detect", "fast", "knock", "logger", "slow"]
+    # ticks of 0.1 ms; 9 ms is also where the access begins, and the gap counts
+    assert [hold["at"] for hold in holds_of(root, "slow")] == ["4ms", "9ms"]
+    assert events_of(root, "slow")["Mode_run_core1"] == [(125, "Hold_slow_1"), (225, "Hold_slow_2")]
+    assert [hold["at"] for hold in holds_of(root, "detect")] == ["10ms"]  # not at 5 ms, nor at 15 ms
+    assert events_of(root, "detect")["Mode_run_gpu"] == [(40, "Hold_detect_1")]  # 44 ms of 40
+    assert [path.rpartition("/")[2] for key, path in references(tasks["slow"]) if key == "OsTaskEventRef"] == [
+        "Hold_slow_1",
+        "Hold_slow_2",
+    ]
+    assert set(containers(root, "OsEvent")) == {"Hold_slow_1", "Hold_slow_2", "Hold_detect_1"}
+    schedules = {name: parameters(found)["OsTaskSchedule"] for name, found in tasks.items()}
+    assert schedules == {name: "FULL" if name == "logger" else "NON" for name in tasks}
+    priorities = {name: int(parameters(found)["OsTaskPriority"]) for name, found in tasks.items()}
+    assert priorities["knock"] > priorities["logger"]
+    assert special(tasks["logger"], "work")[-1] == ("halpipe:below", [("ECUC-CONTAINER-VALUE", "/split/Ecu/Os/knock")])
+
+
+def test_every_event_of_a_bound_model_is_mapped_to_one_os_task():
+    versions = version("a", 2, "u1"), version("b", 3, "u1")
+    bound = replace(task("t", 10, *versions), binding=Binding.SYSTEM)
+    system = model(bound, modes=[mode("x", [bound]), mode("y", [bound])])
+    plan = planned(system, ("x", 10, job(system, "t", 0, 0, "u1", "a")), ("y", 10, job(system, "t", 0, 0, "u1", "b")))
+    root = write(system, plan)
+    assert list(containers(root, "OsTask")) == ["t"]
+    (mapping,) = containers(root, "RteEventToTaskMapping").values()
+    assert dict(references(mapping))["RteMappedToTaskRef"] == "/m/Ecu/Os/t"
+    ran = {c: special(c, "activation") for c in root.iter() if special(c, "activation")}
+    assert [path.rpartition("/")[2] for ((_, path),) in ran.values()] == ["t_a", "t_b"]
+    free = replace(system, tasks=(replace(bound, binding=Binding.JOB),))
+    assert list(containers(write(free, plan), "OsTask")) == ["t_a", "t_b"]
+
+
+def test_a_job_without_a_gap_at_a_point_in_use_is_not_held_there():
+    a = task("a", 20, replace(version("v", 4), split=cut(2)), slack=1)
+    b = task("b", 40, version("v", 3))
+    system = model(a, b)
+    jobs = (
+        parted(system, "a", "u1", (0, 0, 2), (5, 2, 4)),
+        replace(job(system, "a", 1, 20, "u1")),
+        job(system, "b", 0, 2, "u1"),
+    )
+    root = write(system, planned(system, ("all", 40, *jobs)))
+    assert events_of(root, "a")["Mode_all_u1"] == [(5, "Hold_a_1"), (20, "Hold_a_1")]
+    assert tables(root)["Mode_all_u1"].points == [(0, ["a"]), (2, ["b"]), (5, []), (20, ["a"])]
+
+
+def test_access_phases_begin_at_their_instants():
+    """Where jobs are split or interrupted, one that is done early with its first work must not begin its access."""
+    a = task("a", 20, version("v", 6, "u1", access("mem", 3, 5)))
+    system = model(a, resources="mem")
+    plan = planned(system, ("all", 20, job(system, "a", 0, 2, "u1")))
+    assert not containers(write(system, plan), "OsEvent")  # a model of before
+    served = replace(system.units[0], interrupts=(Interrupt(name="i", distance=ms(10), wcet=ms(1)),))
+    longer = planned(system, ("all", 20, replace(plan.modes[0].jobs[0], end=ms(9))))
+    root = write(replace(system, units=(served,)), longer)
+    assert [hold["at"] for hold in holds_of(root, "a")] == ["3ms"]
+    assert events_of(root, "a")["Mode_all_u1"] == [(5, "Hold_a_1")]
+
+
+def test_too_many_points_are_refused():
+    a = task("a", 200, replace(version("v", 66), split=cut(*range(1, 66))))
+    system = model(a)
+    spans = [(2 * n, n, n + 1) for n in range(66)]
+    with pytest.raises(HalpipeError) as refused:
+        write(system, planned(system, ("all", 200, parted(system, "a", "u1", *spans))))
+    assert [d.code for d in refused.value.diagnostics] == [TOO_MANY_EVENTS.id]  # HAL0889
+    fewer = [(2 * n, n, n + 1) for n in range(64)] + [(128, 64, 66)]
+    write(system, planned(system, ("all", 200, parted(system, "a", "u1", *fewer))))
+
+
+# ---------------------------------------------------------------------------------------------------- switches
+
+
+def two_modes_with_a_job_in_progress():
+    """A job of "before" goes on 3 and 13 ms after the switch, which takes 5 ms; "after" plays 10 ms."""
+    long = task("long", 20, replace(version("v", 6), split=cut(2, 4)), slack=1)
+    short = task("short", 10, version("v", 1))
+    system = model(
+        long, short, modes=[mode("before", [long]), mode("after", [short])], transitions=[("before", "after", 5)]
+    )
+    started = parted(system, "long", "u1", (15, 0, 2), (23, 2, 4), (33, 4, 6))
+    plan = planned(
+        system,
+        ("before", 20, started),
+        ("after", 10, job(system, "short", 0, 1, "u1")),
+        transitions=[switch("before", "after", 5)],
+    )
+    return system, plan
+
+
+def test_jobs_in_progress_are_held_across_the_switch():
+    root = write(*two_modes_with_a_job_in_progress())
+    found = tables(root)
+    assert events_of(root, "long") == {
+        "Mode_before_u1": [(3, "Hold_long_1"), (13, "Hold_long_2")],
+        "Mode_after_u1": [],
+        "Switch_before_to_after_u1": [(3, "Hold_long_1"), (13, "Hold_long_2")],
+    }
+    # its last part ends 15 ms after the switch, so that the first cycle of "after" is part of the table
+    assert found["Switch_before_to_after_u1"].duration == 15
+    assert found["Switch_before_to_after_u1"].points == [(3, []), (6, ["short"]), (13, [])]
+
+
+def test_a_switch_without_length_gets_a_table_for_jobs_in_progress():
+    system, plan = two_modes_with_a_job_in_progress()
+    root = write(system, replace(plan, transitions=(switch("before", "after", 0),)))
+    assert tables(root)["Switch_before_to_after_u1"].duration == 20
+
+
+# -------------------------------------------------------------------------------------------------- priorities
+
+
+def nested():
+    """k is interrupted by i, and i by j; n is never interrupted."""
+    tasks = [task(name, 40, replace(version("v", 6), split=ANYWHERE)) for name in "ijk"] + [
+        task("n", 40, version("v", 2))
+    ]
+    system = model(*tasks)
+    jobs = (
+        parted(system, "k", "u1", (0, 0, 3), (23, 3, 6)),
+        parted(system, "i", "u1", (3, 0, 2), (12, 2, 6)),
+        parted(system, "j", "u1", (5, 0, 6)),
+        job(system, "n", 0, 30, "u1"),
+    )
+    return system, planned(system, ("all", 40, *jobs))
+
+
+def test_who_starts_in_a_gap_is_above():
+    system, plan = nested()
+    relation = relation_of(system, plan)
+    assert relation == {"u1": {"k": {"i", "j"}, "i": {"j"}}}
+    assert levels_of(relation) == {"u1": {"k": 0, "i": 1, "j": 2}}
+    tasks = containers(write(system, plan), "OsTask")
+    assert {n: parameters(c)["OsTaskPriority"] for n, c in tasks.items()} == {"i": "2", "j": "3", "k": "1", "n": "1"}
+    assert {n for n, c in tasks.items() if parameters(c)["OsTaskSchedule"] == "FULL"} == {"i", "k"}
+
+
+def test_gaps_behind_the_end_of_the_hyperperiod_count():
+    tasks = [task("k", 20, replace(version("v", 6), split=ANYWHERE), slack=1), task("i", 20, version("v", 2))]
+    system = model(*tasks)
+    wrapped = parted(system, "k", "u1", (15, 0, 3), (25, 3, 6))
+    plan = planned(system, ("all", 20, wrapped, job(system, "i", 0, 1, "u1")))
+    assert relation_of(system, plan) == {"u1": {"k": {"i"}}}
+
+
+def cycle():
+    """MODEL 8: at 65 i interrupts k, at 120 k interrupts i; no fixed priorities give this table."""
+    tasks = [
+        task("i", 300, replace(version("v", 20), split=ANYWHERE)),
+        task("k", 300, replace(version("v", 20), split=ANYWHERE)),
+    ]
+    system = model(*tasks, modes=[mode("one", tasks), mode("two", tasks)])
+    first = parted(system, "k", "u1", (60, 0, 5), (85, 5, 20)), job(system, "i", 0, 65, "u1")
+    second = parted(system, "i", "u1", (110, 0, 10), (140, 10, 20)), job(system, "k", 0, 120, "u1")
+    return system, planned(system, ("one", 300, *first), ("two", 300, *second))
+
+
+def test_a_cycle_of_priorities_is_refused_and_named():
+    with pytest.raises(HalpipeError) as refused:
+        write(*cycle())
+    (found,) = refused.value.diagnostics
+    assert (found.code, found.path) == (PRIORITY_CYCLE.id, 'unit "u1"')  # HAL0809
+    assert found.message in (
+        'no fixed priorities play the table: "i" above "k" above "i"',
+        'no fixed priorities play the table: "k" above "i" above "k"',
+    )
+
+
+def test_tables_count_for_priorities():
+    system, plan = cycle()
+    alone = replace(plan, modes=(plan.modes[0], replace(plan.modes[1], jobs=())))
+    relation_of(system, alone)
+    table = switch("one", "two", 200, *plan.modes[1].jobs)
+    assert relation_of(system, replace(alone, transitions=(table,))) == {"u1": {"k": {"i"}, "i": {"k"}}}
+
+
+# ------------------------------------------------------------------------------------------------- and back again
+
+
+def test_the_model_comes_back_with_what_it_says_of_splitting(tmp_path):
+    from halpipe.exporters.arxml import FORMAT as EXPORTER
+    from halpipe.exporters.arxml import ArxmlOptions
+
+    system, plan = split()
+    path = tmp_path / "ecu.arxml"
+    path.write_bytes(EXPORTER.write(system, plan, ArxmlOptions())[""])
+    back = FORMAT.read([str(path)], ImportOptions()).model
+    assert [replace(t, origin=None) for t in back.tasks] == [replace(t, origin=None) for t in system.tasks]
+    assert [(u.name, u.interrupts) for u in back.units] == [(u.name, u.interrupts) for u in system.units]
