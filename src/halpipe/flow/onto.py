@@ -15,16 +15,20 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
+WITHOUT_ONTO = "export a configuration of its own, without --onto, or schedule without split"
+
+
 def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: ImportOptions) -> Onto:
     """Return delta, changed files and list of changes; raise `HalpipeError` with all that stands against it."""
     from dataclasses import replace
 
     from halpipe.exporters.arxml.onto.export import put_onto
-    from halpipe.exporters.selection import select
+    from halpipe.exporters.selection import refuse_gaps, select
     from halpipe.importers.arxml.project import read_project
 
     refuse_invalid(model, schedule)
     chosen = select(model, schedule, "", "arxml")
+    refuse_gaps(chosen, "the OsTasks of the project do not wait for events", WITHOUT_ONTO)
     findings = Findings()
     project = read_project([directory], model, options, findings)
     files = {
