@@ -275,7 +275,10 @@ def _shortened(text: str) -> str:
 
 
 def _meant(attribute: str, kind: str) -> str:
-    """Return which attribute of the schema was probably meant."""
+    """Return which attribute of the schema was probably meant, or where it belongs if there is one of that name."""
+    owners = _owners(kind, attribute)
+    if owners:
+        return f'"{attribute}" belongs to ' + " or ".join(f"<{owner}>" for owner in owners)
     return did_you_mean(attribute, _attributes(kind), "remove it")
 
 
@@ -285,6 +288,26 @@ def _attributes(kind: str) -> tuple[str, ...]:
 
     names = etree.fromstring(_schema_bytes(kind)).xpath("//*[local-name() = 'attribute']/@name")
     return tuple(sorted(set(map(str, names))))
+
+
+@cache
+def _owners(kind: str, attribute: str) -> tuple[str, ...]:
+    """Return the elements that have an attribute of this name: those that declare it, or whose type does."""
+    from lxml import etree
+
+    schema = etree.fromstring(_schema_bytes(kind))
+    found: set[str] = set()
+    for declared in schema.xpath("//*[local-name() = 'attribute'][@name = $name]", name=attribute):
+        for around in declared.iterancestors():
+            name = etree.QName(around).localname
+            if name == "element":
+                found.add(str(around.get("name")))
+                break
+            if name == "complexType" and around.get("name"):
+                users = "//*[local-name() = 'element'][@type = $type or substring-after(@type, ':') = $type]/@name"
+                found |= set(map(str, schema.xpath(users, type=around.get("name"))))
+                break
+    return tuple(sorted(found))
 
 
 _PATTERN_FACET = re.compile(

@@ -59,6 +59,15 @@ def test_a_job_that_writes_outside_its_scratchpad(export, play, address, where):
         ("command = *(volatile uint64_t *)0x80000000ull", "load from memory that is not its own"),
         ("((void (*)(void))0x80000000ull)()", "fetch from memory that is not its own"),
         ('__asm__ volatile(".word 0xffffffff")', "illegal instruction"),
+        ("volatile int k = 2; command = *(volatile uint32_t *)((char *)smooth + k)", "misaligned load"),
+        ("volatile int k = 4; *(volatile uint64_t *)((char *)smooth + k) = 1", "misaligned store"),
+        ('__asm__ volatile("csrw pmpcfg0, zero")', "illegal instruction"),
+        ('__asm__ volatile("csrr zero, 0x3a1")', "illegal instruction"),
+        ('__asm__ volatile("csrw mtvec, zero")', "illegal instruction"),
+        ('__asm__ volatile("rdcycle t0" ::: "t0")', "illegal instruction"),
+        ('__asm__ volatile("mret")', "illegal instruction"),
+        ('__asm__ volatile("ecall")', "system call"),
+        ("*(volatile uint64_t *)0x0107ff08ull = 0", "store to memory that is not its own"),  # its mailbox
     ],
 )
 def test_a_job_that_loads_or_jumps_where_it_must_not(export, play, statement, what):

@@ -80,6 +80,27 @@ def test_ordinary_assembler_is_built(build):
     assert "bundle.elf" in bundle
 
 
+@pytest.mark.parametrize("text", ["uint32_t scaled[16] = {1};", "uint32_t scaled[16] = {0, 0, 7};"])
+def test_a_transfer_variable_with_an_initial_value(refusal, text):
+    found = refusal(*single(), scale_c=SCALE.replace("uint32_t scaled[16];", text))
+    assert found.code == codes.INITIALISED.id
+    assert '"scaled" has an initial value' in found.message
+
+
+def test_two_buffers_read_into_one_variable(refusal):
+    read = moving("memory", "0.1ms", "0.2ms", "read", ("input", "numbers", 64), ("other", "numbers", 32))
+    found = refusal(*single(deployed(phases=(PHASES[0], read, PHASES[2]))))
+    assert found.code == codes.OVERWRITTEN.id
+    assert '"other" is read into "numbers" over what "input" brought there' in found.message
+
+
+def test_what_a_gang_cannot_divide(refusal):
+    phases = (*PHASES[:2], moving("memory", "0.9ms", "1ms", "write", ("output", "scaled", 63)))
+    found = refusal(*single(deployed(units="u1 u2", gang=2, phases=phases), units="u1 u2"))
+    assert found.code == codes.UNDIVIDED.id
+    assert found.help == "make it a multiple of 2 bytes: each member writes its part"
+
+
 # Of 120 KiB for code, the monitor has 4; of 256 KiB for data, stack and mailbox have 12.
 CODE = 'static void huge(void) {{ __asm__ volatile(".zero {}"); }}'
 BSS = "uint8_t big[{}];\nstatic void huge(void) {{ *(volatile uint8_t *)big = 1; }}"

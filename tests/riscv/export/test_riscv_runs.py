@@ -66,8 +66,9 @@ def test_members_of_a_gang_know_their_rank(bundle):
     assert errors(target) == []
     run = CoSimulation(target, cycles=1).run()
     assert len(flags(run, Kind.RUN)) == 2
-    values = run.memory.read(run.site.buffers["output"].base, 4)  # the first unit's, of rank 0
-    assert int.from_bytes(values, "little") == 2
+    read = lambda place: int.from_bytes(run.memory.read(run.site.buffers["output"].base + place, 4), "little")  # noqa: E731
+    assert (read(0), read(28)) == (2, 2)  # the first member's half
+    assert (read(32), read(60)) == (12, 12)  # the second one's
 
 
 SPLIT = """#include <stdint.h>

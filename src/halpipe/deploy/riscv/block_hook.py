@@ -38,30 +38,43 @@ class Slot(IntEnum):
     SPAN = 8  # bytes from the page to the end of the last memory
     FULL = 9  # 1 if it stopped at the limit
     STOP = 10  # address of the emulator's function that stops it
+    MISALIGNED = 11  # the address of an access that is not aligned, -1 for none
+    STORES = 12  # 1 if that is a store
     FIRST_WATCHED = 16
     FIRST_REGION = 16 + MAX_WATCHED  # base, end and offset from the page, for every memory
     FIRST_KNOWN = 16 + MAX_WATCHED + 3 * MAX_REGIONS  # address, and size << 32 | number of instructions
 
 
 @cache
-def block_hook() -> int:
-    """Return the address of the callback, which has the form that ``UC_HOOK_BLOCK`` asks for."""
+def _function(name: str) -> int:
+    """Return the address of a callback in the library."""
     native = library(Path(__file__).parent / "native", "block")
-    return ctypes.cast(native.halpipe_before_block, ctypes.c_void_p).value or 0
+    return ctypes.cast(native[name], ctypes.c_void_p).value or 0
 
 
-def install(engine: Any, page: int) -> None:
-    """Have the emulator call the compiled callback before every block, with the hart's `page` (a host address)."""
-    from unicorn import UC_HOOK_BLOCK, UcError, unicorn_py3
+def install(engine: Any, page: int, *, is_strict: bool) -> None:
+    """Have the emulator call the compiled callbacks with the hart's `page` (a host address).
+
+    Before every block; and where it `is_strict`, before every load and store, to find those that are not aligned.
+    """
+    from unicorn import UC_HOOK_BLOCK, UC_HOOK_MEM_READ, UC_HOOK_MEM_WRITE, unicorn_py3
 
     stop = ctypes.cast(unicorn_py3.unicorn.uclib.uc_emu_stop, ctypes.c_void_p).value or 0
     ctypes.c_int64.from_address(page + 8 * Slot.STOP).value = stop
+    _hook(engine, UC_HOOK_BLOCK, _function("halpipe_before_block"), page)
+    if is_strict:
+        _hook(engine, UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE, _function("halpipe_before_access"), page)
+
+
+def _hook(engine: Any, kind: int, function: int, page: int) -> None:
+    from unicorn import UcError, unicorn_py3
+
     handle = ctypes.c_size_t()
     status = unicorn_py3.unicorn.uclib.uc_hook_add(
         engine._uch,  # noqa: SLF001 - the binding takes Python callbacks only; its library takes any
         ctypes.byref(handle),
-        UC_HOOK_BLOCK,
-        ctypes.c_void_p(block_hook()),
+        kind,
+        ctypes.c_void_p(function),
         ctypes.c_void_p(page),
         ctypes.c_uint64(1),
         ctypes.c_uint64(0),

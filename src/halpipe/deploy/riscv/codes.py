@@ -105,7 +105,8 @@ TRACE_DISAGREES = error(
 NOT_JUDGED = note(
     "HAL1048",
     "Engine does not judge everything",
-    "QEMU gives all cores one clock, so that execution times say nothing; transfers take no time there.",
+    "QEMU gives all cores one clock, so that execution times say nothing; transfers take no time there, and accesses "
+    "that are not aligned do not trap.",
 )
 WRONG_CALL = error(
     "HAL1050",

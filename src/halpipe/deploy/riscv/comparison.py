@@ -158,7 +158,12 @@ class Comparison:
         if len(absent) > 1:
             message += f", nor {len(absent) - 1} more of the job"
         reason = self._run.reason(seen.planned)
-        message += f"; the runtime recorded: {reason}" if reason else ""
+        ended = [e.outcome for e in seen.executions if e is not None and e.outcome is not Outcome.RETURNED]
+        if reason:
+            message += f"; the runtime recorded: {reason}"
+        elif ended:  # the ring of records is finite
+            reason = f"its execution ended by {ended[0]}"
+            message += f"; {reason}"
         code = codes.MISSING_TRANSFER if is_transfer else codes.MISSING_JOB
         self._report(code, seen.planned, message, _remedy(reason))
 

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from halpipe.models import Access, Job, TaskModel, Transfer, Version
 
 
+SCALAR = 8
+"""Bytes that the members of a gang do not divide."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTransfer:
     """Bytes that a phase from `begin` to `end` moves; `what` for people."""
@@ -178,19 +182,21 @@ class Expectation:
             )
 
     def _moves(self, access: Access, members: list[Image]) -> Iterator[tuple[str, Image, int, int, int]]:
-        """Yield what a phase moves, in its order: every member of a gang loads and reads, the first one writes."""
+        """Yield what a phase moves, in its order: every member of a gang loads and reads all, and writes its part."""
         if access.kind is AccessKind.LOAD:
             for image in members:
                 for segment in image.program.segments:
                     if segment.data:
                         yield "its image", image, segment.source, segment.target, len(segment.data)
+        writes = access.kind is AccessKind.WRITE
         for transfer in access.transfers:
-            for image in members if access.kind is not AccessKind.WRITE else members[:1]:
+            for rank, image in enumerate(members):
+                offset, size = _part(rank, len(members), transfer.size) if writes else (0, transfer.size)
                 ends = self._ends(transfer, image)
-                if ends is not None:
-                    buffer, symbol = ends
-                    source, target = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
-                    yield f'buffer "{transfer.buffer}"', image, source, target, transfer.size
+                if ends is not None and size:
+                    buffer, symbol = (end + offset for end in ends)
+                    source, target = (symbol, buffer) if writes else (buffer, symbol)
+                    yield f'buffer "{transfer.buffer}"', image, source, target, size
 
     def _ends(self, transfer: Transfer, image: Image) -> tuple[int, int] | None:
         """Return the addresses of the buffer and of the symbol, which the program itself states."""
@@ -222,6 +228,13 @@ class Expectation:
     def _complain(self, message: str, path: str) -> None:
         help = "export the bundle again"
         self.findings.add(BROKEN_TARGET(message, at=self._bundle.at("target.json"), path=path, help=help))
+
+
+def _part(rank: int, ranks: int, size: int) -> tuple[int, int]:
+    """Return offset and bytes of what a member writes of a variable: its part, or all of a scalar."""
+    if size <= SCALAR:
+        return 0, 0 if rank else size
+    return rank * (size // ranks), size // ranks
 
 
 def moving_phases(version: Version) -> list[Access]:

@@ -28,6 +28,7 @@ NEVER = 1 << 200
 _FOREVER = 0xFFFFFFFFFFFFFFFE
 SOFTWARE, TIMER = 3, 7
 FETCH_FAULT, ILLEGAL, BREAKPOINT, LOAD_FAULT, STORE_FAULT = 1, 2, 3, 5, 7
+LOAD_MISALIGNED, STORE_MISALIGNED = 4, 6
 _ENABLED, _WAS_ENABLED = 1 << 3, 1 << 7  # mstatus.MIE, mstatus.MPIE
 
 
@@ -106,7 +107,7 @@ class Hart:
         self._map(Right.ALL)
         for device in devices:
             self._attach(device)
-        block_hook.install(self.engine, memory.host + number * block_hook.HEADER)
+        block_hook.install(self.engine, memory.host + number * block_hook.HEADER, is_strict=number > 0)
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._refused)
 
@@ -174,7 +175,7 @@ class Hart:
             self._apply_protection()
         page = self._page
         page[Slot.LIMIT] = min(-((self._origin - until) // self._cycle), self.allowance)
-        page[Slot.FULL], page[Slot.HIT] = 0, -1
+        page[Slot.FULL], page[Slot.HIT], page[Slot.MISALIGNED] = 0, -1, -1
         self._raised = None
         failure = None
         try:
@@ -182,6 +183,8 @@ class Hart:
         except unicorn.UcError as error:
             failure = error.errno
         pc = self.pc
+        if page[Slot.MISALIGNED] >= 0 and self._raised is None:
+            self._raised = (STORE_MISALIGNED if page[Slot.STORES] else LOAD_MISALIGNED, page[Slot.MISALIGNED])
         if failure is not None and self._raised is None:
             self._raised = self._undecodable(pc)
         if self._raised is not None:

@@ -90,7 +90,11 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
         findings.extend(injected.findings)
         lines += injected.lines()
     help = "use --engine cosim for execution times and transfers"
-    findings.add(codes.NOT_JUDGED("execution times are modelled, and transfers take no time", help=help))
+    findings.add(
+        codes.NOT_JUDGED(
+            "execution times are modelled, transfers take no time, and accesses need not be aligned", help=help
+        )
+    )
     if not findings.has_errors:
         lines.append(f"{target.bundle.path}: every start is as scheduled, no job was abandoned")
     return Checked(diagnostics=tuple(sort_diagnostics(findings.items)), lines=tuple(lines))

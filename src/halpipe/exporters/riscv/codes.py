@@ -120,6 +120,23 @@ WINDOW_FROM_START = warning(
     "The predecessor now ends later after its start than before; check whether the window should, too. Windows that "
     "count from its end need no change.",
 )
+UNDIVIDED = error(
+    "HAL0867",
+    "Gang cannot divide what it writes",
+    "Each member of a gang writes its part of a variable into that part of the buffer. The bytes must be a multiple of "
+    "the number of members; up to eight bytes are written by the first member alone.",
+)
+INITIALISED = error(
+    "HAL0868",
+    "Transfer variable has an initial value",
+    "A variable that a transfer names is filled in read phases and by the job; what its initial value would be for is "
+    "not clear, and loading it would take time in every job.",
+)
+OVERWRITTEN = error(
+    "HAL0869",
+    "Two transfers fill one variable",
+    "A later transfer overwrites what an earlier one brought before any function of the job could use it.",
+)
 BAD_NAME = error(
     "HAL0866",
     "Name cannot be used in C, linker scripts or file names",

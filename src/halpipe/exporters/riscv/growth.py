@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
-from halpipe.exporters.riscv.phases import load_of
+from halpipe.exporters.riscv.phases import load_of, shares
 from halpipe.models import Access, AccessKind
 
 if TYPE_CHECKING:
@@ -48,11 +48,11 @@ def _later(instant: Duration, growths: Iterable[tuple[Duration, Duration]]) -> D
 
 
 def _needs(access: Access, gang: int, clock: Clock, patience: int) -> int:
-    """Return the ticks that the transfers of a phase take: all members of a gang read, one writes."""
+    """Return the ticks that the transfers of a phase take, with those of every member of a gang."""
     if not access.transfers:
         return 0
-    members = 1 if access.kind is AccessKind.WRITE else gang
-    return patience + members * sum(clock.transfer(access.resource, transfer.size) for transfer in access.transfers)
+    sizes = [size for transfer in access.transfers for _, _, size in shares(access, transfer.size, gang)]
+    return patience + sum(clock.transfer(access.resource, size) for size in sizes)
 
 
 def _with_end(access: Access, start: Duration, end: Duration, needed: int, clock: Clock) -> Access:

@@ -6,24 +6,28 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Findings, Location
+from halpipe.durations import ZERO
 from halpipe.exporters.riscv.codes import (
     COMPILE_FAILED,
     IMAGE_TOO_LARGE,
+    INITIALISED,
     LINK_FAILED,
     MAIN_MEMORY_FULL,
     MISSING_ENTRY,
     MISSING_SYMBOL,
     NAME_CLASH,
     OUTSIDE_FILE,
+    OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
 from halpipe.exporters.riscv.confinement import assembler_reads, has_assembler
 from halpipe.exporters.riscv.cores import LINE, aligned
 from halpipe.exporters.riscv.elf import read_elf
-from halpipe.exporters.riscv.phases import functions_of
+from halpipe.exporters.riscv.phases import functions_of, phases_of
 from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.exporters.riscv.toolchain import compiler_errors
 from halpipe.exporters.riscv.workshop import Compile, Link
+from halpipe.models import AccessKind
 from halpipe.quantities import format_size
 
 if TYPE_CHECKING:
@@ -200,11 +204,39 @@ def _faults(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:
                 message = f'moves {transfer.size} bytes, but "{transfer.symbol}" has {symbol.size}'
                 help = "make the sizes agree"
                 yield SYMBOL_TOO_SMALL(message, at=transfer.at, path=part.path, help=help)
+            elif any(s.target <= symbol.address < s.target + s.size for s in elf.segments):
+                help = (
+                    f"define it without one (uint8_t {transfer.symbol}[{transfer.size}];), and set it in the function"
+                )
+                message = f'"{transfer.symbol}" has an initial value'
+                yield INITIALISED(message, at=transfer.at, path=part.path, help=help)
             elif elf.address("hp_bss_begin") <= symbol.address < elf.address("hp_bss_end"):
                 help = "define it as a plain global variable, without attributes"
                 message = f'"{transfer.symbol}" shares a section with other variables, and would be cleared with them'
                 yield MISSING_SYMBOL(message, at=transfer.at, path=part.path, help=help)
+    yield from _overwritten(part, elf)
     yield from _capacity(part, elf, profile)
+
+
+def _overwritten(part: Part, elf: Elf) -> Iterable[Diagnostic]:
+    """Yield transfers that fill what another one has filled, with no execution between them."""
+    filled: list[tuple[int, int, str]] = []
+    front = ZERO
+    for access in phases_of(part.version):
+        if access.start > front:
+            filled.clear()  # a function runs
+        front = max(front, access.end)
+        for transfer in access.transfers if access.kind is not AccessKind.WRITE else ():
+            symbol = elf.symbols.get(transfer.symbol)
+            if symbol is None:
+                continue
+            low, high = symbol.address, symbol.address + transfer.size
+            for begin, end, buffer in filled:
+                if low < end and begin < high:
+                    message = f'"{transfer.buffer}" is read into "{transfer.symbol}" over what "{buffer}" brought there'
+                    help = "give each buffer a variable of its own"
+                    yield OVERWRITTEN(message, at=transfer.at, path=part.path, help=help)
+            filled.append((low, high, transfer.buffer))
 
 
 def _capacity(part: Part, elf: Elf, profile: Profile) -> Iterable[Diagnostic]:

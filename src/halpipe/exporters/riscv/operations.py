@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
-from halpipe.exporters.riscv.phases import Clock, functions_of, phases_of, stretches
+from halpipe.exporters.riscv.phases import Clock, functions_of, phases_of, shares, stretches
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -171,18 +171,17 @@ class Operations:
         yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
 
     def _transfers(self, access: Access, images: list[Image]) -> Iterable[tuple[int, int, int, int, str]]:
-        """Yield (from, to, bytes, core, what). Each member of a gang reads; the first one writes."""
+        """Yield (from, to, bytes, core, what). Each member of a gang reads all, and writes its part."""
         if access.kind is AccessKind.LOAD:
             for image in images:
                 for s in image.segments:
                     yield s.source, s.target, s.size, image.core.index, "image"
-        members = images if access.kind is not AccessKind.WRITE else images[:1]
         for transfer in access.transfers:
-            buffer = self.memory.buffers[transfer.buffer].base
-            for image in members:
-                symbol = image.elf.symbols[transfer.symbol].address
+            for member, offset, size in shares(access, transfer.size, len(images)):
+                buffer = self.memory.buffers[transfer.buffer].base + offset
+                symbol = images[member].elf.symbols[transfer.symbol].address + offset
                 ends = (symbol, buffer) if access.kind is AccessKind.WRITE else (buffer, symbol)
-                yield *ends, transfer.size, image.core.index, transfer.buffer
+                yield *ends, size, images[member].core.index, transfer.buffer
 
 
 def check_version(part: Part, clock: Clock, findings: Findings) -> None:

@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, seconds
-from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
+from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE, UNDIVIDED
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -83,6 +83,11 @@ def check_phases(version: Version, path: str, findings: Findings) -> bool:
         if access.kind is None:
             help = 'say kind="read" or kind="write"'
             findings.add(KINDLESS_PHASE("the phase has transfers, but no kind", at=access.at, path=path, help=help))
+        for transfer in access.transfers if access.kind is AccessKind.WRITE else ():
+            if transfer.size > SCALAR and transfer.size % version.gang:
+                message = f'a gang of {version.gang} cannot divide the {transfer.size} bytes of "{transfer.symbol}"'
+                help = f"make it a multiple of {version.gang} bytes: each member writes its part"
+                findings.add(UNDIVIDED(message, at=transfer.at, path=path, help=help))
         if access.kind is AccessKind.LOAD and access.start > ZERO:
             help = "let the one load phase of the version begin with the job"
             findings.add(PHASE_ORDER(f"a load phase begins at {access.start}", at=access.at, path=path, help=help))
@@ -132,6 +137,24 @@ def gaps(moving: list[Access], clock: Clock, wcet: Duration) -> Iterable[Stretch
         front = max(front, access.end)
     if wcet > front:
         yield Stretch(clock.up(front), clock.down(wcet))
+
+
+SCALAR = 8
+"""Bytes that the members of a gang do not divide among them: the first one writes them."""
+
+
+def shares(access: Access, size: int, members: int) -> list[tuple[int, int, int]]:
+    """Return (member, offset, bytes) of what each member of a gang moves of a transfer.
+
+    All of it comes to every member. What goes away is divided: each member writes its part of the variable into that
+    part of the buffer, so that none of their results is lost; of a scalar the first one writes all.
+    """
+    if access.kind is not AccessKind.WRITE:
+        return [(member, 0, size) for member in range(members)]
+    if size <= SCALAR:
+        return [(0, 0, size)]
+    part = size // members
+    return [(member, member * part, part) for member in range(members)]
 
 
 def functions_of(version: Version) -> tuple[str, ...]:

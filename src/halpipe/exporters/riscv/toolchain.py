@@ -29,7 +29,7 @@ GCC = "riscv64-unknown-elf-gcc"
 # Freestanding, without floating point; sections of their own, so that the linker can place and drop symbols; no linker
 # relaxation, so that an image has the same size wherever it is linked to.
 _COMMON = (
-    *("-mabi=lp64", "-mcmodel=medany", "-mno-relax", "-std=gnu11", "-O2", "-g0", "-Wall"),
+    *("-mabi=lp64", "-mcmodel=medany", "-mno-relax", "-mstrict-align", "-std=gnu11", "-O2", "-g0", "-Wall"),
     *("-ffreestanding", "-fno-builtin", "-fno-common", "-ffunction-sections", "-fdata-sections"),
     *("-fno-stack-protector", "-fno-asynchronous-unwind-tables", "-fno-pic", "-Iruntime"),
 )

@@ -9,7 +9,7 @@ from halpipe.exporters.riscv.cores import MainMemory, cores_of
 from halpipe.exporters.riscv.elf import Elf, Segment, Symbol
 from halpipe.exporters.riscv.images import Image, Part
 from halpipe.exporters.riscv.operations import COPY, DONE, RUN, STOP, Operations, check_grid, check_version
-from halpipe.exporters.riscv.phases import Clock
+from halpipe.exporters.riscv.phases import Clock, shares
 from halpipe.exporters.riscv.profile import Region, read_profile
 from halpipe.models import ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single
@@ -60,7 +60,7 @@ def test_the_life_of_a_job():
     assert made.programs[0].operations[5].limit == 700
 
 
-def test_a_gang_loads_and_reads_on_each_unit_and_writes_from_the_first():
+def test_a_gang_loads_and_reads_on_each_unit_and_each_member_writes_its_part():
     version = deployed(units="u1 u2", gang=2)
     system, tables = single(version, units="u1 u2")
     made, _ = operations_of(system, tables, version)
@@ -71,7 +71,23 @@ def test_a_gang_loads_and_reads_on_each_unit_and_writes_from_the_first():
     assert [(o.at, o.unit) for o in operations if o.what == "input"] == [(100, 0), (103, 1)]
     assert [(o.unit, o.rank, o.ranks) for o in operations if o.kind == RUN] == [(0, 0, 2), (1, 1, 2)]
     assert [o.unit for o in operations if o.kind == STOP] == [0, 1]
-    assert [o.unit for o in operations if o.what == "output"] == [0]
+    written = [o for o in operations if o.what == "output"]
+    assert [(o.unit, o.size) for o in written] == [(0, 32), (1, 32)]
+    assert written[1].target - written[0].target == 32
+
+
+@pytest.mark.parametrize(
+    ("size", "members", "parts"),
+    [
+        (64, 2, [(0, 0, 32), (1, 32, 32)]),
+        (12, 3, [(0, 0, 4), (1, 4, 4), (2, 8, 4)]),
+        (8, 2, [(0, 0, 8)]),  # a scalar is the first member's
+        (9, 1, [(0, 0, 9)]),
+    ],
+)
+def test_what_a_gang_writes_is_divided(size, members, parts):
+    assert shares(moving("memory", "0ms", "1ms", "write"), size, members) == parts
+    assert shares(moving("memory", "0ms", "1ms", "read"), size, members) == [(m, 0, size) for m in range(members)]
 
 
 def test_checks_come_before_executions_and_these_before_transfers():

@@ -28,7 +28,9 @@ typedef struct {
     int64_t span;     /* bytes from the page to the end of the last memory */
     int64_t full;     /* 1 if it stopped at the limit */
     int (*stop)(void *engine); /* uc_emu_stop */
-    int64_t unused[5];
+    int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
+    int64_t stores;     /* 1 if that is a store */
+    int64_t unused[3];
     int64_t watched[MAX_WATCHED];
     struct { int64_t base, end, offset; } region[MAX_REGIONS]; /* offset from the page */
     struct { int64_t address; uint32_t instructions, size; } known[KNOWN]; /* blocks counted before, by address */
@@ -78,6 +80,17 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
             page->known[place].instructions = (uint32_t)number;
             break;
         }
+    }
+}
+
+/* Before every load and store of an application core: emulators allow what the cores of the board trap on. */
+EXPORTED void halpipe_before_access(void *engine, int kind, uint64_t address, int size, int64_t value, void *data) {
+    Page *page = data;
+    (void)value;
+    if ((address & (uint64_t)(size - 1)) != 0 && page->misaligned < 0) {
+        page->misaligned = (int64_t)address;
+        page->stores = kind == 17; /* UC_MEM_WRITE */
+        page->stop(engine);
     }
 }
 
