@@ -28,6 +28,13 @@ def import_(
     ] = None,
     granularity: Annotated[str, typer.Option(help="ARXML: one task per runnable, event or ostask.")] = "runnable",
     ecu: Annotated[str, typer.Option(metavar="NAME", help="ARXML: the ECU of a system that has several.")] = "",
+    variant: Annotated[
+        str, typer.Option(metavar="NAME", help="ARXML: predefined or evaluated variant to import.")
+    ] = "",
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="ARXML: value of a system constant or variant criterion; repeatable."),
+    ] = None,
     wcet: Annotated[
         str, typer.Option(help="AMALTHEA: the WCET is the upper, average or lower of a stated execution time.")
     ] = "upper",
@@ -82,6 +89,8 @@ def import_(
         name=name,
         granularity=granularity,
         ecu=ecu,
+        variant=variant,
+        conditions=tuple(condition or ()),
         wcet=wcet,
         memory=memory,
         mapping=mapping,

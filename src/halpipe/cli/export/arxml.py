@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +10,9 @@ from halpipe.cli import output
 from halpipe.cli.export.writing import ModeName, OptionalSchedule, export_files
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Verbose
 from halpipe.diagnostics import Exit
+
+if TYPE_CHECKING:
+    from halpipe.importers.base import ImportOptions
 
 
 def arxml(
@@ -37,6 +40,10 @@ def arxml(
         ),
     ] = "",
     ecu: Annotated[str, typer.Option(metavar="NAME", help="With --onto: the ECU that was imported.")] = "",
+    variant: Annotated[str, typer.Option(metavar="NAME", help="With --onto: the variant that was imported.")] = "",
+    condition: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="With --onto: as it was given to the import.")
+    ] = None,
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -47,7 +54,10 @@ def arxml(
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if onto:
-        return _put_onto(model, schedule, onto, output_file, ecu)
+        from halpipe.importers.base import ImportOptions
+
+        chosen = ImportOptions(ecu=ecu, variant=variant, conditions=tuple(condition or ()))
+        return _put_onto(model, schedule, onto, output_file, chosen)
     options = ArxmlOptions(
         mode=mode,
         release=release,
@@ -61,17 +71,16 @@ def arxml(
     return export_files("arxml", model, schedule, output_file, options)
 
 
-def _put_onto(model: str, schedule: str, project: str, target: str, ecu: str) -> int:
+def _put_onto(model: str, schedule: str, project: str, target: str, options: ImportOptions) -> int:
     """Write what is added to a project, what changes in it, and the list of both; show the list."""
     from halpipe.exporters.arxml.onto import CHANGES
     from halpipe.files import write_directory
     from halpipe.flow.onto import export_onto
-    from halpipe.importers.base import ImportOptions
     from halpipe.importers.native import read_model, read_schedule
 
     if not schedule:
         raise typer.BadParameter("a project gets a schedule; name its file after the model", param_hint="--onto")
-    onto = export_onto(read_model(model), read_schedule(schedule), project, ImportOptions(ecu=ecu))
+    onto = export_onto(read_model(model), read_schedule(schedule), project, options)
     write_directory(target, onto.files)
     output.report(onto.findings)
     if output.is_text():

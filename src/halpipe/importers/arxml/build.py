@@ -10,6 +10,7 @@ from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Locati
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
+from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.own.models import find_carried, read_carried
 from halpipe.importers.arxml.system.ecuc import container_kinds
@@ -63,7 +64,7 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
 
 
 def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
-    tree = read_tree(paths, findings)
+    tree = read_tree(paths, findings, Choice(options.variant, options.conditions))
     package = find_carried(tree)
     if package is not None:
         return read_carried(tree, package, options)

@@ -82,7 +82,8 @@ MALFORMED = warning(
 VARIANT = warning(
     "HAL0514",
     "Variant-dependent elements are imported unconditionally",
-    "Elements with a VARIATION-POINT exist in some variants only. Conditions are not evaluated.",
+    "Elements with a VARIATION-POINT exist in some variants only. Conditions are evaluated for a variant that is "
+    "chosen (--variant, --condition).",
 )
 
 # ------------------------------------------------------------------------------------------------ periods

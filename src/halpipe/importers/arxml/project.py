@@ -13,6 +13,7 @@ from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import project_codes as codes
 from halpipe.importers.arxml.build import assemble
 from halpipe.importers.arxml.files.tree import NS, place
+from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.ecuc import Containers, Ticks
 from halpipe.importers.arxml.system.reading import read_system, read_tree
@@ -57,7 +58,7 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions,
 
     Raise `HalpipeError` with every difference, if the project is another one or changed.
     """
-    tree = read_tree(paths, Findings())
+    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions))
     built = _again(tree, model, paths, options, findings)
     _compare(model, built.model, findings)
     findings.stop_on_errors()

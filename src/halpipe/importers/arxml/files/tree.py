@@ -17,12 +17,15 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_double
 from halpipe.importers.arxml.files.sniff import NAMESPACE
 from halpipe.importers.arxml.files.spelling import NAMED
+from halpipe.importers.arxml.files.variants import apply_variant, conditional
+from halpipe.importers.arxml.names import listed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Container, Iterator, Sequence
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.arxml.files.sniff import Document
+    from halpipe.importers.arxml.files.variants import Choice
 
 NS = f"{{{NAMESPACE}}}"
 
@@ -160,8 +163,11 @@ def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
 class Tree:
     """The merged elements of all documents; `findings` collects what is wrong with them as it is noticed."""
 
-    def __init__(self, documents: Iterable[Document], findings: Findings) -> None:
+    def __init__(self, documents: Sequence[Document], findings: Findings, choice: Choice | None = None) -> None:
         self.findings = findings
+        self.removed = apply_variant(documents, choice, findings) if choice and choice.is_made else []
+        self._absent = frozenset(removed.path for removed in self.removed)
+        self._is_whole = not self.removed and not (choice and choice.is_made)
         self.root = Node("", "", "", None)
         self._by_path: dict[str, tuple[Node, ...]] = {}
         self._by_name: dict[str, list[str]] | None = None
@@ -196,7 +202,8 @@ class Tree:
             if element not in owners and element.find(NS + "SHORT-NAME") is None:
                 self._report_nameless(element, "has no SHORT-NAME", place(element, document.name))
         self._add_bases(document, owners)
-        self._report_variants(document)
+        if self._is_whole:
+            self._report_variants(document)
 
     def _report_nameless(self, element: etree._Element, message: str, at: Location) -> None:
         self.nameless.append((local(element), at))
@@ -236,13 +243,14 @@ class Tree:
         return "".join((ref.text or "").split()), (ref.get("BASE") or "").strip()
 
     def _report_variants(self, document: Document) -> None:
-        found = [element.sourceline for element in document.root.iter(NS + "VARIATION-POINT") if len(element)]
+        found = conditional(document)
         if found:
             self.findings.add(
                 codes.VARIANT(
-                    f"has {len(found)} VARIATION-POINT elements; conditions are not evaluated",
-                    at=Location(document.name, found[0]),
-                    help="import the files of one variant only, if that matters",
+                    f"has {len(found)} elements that depend on a variant, and are imported unconditionally: "
+                    f"{listed([name for name, _ in found])}",
+                    at=found[0][1],
+                    help="choose a variant with --variant, or values with --condition",
                 )
             )
 
@@ -256,6 +264,14 @@ class Tree:
     def tagged(self, *tags: str) -> list[Node]:
         """Return every node of the given tags, tag by tag, in order of first appearance."""
         return [node for tag in tags for node in self._by_tag.get(tag, [])]
+
+    def is_absent(self, path: str) -> bool:
+        """Whether an element, or one that holds it, is not in the chosen variant."""
+        while path and self._absent:
+            if path in self._absent:
+                return True
+            path = path.rpartition("/")[0]
+        return False
 
     def nodes_at(self, path: str) -> Sequence[Node]:
         """Return the elements of a path."""
@@ -339,7 +355,8 @@ class Tree:
         candidates = self._by_path.get(ref.path) or self._in_other_case(ref, what)
         fitting = [node for node in candidates if tags is None or node.tag in tags]
         if not fitting:
-            self._report_dangling(ref, what, candidates, tags)
+            if not self.is_absent(ref.path):
+                self._report_dangling(ref, what, candidates, tags)
             return None
         node = next((node for node in fitting if node.tag == ref.dest), fitting[0])
         if ref.dest and ref.dest != node.tag and ref.dest not in _BASE_CLASSES:
@@ -396,7 +413,7 @@ class Tree:
     def report_conflict(self, node: Node, what: str, first: tuple[str, Location], second: tuple[str, Location]) -> None:
         """Report that two parts of a node state `what` differently: as variants of it, or as a contradiction."""
         message = f'{what} is "{second[0]}" here, but "{first[0]}" at {first[1]}'
-        if node.is_variant:
+        if node.is_variant and self._is_whole:
             help = "choose a variant; otherwise the first of the two counts"
             self.findings.add(codes.VARIANT(message, at=second[1], path=node.path, help=help))
             return

@@ -101,7 +101,7 @@ class _Configured:
             context = self._defined(item) or self._by_flat_map(item)
             if context:
                 found[item.prototype] = context
-            elif not self._is_defined(item.prototype):
+            elif not self._is_defined(item.prototype) and not self._tree.is_absent(item.prototype):
                 open_.append(item)
         for choose in (self._by_name, self._by_type):
             for item in [item for item in open_ if item.prototype not in found]:

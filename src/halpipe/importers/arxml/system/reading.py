@@ -23,14 +23,15 @@ from halpipe.importers.arxml.system.values import System
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.importers.arxml.files.variants import Choice
     from halpipe.importers.arxml.system.values import Place
 
 _CLASSIC = ("COMPOSITION-SW-COMPONENT-TYPE", "ECUC-MODULE-CONFIGURATION-VALUES", "ECU-INSTANCE")
 
 
-def read_tree(paths: Sequence[str], findings: Findings) -> Tree:
-    """Parse and merge all files; raise `HalpipeError` if nothing in them could be a task."""
-    tree = Tree(load(paths, findings), findings)
+def read_tree(paths: Sequence[str], findings: Findings, choice: Choice | None = None) -> Tree:
+    """Parse and merge all files, of one variant if one is chosen; raise `HalpipeError` if no task could be in them."""
+    tree = Tree(load(paths, findings), findings, choice)
     _check_platform(tree)
     return tree
 

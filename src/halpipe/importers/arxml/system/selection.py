@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location
+from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.arxml.system import selection_codes as codes
 from halpipe.importers.arxml.system.instances import upstream
 from halpipe.suggest import did_you_mean
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.files.numbers import parse_seconds
-from halpipe.importers.arxml.system import selection_codes as codes
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 
 if TYPE_CHECKING:

@@ -30,3 +30,27 @@ UNLINKED = warning(
     "The ECU of an ECU configuration is that of the SYSTEM which its ECUC-VALUE-COLLECTION names, of the instances "
     "that its Rte names, or the one it is called after. It is left out, or taken for the only ECU without one.",
 )
+
+UNKNOWN_VARIANT = error(
+    "HAL0585",
+    "Variant is not in the input",
+    "The name after --variant is the short name, or the path, of a PREDEFINED-VARIANT, or of an EVALUATED-VARIANT-SET "
+    "that names one of them. The name in a --condition is that of a system constant or variant criterion.",
+)
+BAD_FORMULA = error(
+    "HAL0586",
+    "Formula of a variation point cannot be evaluated",
+    "Formulas have references to system constants, numbers, the operators of C and `defined(...)`.",
+)
+UNSET_CONSTANT = error(
+    "HAL0587",
+    "Variant does not set what a condition needs",
+    "Whether the element exists depends on a system constant, or a variant criterion, that the variant gives no value. "
+    "It is not taken to be 0.",
+)
+TWO_VALUES = error(
+    "HAL0588",
+    "Variant sets a constant twice",
+    "Two value sets of one variant, or a value set and a --condition, give a system constant or variant criterion "
+    "different values.",
+)

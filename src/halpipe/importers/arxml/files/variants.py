@@ -1,0 +1,293 @@
+"""One variant of a product line: elements whose conditions do not hold are taken out, and formulas become values.
+
+An element with a VARIATION-POINT exists if its SW-SYSCOND is not 0 and each of its POST-BUILD-VARIANT-CONDITIONs is
+the value of its criterion; so does what is in it. BINDING-TIME says when that is decided, not whether.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Location
+from halpipe.importers.arxml import selection_codes as codes
+from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
+from halpipe.importers.arxml.files.numbers import parse_number
+from halpipe.importers.arxml.files.sniff import NAMESPACE
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from fractions import Fraction
+
+    from lxml import etree
+
+    from halpipe.diagnostics import Findings
+    from halpipe.importers.arxml.files.formulas import Value
+    from halpipe.importers.arxml.files.sniff import Document
+
+_NS = f"{{{NAMESPACE}}}"
+_SETS = {
+    "SW-SYSTEMCONSTANT-VALUE-SET": ("SW-SYSTEMCONST-VALUE", "SW-SYSTEMCONST-REF"),
+    "POST-BUILD-VARIANT-CRITERION-VALUE-SET": ("POST-BUILD-VARIANT-CRITERION-VALUE", "VARIANT-CRITERION-REF"),
+}
+_CONSTANTS = ("SW-SYSTEMCONST", "POST-BUILD-VARIANT-CRITERION")
+_REFS = ("SYSC-REF", "SYSC-STRING-REF")
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What the user chose: the name of a variant, and ``NAME=VALUE`` of constants and criteria; nothing by default."""
+
+    variant: str = ""
+    conditions: tuple[str, ...] = ()
+
+    @property
+    def is_made(self) -> bool:
+        """Whether variation points are to be evaluated."""
+        return bool(self.variant or self.conditions)
+
+
+@dataclass(frozen=True, slots=True)
+class Removed:
+    """An element that is not in the variant: its tag, its path, and where it stands."""
+
+    tag: str
+    path: str
+    at: Location
+
+
+@dataclass(slots=True)
+class _Values:
+    """The values of constants and criteria by path; where each was set, for the message about a second one."""
+
+    by_path: dict[str, tuple[Value, str]] = field(default_factory=dict)
+
+    def get(self, path: str) -> Value | None:
+        found = self.by_path.get(path)
+        return found[0] if found else None
+
+
+def apply_variant(documents: Sequence[Document], choice: Choice, findings: Findings) -> list[Removed]:
+    """Take out of the documents what is not in the chosen variant; return it.
+
+    Raise `HalpipeError` for an unknown variant, and with every condition that cannot be decided.
+    """
+    values = _Chooser(documents, findings).values(choice)
+    findings.stop_on_errors()
+    removed = [found for document in documents for found in _prune(document, values, findings)]
+    findings.stop_on_errors()
+    return removed
+
+
+def conditional(document: Document) -> list[tuple[str, Location]]:
+    """Return what depends on a variation point, or is a formula, by name and place."""
+    found = []
+    for point in document.root.iter(_NS + "VARIATION-POINT"):
+        holder = point.getparent()
+        if len(point) and holder is not None:
+            found.append((_name(holder), Location(document.name, point.sourceline or 0)))
+    for element in _formulas(document.root):
+        found.append((_name(element), Location(document.name, element.sourceline or 0)))
+    return found
+
+
+def _name(element: etree._Element) -> str:
+    """Return what an element is called: the last step of its path, or its definition, or the tag."""
+    stated = element.findtext(_NS + "SHORT-NAME") or (element.findtext(_NS + "DEFINITION-REF") or "").rpartition("/")[2]
+    if stated:
+        return stated.strip()
+    holder = element.getparent()
+    tag: str = element.tag
+    return tag.removeprefix(_NS) if holder is None else f"{_name(holder)}/{tag.removeprefix(_NS)}"
+
+
+def path_of(element: etree._Element) -> str:
+    """Return the AUTOSAR path of an element: the short names down to it."""
+    names = [each.findtext(_NS + "SHORT-NAME") for each in (element, *element.iterancestors())]
+    return "/" + "/".join("".join(name.split()) for name in reversed(names) if name)
+
+
+class _Chooser:
+    """Finds the value sets of a variant, and the constants of conditions."""
+
+    def __init__(self, documents: Sequence[Document], findings: Findings) -> None:
+        self._findings = findings
+        self._by_path: dict[str, tuple[etree._Element, Location]] = {}
+        tags = ("PREDEFINED-VARIANT", "EVALUATED-VARIANT-SET", *_SETS, *_CONSTANTS)
+        for document in documents:
+            for element in document.root.iter(*(_NS + tag for tag in tags)):
+                at = Location(document.name, element.sourceline or 0)
+                self._by_path.setdefault(path_of(element), (element, at))
+        self._values = _Values()
+
+    def values(self, choice: Choice) -> _Values:
+        """Return the values that a choice gives constants and criteria."""
+        if choice.variant:
+            self._add_variant(choice.variant)
+        for condition in choice.conditions:
+            self._add_condition(condition)
+        return self._values
+
+    def _tagged(self, *tags: str) -> dict[str, etree._Element]:
+        return {p: e for p, (e, _) in self._by_path.items() if str(e.tag).removeprefix(_NS) in tags}
+
+    def _named(self, name: str, *tags: str) -> list[str]:
+        known = self._tagged(*tags)
+        return [path for path in known if name in (path, path.rpartition("/")[2])]
+
+    def _add_variant(self, name: str) -> None:
+        found = self._named(name, "PREDEFINED-VARIANT")
+        for path in self._named(name, "EVALUATED-VARIANT-SET") if not found else ():
+            refs = self._by_path[path][0].iter(_NS + "EVALUATED-VARIANT-REF")
+            found += ["".join((ref.text or "").split()) for ref in refs]
+        if len(found) != 1:
+            known = sorted(
+                path.rpartition("/")[2] for path in self._tagged("PREDEFINED-VARIANT", "EVALUATED-VARIANT-SET")
+            )
+            among = f"the variants are {', '.join(known) or 'none'}"
+            several = f'"{name}" could be {", ".join(found)}' if found else f'there is no variant "{name}"'
+            at = self._by_path[found[0]][1] if found and found[0] in self._by_path else Location()
+            help = "name one of them by its path" if found else did_you_mean(name, known, among)
+            self._findings.add(codes.UNKNOWN_VARIANT(several, at=at, help=help))
+            return
+        self._include(found[0], set())
+
+    def _include(self, path: str, seen: set[str]) -> None:
+        """Take the value sets of a predefined variant, and those of the variants that it includes."""
+        if path in seen:
+            return
+        seen.add(path)
+        if path not in self._by_path:
+            message = f"{path} is in no file"
+            self._findings.add(codes.UNKNOWN_VARIANT(message, help="add the file that defines it to the import"))
+            return
+        element, at = self._by_path[path]
+        tag = str(element.tag).removeprefix(_NS)
+        if tag in _SETS:
+            self._take(element, at, *_SETS[tag])
+            return
+        for name in ("INCLUDED-VARIANT-REF", *(f"{tag}-REF" for tag in _SETS)):
+            for ref in element.iter(_NS + name):
+                self._include("".join((ref.text or "").split()), seen)
+
+    def _take(self, element: etree._Element, at: Location, tag: str, ref_tag: str) -> None:
+        for entry in element.iter(_NS + tag):
+            path = "".join((entry.findtext(_NS + ref_tag) or "").split())
+            stated = (entry.findtext(_NS + "VALUE") or "").strip()
+            number = parse_number(stated)
+            self._set(path, stated if number is None else number, Location(at.file, entry.sourceline or 0))
+
+    def _add_condition(self, text: str) -> None:
+        name, sign, stated = text.partition("=")
+        found = self._named(name.strip(), *_CONSTANTS)
+        number = parse_number(stated)
+        if not sign or len(found) != 1:
+            known = sorted(path.rpartition("/")[2] for path in self._tagged(*_CONSTANTS))
+            what = f'"{text}" is no NAME=VALUE' if not sign else f'there is no constant or criterion "{name}"'
+            if len(found) > 1:
+                what = f'"{name}" could be {", ".join(found)}'
+            help = did_you_mean(name, known, f"known are {', '.join(known) or 'none'}")
+            self._findings.add(codes.UNKNOWN_VARIANT(what, help=help, path=f"--condition {text}"))
+            return
+        self._set(found[0], stated.strip() if number is None else number, Location(), f"--condition {text}")
+
+    def _set(self, path: str, value: Value, at: Location, source: str = "") -> None:
+        known = self._values.by_path.setdefault(path, (value, source or str(at)))
+        if known[0] != value:
+            self._findings.add(
+                codes.TWO_VALUES(
+                    f"is {value} here, but {known[0]} at {known[1]}",
+                    at=at,
+                    path=path,
+                    help="take one of the two value sets out of the variant",
+                )
+            )
+
+
+# ------------------------------------------------------------------------------------------------------- removal
+
+
+def _prune(document: Document, values: _Values, findings: Findings) -> Iterator[Removed]:
+    """Remove what does not exist, outermost first, and put the values of formulas in their place."""
+    for point in list(document.root.iter(_NS + "VARIATION-POINT")):
+        holder = point.getparent()
+        outer = holder.getparent() if holder is not None else None
+        if holder is None or outer is None or not _is_inside(holder, document.root):
+            continue
+        if not _exists(point, values, document.name, findings):
+            for short_name in holder.iter(_NS + "SHORT-NAME"):
+                element = short_name.getparent()
+                assert element is not None
+                at = Location(document.name, element.sourceline or 0)
+                yield Removed(str(element.tag).removeprefix(_NS), path_of(element), at)
+            outer.remove(holder)
+    for element in _formulas(document.root):
+        value = _value(element, values, document.name, findings)
+        for child in list(element):
+            element.remove(child)
+        if value is not None:
+            element.text = value if isinstance(value, str) else _decimal(value)
+
+
+def _decimal(value: Fraction) -> str:
+    """Return an exact value as a number of AUTOSAR: a decimal if there is one, else its 30 first digits."""
+    digits = 0
+    while value.denominator != 1 and digits < 30:
+        value, digits = value * 10, digits + 1
+    return f"{value.numerator // value.denominator}E-{digits}" if digits else str(value.numerator)
+
+
+def _is_inside(element: etree._Element, root: etree._Element) -> bool:
+    return any(ancestor is root for ancestor in element.iterancestors())
+
+
+def _formulas(root: etree._Element) -> list[etree._Element]:
+    """Return the elements whose value is a formula, other than conditions."""
+    found: dict[etree._Element, None] = {}
+    for ref in root.iter(*(_NS + tag for tag in _REFS)):
+        holder = ref.getparent()
+        if holder is not None and holder.tag != _NS + "SW-SYSCOND":
+            found[holder] = None
+    return list(found)
+
+
+def _exists(point: etree._Element, values: _Values, file: str, findings: Findings) -> bool:
+    for condition in point.iter(_NS + "SW-SYSCOND"):
+        value = _value(condition, values, file, findings)
+        if value is not None and not is_true(value):
+            return False
+    for condition in point.iter(_NS + "POST-BUILD-VARIANT-CONDITION"):
+        path = "".join((condition.findtext(_NS + "MATCHING-CRITERION-REF") or "").split())
+        wanted = condition.find(_NS + "VALUE")
+        stated = values.get(path)
+        if stated is None:
+            _report_unset(path, Location(file, condition.sourceline or 0), findings)
+        elif wanted is not None and _value(wanted, values, file, findings) != stated:
+            return False
+    return True
+
+
+def _value(element: etree._Element, values: _Values, file: str, findings: Findings) -> Value | None:
+    at = Location(file, element.sourceline or 0)
+    try:
+        return evaluate(element, values.get)
+    except UnsetError as unset:
+        _report_unset(str(unset), at, findings)
+    except FormulaError as failure:
+        findings.add(
+            codes.BAD_FORMULA(str(failure), at=at, path=path_of(element), help="correct the formula in its source")
+        )
+    return None
+
+
+def _report_unset(path: str, at: Location, findings: Findings) -> None:
+    name = path.rpartition("/")[2]
+    findings.add(
+        codes.UNSET_CONSTANT(
+            f"{path} has no value",
+            at=at,
+            path=path,
+            help=f"choose a variant that sets it, or add --condition {name}=VALUE",
+        )
+    )
