@@ -38,12 +38,17 @@ def main() -> int:
             **os.environ,
             FOLDER: folder,
             "LD_PRELOAD": runtime,
-            "ASAN_OPTIONS": "detect_leaks=0",  # Python leaves much to the end of the process
+            # Python leaves much to the end of the process; and what pytest captures is lost with the process.
+            "ASAN_OPTIONS": f"detect_leaks=0:log_path={folder}/findings",
+            "UBSAN_OPTIONS": f"print_stacktrace=1:log_path={folder}/findings",
             "PYTHONMALLOC": "malloc",
             "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")]),
         }
         command = [sys.executable, "-m", "pytest", "-p", "sanitized", "-p", "no:xdist", *sys.argv[1:]]
-        return subprocess.run(command, cwd=ROOT, env=surroundings, check=False).returncode
+        code = subprocess.run(command, cwd=ROOT, env=surroundings, check=False).returncode
+        for report in Path(folder).glob("findings.*"):
+            print(report.read_text())  # noqa: T201
+        return code
 
 
 def _runtime() -> str | None:
