@@ -1,6 +1,7 @@
 """Every kind of witness on a file of its own, with the change that takes it away; and the arithmetic behind them."""
 
 import re
+from dataclasses import replace
 from itertools import product
 from math import lcm
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 
 from halpipe.files import write_output
 from halpipe.importers.native import read_model
-from halpipe.models import Status
+from halpipe.models import Interrupt, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import Verdict, explain
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
@@ -17,7 +18,7 @@ from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
-from support import after, model, task, version
+from support import after, model, ms, task, version
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "explain"
 
@@ -82,6 +83,20 @@ def test_every_fixture_has_its_neighbour_and_every_witness_a_fixture():
 @pytest.mark.parametrize("path", FIXTURES, ids=lambda path: path.stem)
 def test_validate_alone_does_not_see_it(path):
     assert not [d for d in validate(read_model(str(path))) if d.is_error]
+
+
+@pytest.mark.parametrize(("gang", "distance"), [(1, None), (2, None), (1, 100), (2, 100)])
+def test_a_gang_is_over_when_one_job_would_be_unless_its_units_serve_interrupts(gang, distance):
+    """One task starts 21 ms to 22 ms after the end of another of 2 ms, three times in its 24 ms."""
+    system = model(
+        task("t0", 24, version("v", 2, "u1 u2", gang=gang)),
+        task("t2", 8, version("v", 1, "u3", after("t0", 21, 22, "end"))),
+        units="u1 u2 u3",
+    )
+    interrupts = () if distance is None else (Interrupt(name="i", distance=ms(distance), wcet=ms("0.5ms")),)
+    system = replace(system, units=tuple(replace(unit, interrupts=interrupts) for unit in system.units))
+    proofs = {found.code for witness in find_witnesses(system, []) for found in witness.diagnostics}
+    assert (codes.WINDOW_TOO_NARROW.id in proofs) is (gang == 1 or distance is None)
 
 
 # ------------------------------------------------------------------------------------------------ arithmetic

@@ -199,7 +199,7 @@ def _usable(
             deadline = _scaled(_deadline(task) or task.period, scale)
             slack = _scaled(task.period * task.slack, scale) if task.slack else 0
             late = min(slack, deadline - least) if task.distance is None else slack
-            if can_pause(version.split) or version.gang > 1:
+            if can_pause(version.split) or (version.gang > 1 and any(served)):  # its members wait for each other
                 span = max(span, deadline)
         if late >= 0:
             if version.units not in sets:
