@@ -8,7 +8,7 @@ from enum import Enum
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.models import Access, Precedence, Schedule, TaskModel
+from halpipe.models import Access, Precedence, Schedule, Split, TaskModel
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
@@ -194,11 +194,21 @@ def _fields(element: str, before: Any, after: Any, names: Sequence[str]) -> list
         what = name.replace("_", "-")
         if isinstance(one, tuple) and isinstance(two, tuple):
             found += _members(element, what, one, two)
+        elif isinstance(one, Split) and isinstance(two, Split):
+            found += _splits(element, one, two)
         elif is_dataclass(one) and type(one) is type(two):
             found += _elements(f"{element} {what}", one, two)
         elif one != two:
             found.append(Change(element, what, _text(one), _text(two)))
     return found
+
+
+def _splits(element: str, before: Split, after: Split) -> Iterator[Change]:
+    """Compare where jobs may be interrupted, in the words of the model."""
+    one, two = ("anywhere" if split.anywhere else _text(split.points) or "none" for split in (before, after))
+    if one != two:
+        yield Change(element, "split", one, two)
+    yield from _fields(element, before, after, ("resume", "max_gaps", "min_part"))
 
 
 def _members(element: str, what: str, before: tuple[Any, ...], after: tuple[Any, ...]) -> Iterator[Change]:

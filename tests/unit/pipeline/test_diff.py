@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.models import Origin, TransitionTable, Unit
+from halpipe.models import WHOLE, Binding, Interrupt, Origin, Split, TransitionTable, Unit
 from halpipe.models.schedule import Status, UnitLoad
 from halpipe.pipeline.diff import Change, diff_models, diff_schedules
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
@@ -165,3 +165,57 @@ def test_no_field_of_a_model_is_overlooked():
     ):
         assert diff_models(SYSTEM, changed)
         assert diff_models(changed, SYSTEM)
+
+
+# ------------------------------------------------------------------------------------------------ MODEL 8
+
+
+def split_by(how):
+    owner = SYSTEM.task("a")
+    versions = (replace(owner.versions[0], split=how), *owner.versions[1:])
+    return replace(SYSTEM, tasks=(replace(owner, versions=versions), *SYSTEM.tasks[1:]))
+
+
+POINTS = Split(points=(ms("0.5ms"), ms(1)), resume=ms("1us"), max_gaps=2)
+ANYWHERE = Split(anywhere=True, max_gaps=3, min_part=ms("0.1ms"))
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "expected"),
+    [
+        (
+            WHOLE,
+            POINTS,
+            [("split", "none", "500us 1ms"), ("resume", "0ms", "1us"), ("max-gaps", "none", "2")],
+        ),
+        (
+            POINTS,
+            ANYWHERE,
+            [
+                ("split", "500us 1ms", "anywhere"),
+                ("resume", "1us", "0ms"),
+                ("max-gaps", "2", "3"),
+                ("min-part", "none", "100us"),
+            ],
+        ),
+        (POINTS, replace(POINTS, points=(ms(1),)), [("split", "500us 1ms", "1ms")]),
+    ],
+)
+def test_splits_are_told_in_the_words_of_the_model(one, other, expected):
+    element = 'task "a" version "v"'
+    found = diff_models(split_by(one), split_by(other))
+    assert found == tuple(Change(element, *change) for change in expected)
+
+
+def test_bindings_distances_and_interrupts():
+    owner = replace(SYSTEM.task("a"), binding=Binding.SYSTEM, distance=ms(12))
+    served = Unit(name="u1", interrupts=(Interrupt(name="can", distance=ms(5), wcet=ms("1us")),))
+    changed = replace(SYSTEM, tasks=(owner, *SYSTEM.tasks[1:]), units=(served, *SYSTEM.units[1:]))
+    assert set(diff_models(SYSTEM, changed)) == {
+        Change('task "a"', "binding", "job", "system"),
+        Change('task "a"', "distance", "none", "12ms"),
+        Change('unit "u1" interrupt "can"', "added"),
+    }
+    rarer = replace(served, interrupts=(replace(served.interrupts[0], distance=ms(6)),))
+    (change,) = diff_models(changed, replace(changed, units=(rarer, *SYSTEM.units[1:])))
+    assert change == Change('unit "u1" interrupt "can"', "distance", "5ms", "6ms")
