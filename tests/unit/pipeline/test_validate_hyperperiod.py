@@ -12,7 +12,13 @@ from validate_cases import found, the
 from halpipe.durations import Duration, least_common_multiple, milliseconds, seconds
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.validate import codes, validate
-from halpipe.pipeline.validate.hyperperiod import MAX_JOBS, MAX_TICKS, nearest_harmonic, nearest_on_grid
+from halpipe.pipeline.validate.hyperperiod import (
+    MAX_JOBS,
+    MAX_TICKS,
+    nearest_harmonic,
+    nearest_on_grid,
+    periods_instead,
+)
 from support import access, after, model, ms, task, version
 
 
@@ -38,13 +44,15 @@ def test_guilty_period_and_the_nearest_that_fits():
     system = periodic("5ms", "10ms", "20ms", "33333333ns", "100ms")
     finding = the(system, codes.TOO_MANY_JOBS)
     assert 'the cause: the period 33.333333ms (task "t3"); without it the hyperperiod is 100ms' in finding.message
-    assert finding.help == "use 100/3ms (or 25ms) instead of 33.333333ms; the mode then has 39 jobs"
+    assert finding.help == "use 100/3ms (hyperperiod 100ms) instead of 33.333333ms; the mode then has 39 jobs"
     assert finding.path == 'mode "all"'
 
 
 def test_rounded_period_longer_than_all_others():
     help = the(periodic("25ms", "33333333ns"), codes.TOO_MANY_JOBS).help
-    assert help == "use 25ms (or 100/3ms) instead of 33.333333ms; the mode then has 2 jobs"
+    expected = "use 100/3ms (hyperperiod 100ms) or 25ms (hyperperiod 25ms) instead of 33.333333ms"
+    assert help == f"{expected}; the mode then has 7 jobs"
+    assert validate(periodic("25ms", "25ms")) == ()
     assert validate(periodic("25ms", "100/3ms")) == ()
 
 
@@ -53,7 +61,7 @@ def test_following_the_help_cures_the_model():
     help = the(system, codes.TOO_MANY_JOBS).help
     swaps = {
         Duration.parse(old): Duration.parse(new)
-        for new, old in re.findall(r"(\S+ms)(?: \(or \S+\))? instead of (\S+ms)", help)
+        for new, old in re.findall(r"(\S+ms) \(hyperperiod \S+\) instead of (\S+ms)", help)
     }
     assert sorted(swaps) == [ms("9.973ms"), ms("10.007ms")]
     cured = replace(system, tasks=tuple(replace(t, period=swaps.get(t.period, t.period)) for t in system.tasks))
@@ -97,12 +105,15 @@ def test_the_version_that_demands_most_counts():
 def test_jobs_after_the_cure_include_those_on_demand():
     asks = task("a", "10ms", version("v", "1ns", "u1", after("d", 0, 10), after("d", 0, 20)))
     system = model(asks, task("b", "9999999ns", version("v", "1ns")), task("d", None, version("v", "1ns")))
-    assert the(system, codes.TOO_MANY_JOBS).help == "use 10ms instead of 9.999999ms; the mode then has 4 jobs"
+    assert the(system, codes.TOO_MANY_JOBS).help == (
+        "use 10ms (hyperperiod 10ms) instead of 9.999999ms; the mode then has 4 jobs"
+    )
 
 
 def test_alternative_that_would_break_the_limit_again_is_not_offered():
     help = the(periodic("1us", "3s", "4000000001ns"), codes.TOO_MANY_JOBS).help
-    assert help == "use 3s instead of 4.000000001s; the mode then has 3000002 jobs"
+    proposed = "use 4.5s (hyperperiod 9s) or 3s (hyperperiod 3s)"  # 4s would make 12 000 000 jobs
+    assert help == f"{proposed} instead of 4.000000001s; the mode then has 9000005 jobs"
 
 
 def test_hyperperiod_beyond_all_measure_is_still_explained():
@@ -155,6 +166,34 @@ def test_limit_on_ticks_is_exact():
         assert len(found(replace(system, tasks=(owner,)), codes.TOO_MANY_TICKS)) == count
 
 
+@pytest.mark.parametrize(
+    ("period", "base", "most", "expected"),
+    [
+        ("9.5ms", "100ms", "9.5ms", ["9ms", "8ms"]),
+        ("9.5ms", "100ms", None, ["10ms"]),
+        ("6.66ms", "20ms", None, ["20/3ms", "5ms"]),
+        ("6.66ms", "20ms", "6.66ms", ["6ms", "5ms"]),
+        ("16.6ms", "100ms", None, ["50/3ms", "20ms"]),
+        ("33.333333ms", "100ms", None, ["100/3ms"]),
+        ("1.234567s", "100ms", None, ["1.2s", "1.1s"]),
+        ("14.93ms", "7ms", None, ["15ms", "14ms"]),
+    ],
+)
+def test_periods_are_such_as_a_person_would_write(period, base, most, expected):
+    found = periods_instead(Duration.parse(period), Duration.parse(base), ms("1us"), ms(most))
+    assert [str(choice) for choice in found[:2]] == expected
+
+
+def test_the_period_of_a_poll_does_not_become_longer_than_the_distance():
+    system = periodic("10ms", "100ms", "9.999999ms")
+    polled = replace(system.tasks[2], distance=ms("9.999999ms"))
+    help = the(replace(system, tasks=(*system.tasks[:2], polled)), codes.TOO_MANY_JOBS).help
+    assert help.startswith("use 9ms (hyperperiod 900ms) or 8ms (hyperperiod 200ms) instead of 9.999999ms")
+    loose = replace(polled, distance=ms(12))
+    help = the(replace(system, tasks=(*system.tasks[:2], loose)), codes.TOO_MANY_JOBS).help
+    assert help.startswith("use 10ms (hyperperiod 100ms) instead of 9.999999ms")
+
+
 PERIODS = st.integers(1, 10**6).map(Duration)
 
 
@@ -164,6 +203,14 @@ def test_nearest_harmonic_divides_or_is_divided_and_none_is_nearer(period, base)
     assert not (base % near and near % base)
     others = [base * k for k in range(1, 4)] + [base / k for k in range(1, 50)]
     assert all(abs(period.ns - near.ns) <= abs(period.ns - other.ns) for other in others)
+
+
+@given(PERIODS, PERIODS, PERIODS)
+def test_what_is_proposed_is_another_period_within_what_is_allowed(period, base, most):
+    found = periods_instead(period, base, Duration(1), most)
+    assert all(choice <= most and choice != period for choice in found)
+    longer = [least_common_multiple((base, choice)) for choice in found]
+    assert not longer or max(longer) == longer[0]
 
 
 @given(st.integers(1, 1000), st.integers(1, 1000), st.integers(1, 20))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
@@ -12,7 +13,6 @@ from halpipe.pipeline.validate.context import Check, place, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from fractions import Fraction
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Unit, Version
@@ -30,8 +30,8 @@ _MAX_MISFIT = 100
 _MAX_SNAPPED = 50
 """Guilty periods up to which a choice is looked for that cures all of them."""
 
-_MAX_PARTS = 12
-"""How many times longer the hyperperiod may become by a period that is a multiple of a part of it."""
+_MUCH_WORSE = 12
+"""By how much a second proposal may be more awkward than the first."""
 
 _MAX_STEPS = 1000
 """Divisors tried on each side for a period on the grid."""
@@ -90,7 +90,8 @@ class _Cause:
     """Why a hyperperiod explodes: the `guilty` periods do not fit `base`, the hyperperiod of all others.
 
     `jobs` is the number of jobs without the guilty ones; `weights` that of all jobs that one job of each period
-    causes, with those on demand, summed over its tasks.
+    causes, with those on demand, summed over its tasks. `most` is how long the period of tasks that poll for arrivals
+    may become.
     """
 
     guilty: tuple[Duration, ...]
@@ -98,6 +99,7 @@ class _Cause:
     jobs: int
     weights: dict[Duration, int]
     tasks: dict[Duration, list[str]]
+    most: dict[Duration, Duration]
 
     def describe(self) -> str:
         """Name the guilty periods with their tasks, and what the others make."""
@@ -108,16 +110,20 @@ class _Cause:
         return f"{text}; without {'it' if len(self.guilty) == 1 else 'them'} the hyperperiod is {self.base}"
 
     def cure(self) -> str:
-        """Propose for every guilty period the nearest that fits, if that brings the mode within the limit."""
+        """Propose periods for every guilty one, if they bring the mode within the limit."""
         choices: list[str] = []
         base, jobs = self.base, self.jobs
         grid = greatest_common_divisor(self.weights)
         for period in self.guilty[:_MAX_SNAPPED] if base else ():
-            near = nearest_harmonic(period, base)
-            base, jobs = _extended(base, jobs, near, self.weights[period])
-            other = nearest_on_grid(period, self.base, grid) if period < self.base else self._nearest_ratio(period)
-            choices.append(_choice(period, near, other))
-        if not choices or jobs > MAX_JOBS or len(choices) < len(self.guilty):
+            weight = self.weights[period]
+            proposed = periods_instead(period, base, grid, self.most.get(period))
+            allowed = [near for near in proposed if _extended(base, jobs, near, weight)[1] <= MAX_JOBS]
+            if not allowed:
+                break
+            named = (f"{near} (hyperperiod {_extended(base, jobs, near, weight)[0]})" for near in allowed[:2])
+            choices.append(f"{' or '.join(named)} instead of {period}")
+            base, jobs = _extended(base, jobs, allowed[0], weight)
+        if not choices or len(choices) < len(self.guilty):
             shortest, longest = min(self.weights), max(self.weights)
             return (
                 f"make the periods multiples of each other and bring the shortest ({shortest}) and the longest "
@@ -125,17 +131,6 @@ class _Cause:
             )
         more = f" and {len(choices) - _NAMED} more" if len(choices) > _NAMED else ""
         return f"use {', '.join(choices[:_NAMED])}{more}; the mode then has {jobs} jobs"
-
-    def _nearest_ratio(self, period: Duration) -> Duration:
-        """Return the multiple of a small part of `base` nearest to `period`; zero if it makes too many jobs."""
-        ratio = (period / self.base).limit_denominator(_MAX_PARTS)
-        _, jobs = _extended(self.base, self.jobs, self.base * ratio, self.weights[period])
-        return self.base * ratio if jobs <= MAX_JOBS else ZERO
-
-
-def _choice(period: Duration, near: Duration, other: Duration) -> str:
-    alternative = f" (or {other})" if other and other != near else ""
-    return f"{near}{alternative} instead of {period}"
 
 
 def _find_cause(mode: ActiveMode) -> _Cause:
@@ -156,7 +151,17 @@ def _find_cause(mode: ActiveMode) -> _Cause:
             base, jobs = longer, more
         else:
             guilty.append(period)
-    return _Cause(tuple(sorted(guilty)), base, jobs, weights, tasks)
+    return _Cause(tuple(sorted(guilty)), base, jobs, weights, tasks, _longest_polls(mode))
+
+
+def _longest_polls(mode: ActiveMode) -> dict[Duration, Duration]:
+    """Return, for every period with which tasks poll for arrivals, the least distance of those."""
+    most: dict[Duration, Duration] = {}
+    for active in mode.tasks.values():
+        period, distance = active.task.period, active.task.distance
+        if period is not None and distance is not None:
+            most[period] = min(distance, most.get(period, distance))
+    return most
 
 
 def _extended(base: Duration, jobs: int, period: Duration, weight: int) -> tuple[Duration, int]:
@@ -188,6 +193,55 @@ def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
         period: sum(counts[other] for other in popular if not (period % other and other % period)) for period in counts
     }
     return sorted(counts, key=lambda period: (-fit[period], -counts[period], len(str(period)), period))
+
+
+# ------------------------------------------------------------------------------------------------ other periods
+
+
+def periods_instead(period: Duration, base: Duration, grid: Duration, most: Duration | None = None) -> list[Duration]:
+    """Return periods near to one that does not fit `base`, a hyperperiod, the best first; none is longer than `most`.
+
+    Such as a person would write: of one or two digits, also in thirds (100/3ms), or what fits `base` or the `grid` of
+    all periods. Those are best that are near, make the hyperperiod little longer, and are short to write. Behind the
+    best come those only that are not much worse and make no longer hyperperiod than it does.
+    """
+    found = {*_round_periods(period), nearest_harmonic(period, base), nearest_on_grid(period, base, grid)}
+    if most is not None:
+        found |= {base / -(-base // most) if most < base else base * (most // base)}
+    near = [choice for choice in found - {period} if choice and (most is None or choice <= most)]
+    longer = {choice: least_common_multiple((base, choice)) for choice in near}
+    cost = {choice: _awkwardness(choice, period, longer[choice] // base) for choice in near}
+    near.sort(key=lambda choice: (cost[choice], choice))
+    worst = cost[near[0]] + _MUCH_WORSE if near else 0
+    return [choice for choice in near if longer[choice] <= longer[near[0]] and cost[choice] <= worst]
+
+
+def _round_periods(period: Duration) -> Iterator[Duration]:
+    """Yield times of one or two digits from two thirds to four thirds of a period, and thirds that it may stand for."""
+    for thirds, spread in ((1, Fraction(1, 3)), (3, Fraction(1, 100))):
+        unit = Duration(1)
+        while unit * 100 <= period * thirds:
+            unit = unit * 10
+        while unit * 10 > period * thirds:
+            unit = unit / 10
+        low, high = period * (thirds * (1 - spread)), period * (thirds * (1 + spread))
+        yield from (unit * count / thirds for count in range(-(-low // unit), high // unit + 1))
+
+
+def _awkwardness(choice: Duration, period: Duration, times: int) -> Fraction:
+    """Return how far a choice is from what is wanted: two percent count as a doubled hyperperiod, eight as a digit."""
+    distance = abs(Fraction(choice.ns) - Fraction(period.ns)) / Fraction(period.ns)
+    return 50 * distance + times.bit_length() + 4 * _digits(choice)
+
+
+def _digits(time: Duration) -> int:
+    """Return how hard a time is to write: its digits without zeros at the end; thirds count 1 more, others yet more."""
+    value = Fraction(time.ns)
+    while value.denominator % 2 == 0 or value.denominator % 5 == 0:
+        value *= 10
+    number, divisor = value.as_integer_ratio()
+    fraction = {1: 0, 3: 1}.get(divisor, 3 + 2 * len(str(divisor)))
+    return len(str(number).rstrip("0")) + fraction
 
 
 def nearest_harmonic(period: Duration, base: Duration) -> Duration:
