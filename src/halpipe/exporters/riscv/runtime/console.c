@@ -24,12 +24,14 @@ static void put_text(const char *text) {
 }
 
 static void put_number(uint64_t value) {
+    static const char digits[] = "0123456789abcdef";
     uint32_t shift = 64U;
     do {
         shift -= 4U;
     } while ((shift > 0U) && ((value >> shift) == 0U));
     for (uint32_t left = (shift / 4U) + 1U; left > 0U; left--) {
-        put("0123456789abcdef"[(value >> ((left - 1U) * 4U)) & 15U]);
+        uint32_t digit = (uint32_t)(value >> (((uint64_t)left - 1U) * 4U)) & 15U;
+        put(digits[digit]);
     }
 }
 
@@ -42,10 +44,16 @@ static void put_words(const char *name, const volatile uint64_t *words, uint64_t
     put('\n');
 }
 
-static uint64_t first_of(uint64_t count, uint64_t capacity) { return (count > capacity) ? (count - capacity) : 0U; }
+static uint64_t first_of(uint64_t count, uint64_t capacity) {
+    uint64_t first = 0U;
+    if (count > capacity) {
+        first = count - capacity;
+    }
+    return first;
+}
 
 /* Prints the control block, the trace and the faults that are still in their rings: hexadecimal words, one record a line. */
-void report(void) {
+void print_report(void) {
     put_words("control", (const volatile uint64_t *)HP_CONTROL, sizeof(hp_control) / 8U);
     uint64_t count = CONTROL->traced;
     for (uint64_t i = first_of(count, HP_TRACE_CAPACITY); i < count; i++) {

@@ -10,8 +10,11 @@
 #define TRANSACTIONS_OF_64 0x66000000U
 
 typedef struct {
-    uint32_t control, config;
-    uint64_t bytes, target, source;
+    uint32_t control;
+    uint32_t config;
+    uint64_t bytes;
+    uint64_t target;
+    uint64_t source;
 } pdma_channel;
 
 static uint64_t owners[HP_CHANNELS]; /* of what is under way, 0: nothing */
@@ -58,9 +61,13 @@ uint32_t dma_work(void) { return 0U; }
 #define PIECE 64U
 #define WORD 8U
 
-static struct {
-    uint64_t source, target, size;
-} pending[HP_CHANNELS];
+typedef struct {
+    uint64_t source;
+    uint64_t target;
+    uint64_t size;
+} transfer;
+
+static transfer pending[HP_CHANNELS];
 
 void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner) {
     (void)owner;

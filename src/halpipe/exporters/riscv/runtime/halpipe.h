@@ -10,7 +10,11 @@
 
 /* ---- tables, generated in tables.c ---- */
 
-enum { OP_TABLE, OP_COPY, OP_DONE, OP_RUN, OP_STOP };
+#define OP_TABLE 0U
+#define OP_COPY 1U
+#define OP_DONE 2U
+#define OP_RUN 3U
+#define OP_STOP 4U
 
 /* One operation of a program. Its key is (ticks from the job's start) << 2 | order: at equal ticks, checks come first
  * (0), then executions begin (1), then transfers (2). */
@@ -20,8 +24,12 @@ typedef struct {
     uint64_t target; /* COPY: to;   RUN: begin of .bss */
     uint64_t size;   /* COPY: bytes; RUN: bytes of .bss, 0 if it is not to be cleared */
     uint32_t limit;  /* RUN: ticks until STOP; COPY: until the end of its phase */
-    uint8_t kind, channel, unit, reserved;
-    uint32_t rank, ranks; /* RUN: place of the core in its gang, and the gang's size */
+    uint8_t kind;
+    uint8_t channel;
+    uint8_t unit;
+    uint8_t reserved;
+    uint32_t rank;
+    uint32_t ranks; /* RUN: place of the core in its gang, and the gang's size */
 } hp_operation;
 
 typedef struct {
@@ -44,7 +52,10 @@ typedef struct {
 } hp_table;
 
 typedef struct {
-    uint64_t ispm, dspm, monitor, monitor_size;
+    uint64_t ispm;
+    uint64_t dspm;
+    uint64_t code;
+    uint64_t code_size;
 } hp_unit;
 
 #define HP_NO_TABLE 0xffffffffU
@@ -59,11 +70,30 @@ extern const hp_unit hp_units[HP_UNITS];
 #define HP_MAGIC 0x48414c5049504531UL
 
 typedef struct {
-    uint64_t magic, cycles, execution, first, report, exit, offset, reserved;
-    uint64_t request, state, base, played, table, traced, faults, refused, cause, epc;
+    uint64_t magic;
+    uint64_t cycles;
+    uint64_t execution;
+    uint64_t first;
+    uint64_t report;
+    uint64_t exit;
+    uint64_t offset;
+    uint64_t reserved;
+    uint64_t request;
+    uint64_t state;
+    uint64_t base;
+    uint64_t played;
+    uint64_t table;
+    uint64_t traced;
+    uint64_t faults;
+    uint64_t refused;
+    uint64_t cause;
+    uint64_t epc;
 } hp_control;
 
-enum { STATE_BOOTING, STATE_RUNNING, STATE_FINISHED, STATE_NO_CORE, STATE_TRAPPED };
+#define STATE_BOOTING 0U
+#define STATE_RUNNING 1U
+#define STATE_FINISHED 2U
+#define STATE_NO_CORE 3U /* 4, trapped, is set in start.S */
 
 #define FLAG_LATE 1U
 #define FLAG_OVERRUN 2U
@@ -74,15 +104,32 @@ enum { STATE_BOOTING, STATE_RUNNING, STATE_FINISHED, STATE_NO_CORE, STATE_TRAPPE
 #define FLAG_ERROR 64U
 
 typedef struct {
-    uint64_t time, begin, end; /* ticks from the beginning of the run */
-    uint32_t cycle, table, release, program, operation;
-    uint8_t kind, flags, unit, reserved;
+    uint64_t time;
+    uint64_t begin;
+    uint64_t end; /* ticks from the beginning of the run */
+    uint32_t cycle;
+    uint32_t table;
+    uint32_t release;
+    uint32_t program;
+    uint32_t operation;
+    uint8_t kind;
+    uint8_t flags;
+    uint8_t unit;
+    uint8_t reserved;
 } hp_record;
 
 typedef struct {
-    uint64_t time, cause, epc, tval;
-    uint32_t cycle, table, release, program, operation;
-    uint8_t kind, flags;
+    uint64_t time;
+    uint64_t cause;
+    uint64_t epc;
+    uint64_t tval;
+    uint32_t cycle;
+    uint32_t table;
+    uint32_t release;
+    uint32_t program;
+    uint32_t operation;
+    uint8_t kind;
+    uint8_t flags;
     uint16_t hart;
     uint64_t reserved;
 } hp_fault;
@@ -96,11 +143,21 @@ _Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (s
 /* ---- the mailbox of a core: the top of its data scratchpad ---- */
 
 typedef struct {
-    uint64_t request, done; /* equal: the core is idle */
-    uint64_t entry, bss, bss_end;
-    uint64_t deadline, finish; /* mtime; finish 0: the execution ends when the function returns */
+    uint64_t request;
+    uint64_t done; /* equal: the core is idle */
+    uint64_t entry;
+    uint64_t bss;
+    uint64_t bss_end;
+    uint64_t deadline;
+    uint64_t finish; /* mtime; finish 0: the execution ends when the function returns */
     uint64_t ranks;            /* rank | size << 32 */
-    uint64_t begin, end, status, cause, epc, tval, ready;
+    uint64_t begin;
+    uint64_t end;
+    uint64_t status;
+    uint64_t cause;
+    uint64_t epc;
+    uint64_t tval;
+    uint64_t ready;
 } hp_mailbox;
 
 #define MAILBOX_SIZE 256U
@@ -123,7 +180,9 @@ static inline void wait_for_interrupt(void) { __asm__ volatile("wfi" ::: "memory
 
 /* ---- parts of the runtime on the management core ---- */
 
-enum { DMA_IDLE, DMA_BUSY, DMA_FAILED };
+#define DMA_IDLE 0U
+#define DMA_BUSY 1U
+#define DMA_FAILED 2U
 
 /* A transfer has an owner, any number but 0: an error is that of the job whose transfer it was. */
 void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner);
@@ -131,10 +190,10 @@ void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner);
 uint32_t dma_state(uint32_t channel, uint64_t owner);
 /* Does a part of what the hardware does not; 0: nothing to do. */
 uint32_t dma_work(void);
-void report(void);
+void print_report(void);
 void leave(uint64_t status) __attribute__((noreturn));
 void runtime(void) __attribute__((noreturn));
 
-extern uint64_t hp_monitors[HP_UNITS + 1]; /* where the cores are sent to, by hart; read by start.S */
+extern uint64_t hp_monitors[HP_UNITS + 1U]; /* where the cores are sent to, by hart; read by start.S */
 
 #endif

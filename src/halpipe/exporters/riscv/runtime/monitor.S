@@ -3,7 +3,7 @@
     .globl _monitor
 _monitor:
     ld sp, hp_site + 40
-    call monitor
+    call run_monitor
 
     .balign 4
     .globl monitor_trap
@@ -33,7 +33,7 @@ start_job:
     .endr
     mret
 
-# Where this core is; the linker script knows. Its order is that of the enum in monitor.c.
+# Where this core is; the linker script knows. Its order is that of the numbers in monitor.c.
     .balign 8
     .globl hp_site
 hp_site:

@@ -2,12 +2,19 @@
  * enforces: what a job does wrong ends in a trap here, or at its deadline. */
 #include "halpipe.h"
 
-enum { HART, ISPM, ISPM_END, DSPM, DSPM_END, BOX, JOB_STACK, JOB_END };
-extern const uint64_t hp_site[];
-extern const char monitor_trap[];
-extern const char job_return[];
+#define HART 0
+#define ISPM 1
+#define ISPM_END 2
+#define DSPM 3
+#define DSPM_END 4
+#define BOX 5
+#define JOB_STACK 6
+#define JOB_END 7
+extern const uint64_t hp_site[8];
+extern const char monitor_trap[1];
+extern const char job_return[1];
 void start_job(uint64_t entry, uint64_t rank, uint64_t ranks, uint64_t stack) __attribute__((noreturn));
-void monitor(void) __attribute__((noreturn));
+void run_monitor(void) __attribute__((noreturn));
 void trapped(void) __attribute__((noreturn));
 static void serve(void) __attribute__((noreturn));
 
@@ -19,7 +26,6 @@ static void serve(void) __attribute__((noreturn));
 #define PMP_LOCKED 128UL
 #define CLINT_SIZE 0x10000UL
 
-#define MSTATUS_MIE 8UL
 #define MSTATUS_MPP 0x1800UL
 #define CALL_FROM_USER 8UL
 #define IS_INTERRUPT 0x8000000000000000UL
@@ -54,6 +60,7 @@ static void idle(void) {
 }
 
 /* Bounded by the deadline: its interrupt ends the clearing, too. */
+static void execute(const volatile hp_mailbox *box) __attribute__((noreturn));
 static void execute(const volatile hp_mailbox *box) {
     WRITE_CSR(mie, MIE_TIMER);
     __asm__ volatile("fence\n fence.i\n csrsi mstatus, 8" ::: "memory");
@@ -86,7 +93,7 @@ static uint32_t has_user_mode(void) {
     return ((status & MSTATUS_MPP) == 0U) ? 1U : 0U;
 }
 
-void monitor(void) {
+void run_monitor(void) {
     WRITE_CSR(mtvec, (uint64_t)monitor_trap);
     WRITE_CSR(mcounteren, 0U);
     lock();

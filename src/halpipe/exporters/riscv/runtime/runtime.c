@@ -16,7 +16,8 @@
 #define ATTEMPTS 1000U
 
 typedef struct {
-    const hp_operation *operation, *end;
+    const hp_operation *operation;
+    const hp_operation *end;
     uint64_t base;    /* mtime of the job's start */
     uint64_t number;  /* of the release: the owner of its transfers */
     uint64_t where;   /* cycle | table << 32, as in a trace record */
@@ -30,12 +31,19 @@ static uint64_t keys[HP_UNITS + 1U]; /* next instant of every slot, and of the t
 static volatile hp_mailbox *boxes[HP_UNITS];
 uint64_t hp_monitors[HP_UNITS + 1U];
 
-static struct {
+typedef struct {
     uint64_t start; /* mtime */
-    uint32_t index, row, next, cycle, mode, is_decided;
-} current;
+    uint32_t index;
+    uint32_t row;
+    uint32_t next;
+    uint32_t cycle;
+    uint32_t mode;
+    uint32_t is_decided;
+} progress;
 
-static uint64_t base, traced, releases;
+static progress current;
+
+static uint64_t base;
 static hp_record *cursor;
 
 static inline void wait_until(uint64_t instant) {
@@ -56,10 +64,13 @@ static inline uint64_t what(uint64_t place, uint64_t kind, uint64_t flags, uint6
 }
 
 typedef struct {
-    uint64_t time, begin, end;
+    uint64_t time;
+    uint64_t begin;
+    uint64_t end;
 } instants;
 
 static inline void record(const instants *at, uint64_t where, uint64_t who, uint64_t which) {
+    static uint64_t traced = 0U;
     uint64_t *word = (uint64_t *)cursor; /* whole words: half as many stores */
     word[0] = at->time;
     word[1] = at->begin;
@@ -79,7 +90,10 @@ static void abandon(slot *s, const hp_operation *o, uint64_t flags, uint64_t now
     uint64_t count = CONTROL->faults;
     hp_fault *f = &FAULTS[count % HP_FAULT_CAPACITY];
     const volatile hp_mailbox *box = boxes[o->unit];
-    uint64_t is_trap = (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) ? 1U : 0U;
+    uint32_t is_trap = 0U;
+    if (((flags & (FLAG_FAULT | FLAG_OVERRUN)) != 0U) && (box->done == box->request)) {
+        is_trap = 1U;
+    }
     s->is_over = 1U;
     f->time = now - base;
     f->cycle = (uint32_t)s->where;
@@ -153,14 +167,14 @@ static inline void step(uint32_t unit) {
     uint64_t retry = 0U;
     if (s->is_over != 0U) {
         flags = FLAG_SKIPPED;
-    } else if (o->kind == (uint8_t)OP_RUN) {
+    } else if (o->kind == OP_RUN) {
         flags = run(s, o);
-    } else if (o->kind == (uint8_t)OP_STOP) {
+    } else if (o->kind == OP_STOP) {
         flags = stop(o, &at);
     } else {
         uint32_t state = dma_state(o->channel, s->number);
         flags = failure_of(state);
-        if (o->kind == (uint8_t)OP_COPY) {
+        if (o->kind == OP_COPY) {
             if (state == DMA_IDLE) {
                 dma_start(o->channel, o, s->number);
             } else if (state == DMA_BUSY) {
@@ -189,6 +203,7 @@ static inline void step(uint32_t unit) {
 static inline void release(const hp_release *job) {
     const hp_program *program = &hp_programs[job->program];
     slot *s = &slots[program->unit];
+    static uint64_t releases = 0U;
     s->operation = program->operations;
     s->end = &program->operations[program->count];
     s->base = current.start + job->time;
@@ -203,7 +218,10 @@ static inline void release(const hp_release *job) {
 
 static void record_table(uint64_t begin, uint64_t end, uint64_t flags) {
     uint64_t now = MTIME; /* the first table is begun a little before the run */
-    instants at = {(now > base) ? (now - base) : 0U, begin, end};
+    instants at = {0U, begin, end};
+    if (now > base) {
+        at.time = now - base;
+    }
     record(&at, current.cycle | ((uint64_t)current.index << 32U), 0U, what(0U, OP_TABLE, flags, 0U));
 }
 
@@ -222,7 +240,10 @@ static uint64_t table_key(void) {
 }
 
 static void begin_table(uint32_t index, uint64_t start) {
-    uint32_t is_mode = (index < HP_MODES) ? 1U : 0U;
+    uint32_t is_mode = 0U;
+    if (index < HP_MODES) {
+        is_mode = 1U;
+    }
     current.index = index;
     current.start = start;
     current.row = 0U;
@@ -311,11 +332,11 @@ static void clear(uint64_t begin, uint64_t end) {
 
 static void prepare_memory(void) {
     if (CONTROL->magic != HP_MAGIC) { /* nobody did */
-        clear(HP_CONTROL + 8U, HP_CONTROL + offsetof(hp_control, state));
+        clear(HP_CONTROL + 8U, HP_CONTROL + (uint64_t)offsetof(hp_control, state));
         CONTROL->offset = HP_TICKS_PER_MS;
         clear(HP_BUFFERS, HP_BUFFERS_END);
     }
-    clear(HP_CONTROL + offsetof(hp_control, base), HP_CONTROL + sizeof(hp_control));
+    clear(HP_CONTROL + (uint64_t)offsetof(hp_control, base), HP_CONTROL + (uint64_t)sizeof(hp_control));
     CONTROL->state = STATE_BOOTING;
 }
 
@@ -324,12 +345,13 @@ static uint32_t start_core(uint32_t unit) {
     uint64_t box = (u->dspm + HP_DSPM_SIZE) - MAILBOX_SIZE;
     boxes[unit] = (volatile hp_mailbox *)box;
     clear(box, box + MAILBOX_SIZE);
-    for (uint64_t at = 0U; at < u->monitor_size; at += 8U) {
-        *(volatile uint64_t *)(u->ispm + at) = *(const uint64_t *)(u->monitor + at);
+    for (uint64_t at = 0U; at < u->code_size; at += 8U) {
+        *(volatile uint64_t *)(u->ispm + at) = *(const uint64_t *)(u->code + at);
     }
-    hp_monitors[unit + 1U] = u->ispm;
+    uint32_t hart = unit + 1U;
+    hp_monitors[hart] = u->ispm;
     fence();
-    MSIP(unit + 1U) = 1U;
+    MSIP(hart) = 1U;
     for (uint32_t attempts = 0U; (attempts < ATTEMPTS) && (boxes[unit]->ready == 0U); attempts++) {
         wait_until(MTIME + 1U + (HP_TICKS_PER_MS / 100U));
     }
@@ -354,7 +376,7 @@ void runtime(void) {
     play();
     CONTROL->state = STATE_FINISHED;
     if (CONTROL->report != 0U) {
-        report();
+        print_report();
     }
     leave((CONTROL->faults == 0U) ? 0U : 1U);
 }

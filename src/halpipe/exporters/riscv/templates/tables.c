@@ -7,7 +7,7 @@
 /* {{ loop.index0 }}: {{ program.task }}, version {{ program.version }}, on {{ units(program) }} */
 static const hp_operation program_{{ loop.index0 }}[] = {
 {%- for o in program.operations %}
-    {AT({{ o.at }}U, {{ o.key[1] }}U), {{ o.source | hex }}U, {{ o.target | hex }}U, {{ o.size }}U, {{ o.limit }}U, (uint8_t)OP_{{ o.kind | upper }}, {{ o.channel }}U, {{ o.unit }}U, 0U, {{ o.rank }}U, {{ o.ranks }}U}, /* {{ o.what }} */
+    {AT({{ o.at }}U, {{ o.key[1] }}U), {{ o.source | hex }}U, {{ o.target | hex }}U, {{ o.size }}U, {{ o.limit }}U, OP_{{ o.kind | upper }}, {{ o.channel }}U, {{ o.unit }}U, 0U, {{ o.rank }}U, {{ o.ranks }}U}, /* {{ o.what }} */
 {%- endfor %}
 };
 {%- endfor %}

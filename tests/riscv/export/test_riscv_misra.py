@@ -1,0 +1,56 @@
+"""The runtime in C: MISRA C:2012 as cppcheck sees it, but for the deviations that are documented; no compiler warning."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from halpipe.exporters.riscv import RiscvOptions
+from halpipe.files import write_directory
+from halpipe.flow.formats import export
+from riscv_models import on_disk, single
+
+PAGE = Path(__file__).parents[3] / "docs" / "reference" / "misra.md"
+GCC = "riscv64-unknown-elf-gcc"
+STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Werror")
+TARGET = ("-march=rv64imac_zicsr_zifencei", "-mabi=lp64", "-mcmodel=medany", "-std=gnu11", "-O2", "-ffreestanding")
+
+pytest.importorskip("ziglang", reason="pip install ziglang")
+
+
+@pytest.fixture(scope="module", params=["vcu118", "virt"])  # with a DMA engine, and without one
+def runtime(request, tmp_path_factory):
+    """A bundle's folder; its runtime has the generated headers and tables, too."""
+    folder = tmp_path_factory.mktemp(request.param)
+    model, tables = on_disk(folder, *single())
+    write_directory(str(folder / "b"), export("riscv", model, tables, RiscvOptions(profile=request.param)))
+    return folder / "b"
+
+
+def deviations():
+    """The rules of the documented list."""
+    rows = re.findall(r"^\| ([0-9]+\.[0-9]+) \|", PAGE.read_text(), re.MULTILINE)
+    assert rows
+    return set(rows)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="apt-get install cppcheck")
+def test_misra_but_for_the_documented_deviations(runtime):
+    command = ["cppcheck", "--addon=misra", "--enable=style", "--std=c11", "--platform=unix64", "-q", "-Iruntime"]
+    files = sorted(f"runtime/{path.name}" for path in (runtime / "runtime").glob("*.c"))
+    done = subprocess.run([*command, *files], cwd=runtime, capture_output=True, text=True, check=True)
+    found = re.findall(r"^(\S+?:[0-9]+).*\[misra-c2012-([0-9]+\.[0-9]+)\]", done.stderr, re.MULTILINE)
+    assert found, "the addon says nothing at all: it was not run"
+    assert [(place, rule) for place, rule in found if rule not in deviations()] == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which(GCC) is None, reason="apt-get install gcc-riscv64-unknown-elf")
+def test_no_warning_of_the_compiler(runtime, tmp_path):
+    for path in sorted((runtime / "runtime").glob("*.c")):
+        command = [GCC, *STRICT, *TARGET, "-Iruntime", "-c", f"runtime/{path.name}", "-o", str(tmp_path / "o")]
+        done = subprocess.run(command, cwd=runtime, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
