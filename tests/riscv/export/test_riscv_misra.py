@@ -1,4 +1,4 @@
-"""The runtime in C: MISRA C:2012 as cppcheck sees it, but for the deviations that are documented; no compiler warning."""
+"""The runtime in C: MISRA C:2012 as cppcheck sees it, but for documented deviations; no warning of the compiler."""
 
 import re
 import shutil
