@@ -1,8 +1,10 @@
 """What stops a WCET from growing, rule by rule; the exactness itself is a property (test_growth_verify)."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 from halpipe.durations import Duration
+from halpipe.models import Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities
 from halpipe.pipeline.whatif.trial import Search
@@ -132,3 +134,46 @@ def test_a_grid_that_does_not_meet_the_growth():
     row, found = look(system, plan, "a", step=Fraction(1, 2))
     assert row.growth == ms(7)
     assert found.found == found.bound == Duration(9_000_000)
+
+
+# ------------------------------------------------------------------------------------------------ MODEL 8
+
+
+def split_case():
+    """A job of 4 ms with a gap from 2 to 5 ms, where another one of 2 ms starts at 3, and a third one at 9 ms."""
+    long = replace(version("v", 4), split=Split(points=(ms(2),)))
+    system = model(task("a", 20, long), task("b", 20, version("v", 2)), task("c", 20, version("v", 1)))
+    parts = (
+        Part(start=ms(0), end=ms(2), executed_from=ms(0), executed_to=ms(2)),
+        Part(start=ms(5), end=ms(7), executed_from=ms(2), executed_to=ms(4)),
+    )
+    whole = job(system, "a", 0, 0, "u1")
+    cut = replace(whole, end=ms(7), parts=parts)
+    return system, schedule(system, 20, cut, job(system, "b", 0, 3, "u1"), job(system, "c", 0, 9, "u1"))
+
+
+def test_the_last_part_of_a_split_job_grows():
+    system, plan = split_case()
+    grows, reason = growth(system, plan)
+    assert grows == ms(2)
+    assert "is held by" in reason
+
+
+def test_a_job_in_a_gap_grows_until_the_other_goes_on():
+    assert growth(*split_case(), "b")[0] == ms(0)
+    assert growth(*split_case(), "c")[0] == ms(10)
+
+
+def test_interrupts_count_while_a_wcet_grows():
+    """T = 10, c = 1: from 9 ms of work on there are two interrupts in a job, and 18 ms is where the third one comes."""
+    system = model(task("a", 20, version("v", 5)))
+    served = (Interrupt(name="i", distance=ms(10), wcet=ms(1)),)
+    system = replace(system, units=(replace(system.units[0], interrupts=served),))
+    plan = schedule(system, 20, replace(job(system, "a", 0, 0, "u1"), end=ms(6)))
+    assert growth(system, plan)[0] == ms(13)
+
+
+def test_a_task_that_polls_grows_until_its_arrivals_wait_too_long():
+    owner = replace(task("a", 10, version("v", 1), slack=1), distance=ms(14))
+    system = model(owner)
+    assert growth(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))[0] == ms(3)

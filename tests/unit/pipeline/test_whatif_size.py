@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.models import Unit
+from halpipe.models import Interrupt, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif import codes
@@ -236,3 +236,13 @@ def test_what_is_found_is_found_again_by_schedule(seed):
     answer = ask(fewest_units(system, "core"), search(seed=seed))
     smaller = with_units(system, "core", int(answer.found)).model
     assert schedule_model(smaller, SearchOptions(seed=seed, budget=200), lambda *_: True).is_complete
+
+
+def test_no_bound_is_drawn_from_interrupts_of_units_that_may_be_left_out():
+    """Of two units the first is filled to 90 % by interrupts: one alone is enough if it is the other."""
+    system = model(task("a", 10, version("v", 5, "u1 u2")), units="u1 u2")
+    served = (Interrupt(name="i", distance=ms(10), wcet=ms(9)),)
+    first, second = (replace(unit, type="core") for unit in system.units)
+    system = replace(system, units=(replace(first, interrupts=served), second))
+    question = fewest_units(system, "core")
+    assert not proofs(question.relaxed(question.value(1)), question.ignored)

@@ -42,11 +42,14 @@ class Changed:
 def with_units(model: TaskModel, type: str, count: int, *, alike: bool = False) -> Changed:
     """Leave or make `count` units of a type: the last are left out, further ones are copies of the first.
 
-    With `alike`, all of them serve every version that may use any: at least as much as any choice of `count` units.
+    With `alike`, all of them serve every version that may use any, and no interrupts: at least as much as any choice of
+    `count` units.
     """
     own = [unit.name for unit in model.units if unit.type == type]
     if alike:
         model = _rebuilt(model, lambda _, v: _with_all(v, own)).model
+        units = tuple(replace(unit, interrupts=()) if unit.type == type else unit for unit in model.units)
+        model = replace(model, units=units)
     if count > len(own):
         return Changed(more_units(model, own[0], count - len(own)))
     gone = frozenset(own[count:])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.pipeline.parts import parts_of, reserved_length, service_of
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.changed import Changed, time_limit, with_version_factor
@@ -46,15 +47,20 @@ class Sensitivity:
 def sensitivities(model: TaskModel, schedule: Schedule, tasks: frozenset[str]) -> Iterator[Sensitivity]:
     """Yield one row for each version of the named tasks (or all), for a schedule that verifies.
 
-    By `growth` more the schedule still verifies, with every start where it is; by anything more it does not.
+    By `growth` more the schedule still verifies, with every start where it is; by anything more it does not. Where jobs
+    are split or interrupted, or serve arrivals, verify itself says so: by a tick more it does not. There the last part
+    of a split job grows.
     """
     tick = common_tick(model, schedule)
-    modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes}
+    whole = _has_undisturbed_jobs(model)
+    modes = {mode.name: FixedStarts.of(model, mode, tick) for mode in schedule.modes} if whole else {}
     for task in model.tasks:
         for version in task.versions:
             if version.wcet is None or (tasks and task.name not in tasks):
                 continue
             limit = _in_modes(modes, task.name, version.name)
+            if not whole:
+                limit = _by_verify(model, schedule, task.name, version.name, tick)
             limit = _across_switches(model, schedule, task.name, version.name, tick, limit)
             yield Sensitivity(
                 task=task.name,
@@ -74,16 +80,45 @@ def _in_modes(modes: dict[str, FixedStarts], task: str, version: str) -> Limit |
     return min(limits, key=lambda limit: limit.growth, default=None)
 
 
+def _by_verify(model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration) -> Limit | None:
+    """Return the limit that the modes give which use the version, each looked at alone."""
+    limit: Limit | None = None
+    for mode in schedule.modes:
+        if any((job.task, job.version) == (task, version) for job in mode.jobs):
+            alone = replace(model, modes=(model.mode(mode.name),), transitions=())
+            most = limit or Limit(mode.hyperperiod // tick, "length of the hyperperiod")
+            limit = _across(alone, replace(schedule, modes=(mode,), transitions=()), task, version, tick, most)
+    return limit
+
+
+def _has_undisturbed_jobs(model: TaskModel) -> bool:
+    """Return whether jobs are neither split nor interrupted, and none serves arrivals."""
+    splits = (version.split.is_allowed for task in model.tasks for version in task.versions)
+    served = any(unit.interrupts for unit in model.units)
+    return not (served or any(splits) or any(task.distance is not None for task in model.tasks))
+
+
 def grown(
     model: TaskModel, schedule: Schedule, task: str, version: str, growth: Duration
 ) -> tuple[TaskModel, Schedule]:
-    """Return model and schedule with a longer WCET of a version, every start where it was, and no figures reported."""
+    """Return model and schedule with a longer WCET of a version, every start where it was, and no figures reported.
+
+    Of a job with gaps the last part grows.
+    """
+    units = {unit.name: unit for unit in model.units}
 
     def longer(v: Version) -> Version:
         return replace(v, wcet=v.wcet + growth) if v.name == version and v.wcet is not None else v
 
     def later(job: Job) -> Job:
-        return replace(job, end=job.end + growth) if (job.task, job.version) == (task, version) else job
+        if (job.task, job.version) != (task, version):
+            return job
+        *before, last = parts_of(job, model.task(task).version(version))
+        done = last.executed_to + growth
+        resume = model.task(task).version(version).split.resume if before else ZERO
+        end = last.start + reserved_length(resume + done - last.executed_from, service_of(units, job.units))
+        parts = (*before, replace(last, executed_to=done, end=end)) if before else ()
+        return replace(job, end=end, parts=parts)
 
     tasks = tuple(replace(t, versions=tuple(map(longer, t.versions))) if t.name == task else t for t in model.tasks)
     modes = tuple(
