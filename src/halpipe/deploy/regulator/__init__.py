@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.simulate import Played
     from halpipe.diagnostics import Diagnostic
 
-ARITHMETIC = "arithmetic"
+ARITHMETIC, FORMAL = "arithmetic", "formal"
 
 
 class RegulatorDeployment:
@@ -23,7 +23,7 @@ class RegulatorDeployment:
 
     name = "regulator"
     summary = "budgets of memory regulators: exact arithmetic, and what is loaded executed"
-    engines = ("auto", ARITHMETIC, "verilator", "icarus")
+    engines = ("auto", ARITHMETIC, "verilator", "icarus", FORMAL)
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
@@ -86,6 +86,19 @@ def _execute(
     return case.findings, [f"device: {tables.backend} {wrong}; {case.steps} writes executed on its model"]
 
 
+def _prove(target: Target) -> tuple[list[Diagnostic], list[str]]:
+    """Prove the Verilog for all traffic and all time."""
+    from halpipe.deploy.regulator.formal import prove
+
+    proofs = list(prove(target.bundle))
+    findings = [found for proof in proofs for found in proof.findings]
+    lines = ["proof by k-induction, for all traffic and all time (yosys, cvc5):"]
+    for proof in proofs:
+        wrong = f"{len(proof.findings)} not proven" if proof.findings else "proven"
+        lines.append(f"  {proof.part}: {proof.properties} properties, {wrong}")
+    return findings, lines
+
+
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
     from halpipe.caches import why_no_cache
@@ -94,6 +107,8 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
 
     if options.engine == ARITHMETIC:
         return [], []
+    if options.engine == FORMAL:
+        return _prove(target)
     engine, told = choose_engine(options.engine)
     if engine is None:
         return [], [told]

@@ -2,7 +2,8 @@
 //
 // The entry of the next window is read from block RAM all through the window before, into one register, so that it stands
 // ready when the window ends. A request therefore has to be there two cycles before the last window of a table ends; one
-// that comes later waits for the next end of a table.
+// that comes later waits for the next end of a table. It is dropped if another request is followed at this end: it was
+// made for the table that ends, and would be followed after another one.
 `default_nettype none
 module halpipe_regulator_player #(
   parameter integer DEPTH   = 1024,  // entries of all tables of the unit, with the terminator; 2 at least
@@ -36,8 +37,8 @@ module halpipe_regulator_player #(
   localparam integer HA = $clog2(TABLES);
 
   // Entry: {first window, read bytes, write bytes}; header: {successor, base, windows}.
-  (* ram_style = "block" *)       reg [95:0] entries [0:DEPTH-1];
-  (* ram_style = "distributed" *) reg [63:0] headers [0:TABLES-1];
+  reg [95:0] entries [0:DEPTH-1];
+  reg [63:0] headers [0:TABLES-1];
   integer i;
   initial begin
     for (i = 0; i < TABLES; i = i + 1) headers[i] = 64'd0;
@@ -61,7 +62,7 @@ module halpipe_regulator_player #(
   reg [7:0]  entry_successor;
   reg [7:0]  entry_table;
   reg [23:0] entry_address;
-  reg        entry_begins, requested_late;
+  reg        entry_begins, entry_requested, requested_late;
   always @(posedge clk) begin
     if (entry_write[2]) entries[write_index[EA-1:0]][95:64] <= write_data[95:64];
     if (entry_write[1]) entries[write_index[EA-1:0]][63:32] <= write_data[63:32];
@@ -74,10 +75,11 @@ module halpipe_regulator_player #(
   end
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
-      entry_windows <= 0; entry_successor <= 0; entry_table <= 0; entry_address <= 0; entry_begins <= 1'b1; requested_late <= 1'b0;
+      entry_windows <= 0; entry_successor <= 0; entry_table <= 0; entry_address <= 0; entry_begins <= 1'b1;
+      entry_requested <= 1'b0; requested_late <= 1'b0;
     end else begin
       entry_windows <= header[31:0]; entry_successor <= header[63:56];
-      entry_table <= choice; entry_address <= address; entry_begins <= begins;
+      entry_table <= choice; entry_address <= address; entry_begins <= begins; entry_requested <= pending;
       requested_late <= req_valid;                   // not part of the choice that is registered now
     end
 
@@ -108,7 +110,8 @@ module halpipe_regulator_player #(
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       pending <= 1'b0; pending_table <= 0;
-    end else if (req_valid) begin
+    end else if (tick & go & entry_begins & entry_requested) pending <= 1'b0;
+    else if (req_valid) begin
       pending <= 1'b1; pending_table <= req_table;
     end else if (tick & go & entry_begins & ~requested_late) pending <= 1'b0;
 endmodule

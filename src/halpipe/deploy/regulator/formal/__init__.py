@@ -1,0 +1,211 @@
+"""Proof that the Verilog of a bundle keeps its properties for all traffic and all time: k-induction, by yosys and cvc5.
+
+Each part of the regulator is proven on its own, in ``*.sv`` beside this file: the gate (a window never gets more than
+its budget, or the one burst that was waiting; VALID is never withdrawn; a burst that fits passes), the player (windows
+and tables in their order, from the tables and the requests alone), the unit (data never ahead of its address,
+registers), the block around the units (windows as long as stated, orders to all in one cycle) and the AXI4-Lite front.
+What follows for the sums of all units is arithmetic: see `halpipe.deploy.regulator.arithmetic`.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
+from halpipe.diagnostics import HalpipeError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from halpipe.bundles import Bundle
+    from halpipe.diagnostics import Diagnostic
+
+FOLDER = files("halpipe.deploy.regulator.formal")
+SECONDS = 600
+RTL = "table/rtl/"
+TOOLS = {"yosys": "yosys", "yosys-smtbmc": "yosys", "cvc5": "cvc5"}
+"""Programs, and the packages of Debian that have them."""
+
+_UNIT_PORTS = (
+    "m_arvalid", "m_arready", "m_awvalid", "m_awready", "m_wvalid", "m_wready",
+)  # fmt: skip
+_PLAYER_PORTS = (
+    "tick", "go", "req_valid", "req_table", "entry_write", "header_write", "def_rd", "def_wr", "next_rd", "next_wr",
+    "running", "pending", "pending_table",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part to be proven: its Verilog, the wires of the properties with what they stand for inside, and the depth."""
+
+    name: str
+    sources: tuple[str, ...]
+    wires: Mapping[str, tuple[str, ...]]
+    depth: int
+
+
+def _gate(prefix: str, instance: str) -> dict[str, tuple[str, ...]]:
+    ports = {
+        "refill": "refill",
+        "budget": "budget",
+        "room": "room",
+        "valid": "valid_i",
+        "bytes": "bytes",
+        "left": "left",
+    }
+    return {f"{prefix}_{name}": (f"dut.{instance}.{port}",) for name, port in ports.items()}
+
+
+def _units(names: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    return {name: tuple(f"dut.unit[{n}].regulator.{port}" for n in (1, 0)) for name, port in names.items()}
+
+
+_ALL = ("halpipe_regulator_gate.v", "halpipe_regulator_player.v", "halpipe_regulator_unit.v", "halpipe_regulator.v")
+PARTS = (
+    Part("gate", _ALL[:1], {}, 2),
+    Part(
+        "player",
+        _ALL[1:2],
+        {
+            **{
+                f"{kind}{n}": (f"dut.{array}[{n}]",)
+                for kind, array in (("entry", "entries"), ("header", "headers"))
+                for n in range(4)
+            },
+            "place": ("dut.entry_now",),
+            "length": ("dut.windows",),
+            "follower": ("dut.successor",),
+            "rd_now": ("dut.rd_now",),
+            "wr_now": ("dut.wr_now",),
+        },
+        2,
+    ),
+    Part(
+        "unit",
+        _ALL[:3],
+        {
+            **{f"p_{port}": (f"dut.player.{port}",) for port in _PLAYER_PORTS},
+            "p_index": ("dut.player.write_index",),
+            "p_data": ("dut.player.write_data",),
+            "p_table": ("dut.player.table_now",),
+            "p_window": ("dut.player.window_now",),
+            **_gate("r", "read"),
+            **_gate("w", "write"),
+            "w_admit": ("dut.write.admit",),
+            **{name: (f"dut.{name}",) for name in ("owed", "go_here", "held_rd", "held_wr")},
+        },
+        2,
+    ),
+    Part(
+        "frame",
+        _ALL,
+        {
+            **_units(
+                {"u_tick": "tick", "u_go": "all_go", "u_req_valid": "all_req_valid", "u_req_table": "all_req_table"}
+            ),
+            **_units({"u_write": "reg_write", "u_addr": "reg_addr", "u_wdata": "reg_wdata", "u_rdata": "reg_rdata"}),
+            **_units(
+                {f"u_{n}": f"s_{n}" for n in ("arvalid", "arready", "awvalid", "awready", "wvalid", "wready", "wlast")}
+            ),
+            **_units({f"u_{n}": n for n in (*_UNIT_PORTS, "arlen", "arsize", "awlen", "awsize")}),
+            "counter": ("dut.cycle",),
+            "length": ("dut.cycles",),
+            "number": ("dut.window",),
+            "go": ("dut.go",),
+        },
+        2,
+    ),
+    Part("axil", ("halpipe_regulator_axil.v",), {}, 2),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What came of a part: the properties that fail, none if all are proven, and how long it took."""
+
+    part: str
+    properties: int
+    findings: tuple[Diagnostic, ...]
+    seconds: float
+
+
+def missing() -> str:
+    """Return which tools are missing, empty if none is."""
+    return ", ".join(tool for tool in TOOLS if shutil.which(tool) is None)
+
+
+def prove(bundle: Bundle) -> Iterator[Proof]:
+    """Yield the proof of every part of the bundle's Verilog; raise `HalpipeError` where the tools cannot be used."""
+    lacking = missing()
+    if lacking:
+        packages = " ".join(dict.fromkeys(TOOLS[tool] for tool in lacking.split(", ")))
+        help = f"install them (Debian: apt-get install {packages}), or use --engine auto, which simulates"
+        raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
+    for part in PARTS:
+        with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+            yield _prove(bundle, part, Path(folder))
+
+
+def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
+    begin = time.monotonic()
+    text = FOLDER.joinpath(f"{part.name}.sv").read_bytes()
+    (folder / "properties.sv").write_bytes(text)
+    for source in part.sources:
+        (folder / source).write_bytes(bundle.files.get(RTL + source, b""))
+    (folder / "part.ys").write_text("\n".join(_script(part)) + "\n")
+    done = _run(["yosys", "-q", "part.ys"], folder)
+    if done.returncode:
+        said = [line for line in (done.stdout + done.stderr).splitlines() if "ERROR" in line] or ["no message"]
+        help = "the Verilog of the bundle was changed so that its parts are not there any more; export it again"
+        raise HalpipeError(ENGINE_FAILED(f"yosys: {said[0][:300]}", at=bundle.at(RTL + part.sources[-1]), help=help))
+    found: dict[str, str] = {}
+    for mode, why in ((["-t", str(part.depth + 1)], "is broken"), (["-i", "-t", str(part.depth)], "cannot be shown")):
+        for name in _solve(folder, mode) if not found else ():
+            found[name] = why
+    at = bundle.at(RTL + part.sources[-1])
+    help = "the Verilog of the bundle was changed; export it again"
+    findings = tuple(
+        NOT_PROVEN(f'property "{name}" {why} for some traffic', at=at, path=f"proof of the {part.name}", help=help)
+        for name, why in found.items()
+    )
+    properties = len(re.findall(rb"\bassert \(", text))
+    return Proof(part.name, properties, findings, time.monotonic() - begin)
+
+
+def _script(part: Part) -> Iterator[str]:
+    """Yield the commands that make the problem: parts flattened, memories as registers, wires joined to the insides."""
+    yield f"read_verilog -formal -sv {' '.join(part.sources)} properties.sv"
+    yield f"prep -top formal_{part.name} -flatten -nordff"
+    yield "memory_map"
+    yield f"cd formal_{part.name}"
+    for wire, inside in part.wires.items():
+        for n, name in enumerate(inside):
+            yield f"rename {name} {wire}__{n}"
+        yield f"connect -set {wire} {','.join(f'{wire}__{n}' for n in range(len(inside)))}"
+    yield from ("opt_clean", "async2sync", "dffunmap", "opt_clean", "write_smt2 -wires part.smt2")
+
+
+def _solve(folder: Path, mode: list[str]) -> list[str]:
+    """Return the properties that fail; all that is not decided fails as a whole."""
+    done = _run(["yosys-smtbmc", "-s", "cvc5", "--noprogress", *mode, "part.smt2"], folder)
+    said = done.stdout + done.stderr
+    if done.returncode == 0 and "Status: PASSED" in said:
+        return []
+    return list(dict.fromkeys(re.findall(r"Assert failed in \w+: (\w+)", said))) or ["(undecided)"]
+
+
+def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    try:
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS, check=False)
+    except subprocess.TimeoutExpired:
+        help = "run it on a machine that is not busy; --engine auto simulates"
+        raise HalpipeError(ENGINE_FAILED(f"{command[0]} took more than {SECONDS} s", help=help)) from None
