@@ -16,10 +16,11 @@ import regulator_bundles as bundles
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes, stimuli
 from halpipe.deploy.regulator.engines import Icarus, Verilator
+from halpipe.deploy.regulator.formal import PARTS, missing, prove
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.deploy.regulator.simulate import CYCLES, design_of, play, simulate
-from halpipe.deploy.regulator.stimuli import TRAFFIC, Traffic, plan, unit_address
+from halpipe.deploy.regulator.simulate import CYCLES, STEPPED_CYCLES, design_of, play, simulate
+from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, unit_address
 
 RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "rtl"
 BENCH = Path(halpipe.__file__).parent / "deploy" / "regulator" / "bench"
@@ -261,7 +262,9 @@ def test_the_check_reports_every_run(files):
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus", seed=5))
     assert checked.diagnostics == ()
     assert checked.lines[1] == "simulation: engine icarus, seed 5"
-    assert [line.strip().split("  ")[0] for line in checked.lines[3:]] == [traffic.name for traffic in TRAFFIC]
+    assert [line.strip().split("  ")[0] for line in checked.lines[3:]] == [
+        traffic.name for traffic in (STEPPED, *TRAFFIC)
+    ]
     assert all(line.endswith(" 0") for line in checked.lines[3:])
 
 
@@ -313,9 +316,21 @@ def test_the_tables_are_synthesized_to_block_ram():
 
 
 @icarus
+def test_every_table_is_stepped_through_to_its_end(files, tables, player):
+    run = plan(tables, STEPPED, 1, windows=2**31)
+    result = verdict(files, tables, player, run)
+    assert result.findings == []
+    ended = {e.table for e in run.expected if e.window + 1 == tables.tables[e.table].windows}
+    assert ended == {table.index for table in tables.tables}
+    faulty = {**files, **bundles.forms_of(bundles.changed(files, bundles.FAULTS["one burst less"]))}
+    assert codes.GOT_TOO_LITTLE.id in {f.code for f in verdict(faulty, tables, player, run).findings}
+
+
+@icarus
 @pytest.mark.parametrize("cycles", sometimes_slow([800, 12_000], 1))
 def test_tables_that_were_not_played_to_their_end_are_named(files, monkeypatch, cycles):
     monkeypatch.setitem(CYCLES, "icarus", (cycles, 100))
+    monkeypatch.setitem(STEPPED_CYCLES, "icarus", cycles // 8)
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus"))
     told = [line for line in checked.lines if "not played to the end" in line]
     assert told == (
@@ -339,3 +354,52 @@ def test_the_registers_are_reached_through_axi4_lite(tmp_path):
         "write 0100018 2",
         "read 0100018 00000123",
     ]
+
+
+# ------------------------------------------------------------------------------------------------ proof
+
+formal = pytest.mark.skipif(bool(missing()), reason=f"not installed: {missing()}")
+AXIL = "table/rtl/halpipe_regulator_axil.v"
+
+
+@formal
+@pytest.mark.slow
+def test_the_regulator_is_proven_for_all_traffic(files):
+    checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="formal"))
+    assert checked.diagnostics == ()
+    assert [line.split(":")[0].strip() for line in checked.lines[2:]] == [part.name for part in PARTS]
+    assert all(line.endswith(" proven") for line in checked.lines[2:])
+
+
+UNSEEN = {
+    "a burst that fits exactly waits": (GATE, "(left >= cost)", "(left > cost)", "gate", "progress"),
+    "late requests survive another": (PLAYER, "entry_requested) pending", "1'b0) pending", "player", "requests"),
+    "a table never written plays": (PLAYER, "(entry_windows == 32'd0)", "1'b0", "player", "reads"),
+    "too many writes are owed": (UNIT, ".room(owed != 8'hff)", ".room(1'b1)", "unit", "bounded"),
+    "requests out of range count": (UNIT, "& ({24'd0, req_table} < TABLES)", "", "unit", "requests"),
+    "tables open while they play": (UNIT, "reg_write & ~go;", "reg_write;", "unit", "stored"),
+    "windows may be too short": (FRAME, "(reg_wdata < 32'd4) ? 32'd4 : reg_wdata", "reg_wdata", "frame", "counts"),
+    "parts of words are written": (AXIL, "(s_wstrb == 4'hf);", "(s_wstrb != 4'h0);", "axil", "whole_"),
+}
+
+
+@formal
+@pytest.mark.parametrize("fault", [pytest.param(f, marks=() if "parts" in f else pytest.mark.slow) for f in UNSEEN])
+def test_faults_that_no_simulation_shows_are_refuted(files, fault, tmp_path):
+    """Of the part that has the fault; the others have nothing to do with it."""
+    name, old, new, part, name_of_property = UNSEEN[fault]
+    text = files[name].decode()
+    assert text.count(old) == 1
+    bundle = bundles.target({**files, name: text.replace(old, new).encode()}).bundle
+    (proof,) = prove(bundle, part)
+    assert {d.code for d in proof.findings} == {codes.NOT_PROVEN.id}
+    assert any(f'"{name_of_property}"' in d.message for d in proof.findings)
+
+
+def test_what_is_missing_for_a_proof_is_named(files, monkeypatch):
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(halpipe.diagnostics.HalpipeError) as refused:
+        DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="formal"))
+    (found,) = refused.value.diagnostics
+    assert found.code == codes.NO_ENGINE.id
+    assert "apt-get install yosys cvc5" in found.help

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.stimuli import Expected, Run
     from halpipe.diagnostics import Code, Diagnostic, Location
 
-FIELDS = 11
+FIELDS = 13
 UNKNOWN = 2**32 - 2
 _FAULTS = (
     "a read was withdrawn or changed before it was taken",
@@ -130,17 +130,18 @@ class _Judge:
             for half, direction in enumerate(DIRECTIONS):
                 count = Count(*fields[base + 2 + 3 * half : base + 5 + 3 * half])
                 budget = self._budgets.of(expected, unit.index, direction)
-                self._row(number, 2 * unit.index + half, count, budget)
+                self._row(number, 2 * unit.index + half, count, budget, fields[base + 11 + half])
                 total += count.taken
         self.verdict.largest_sum = max(self.verdict.largest_sum, total)
         if total > self._tables.capacity_bytes:
             text = f"{total} B in window {number}, the capacity is {self._tables.capacity_bytes} B"
             self._note(codes.SHARED_TOO_MUCH, "all units", text)
 
-    def _row(self, number: int, row: int, count: Count, budget: int) -> None:
+    def _row(self, number: int, row: int, count: Count, budget: int, left: int) -> None:
         """Hold one direction of one unit against its budget.
 
-        What was shown before and not yet taken is charged to this window as well; all else must fit the rest.
+        What was shown before and not yet taken is charged to this window as well; all else must fit the rest, which is
+        also what the regulator must have `left` when the window begins.
         """
         owed, self._owed[row] = self._owed[row], count.waiting
         room = max(0, budget - owed)
@@ -153,6 +154,10 @@ class _Judge:
         if admitted > room or count.carried > owed:
             text = f"{count.taken} B in window {number} ({self._where(number)}), the budget is {budget} B"
             self._note(codes.SPENT_TOO_MUCH, path, text)
+        if left != room:
+            code = codes.SPENT_TOO_MUCH if left > room else codes.GOT_TOO_LITTLE
+            text = f"has {left} B in window {number} ({self._where(number)}), it must have {room} B"
+            self._note(code, path, text)
         is_asking = self._run.kinds[unit.index] >> (4 * (direction == "write")) & 1
         if self._run.traffic.greedy and is_asking and admitted < room - room % self._tables.platform.burst_bytes:
             text = f"{count.taken} B in window {number} ({self._where(number)}), the budget is {budget} B"

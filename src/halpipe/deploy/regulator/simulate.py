@@ -25,8 +25,11 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.stimuli import Run
 
 BENCH = files("halpipe.deploy.regulator") / "bench"
-CYCLES = {"verilator": (60_000_000, 5_000_000), "icarus": (200_000, 40_000)}
-"""Cycles of the greedy run and of each other, if the user does not say how many hyperperiods: some ten seconds."""
+CYCLES = {"verilator": (16_000_000, 2_000_000), "icarus": (200_000, 40_000)}
+"""Cycles of the greedy run and of each other, if the user does not say how many hyperperiods: some seconds."""
+
+STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}
+"""Cycles of the run that steps through every table: whatever it takes, or what an interpreter does in some seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +89,11 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
     """
     with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
         player = engine.build(design_of(bundle, tables), folder)
-        for number, traffic in enumerate(stimuli.TRAFFIC):
-            share = CYCLES[engine.name][min(number, 1)]
-            windows = 2**31 if cycles else max(4, share // tables.platform.window_cycles)
-            run = stimuli.plan(tables, traffic, seed, windows=windows, repeats=cycles or 1)
+        for number, traffic in enumerate((stimuli.STEPPED, *stimuli.TRAFFIC)):
+            share = STEPPED_CYCLES[engine.name] if traffic.is_silent else CYCLES[engine.name][number > 1]
+            length = traffic.cycles or tables.platform.window_cycles
+            windows = 2**31 if cycles and not traffic.is_silent else max(4, share // length)
+            run = stimuli.plan(tables, traffic, seed, windows=windows, repeats=1 if traffic.is_silent else cycles or 1)
             yield Played(run, judge(tables, run, play(bundle, tables, player, run), bundle.at(FOLDER)))
 
 
@@ -109,13 +113,15 @@ def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
 def _arguments(tables: Tables, run: Run) -> list[str]:
     platform = tables.platform
     kinds = "".join(f"{kind:02x}" for kind in reversed(run.kinds))
+    longest = min(256, max(1, platform.burst_bytes // platform.bus_bytes))
+    # The memory takes what is shown within a window; so it is with one that serves its capacity, and is assumed.
     settings = {
-        "cycles": platform.window_cycles,
+        "cycles": run.cycles,
         "windows": len(run.expected),
         "seed": run.seed % 2**32,
-        "latency": run.traffic.latency,
+        "latency": min(run.traffic.latency, max(0, run.cycles - 2 * len(tables.units) * longest)),
         "depth": run.traffic.depth,
-        "longest": min(256, max(1, platform.burst_bytes // platform.bus_bytes)),
+        "longest": longest,
         "size": platform.bus_bytes.bit_length() - 1,
     }
     return [*(f"+{name}={value}" for name, value in settings.items()), f"+kinds={kinds}"]

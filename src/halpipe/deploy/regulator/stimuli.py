@@ -62,10 +62,16 @@ class Traffic:
     depth: int = 64
     latency: int = 20
     by_software: bool = False
+    cycles: int = 0
+    """Cycles of a window; 0: those of the platform."""
+    is_silent: bool = False
+    """Nobody asks for anything: the run is about tables and budgets alone, and ends when all tables were played."""
     """Whether the tables are written through the registers instead of being in the memory images."""
 
     def kinds(self, tables: Tables, draw: Draw) -> list[int]:
         """Return for every unit what its reader (low half) and its writer (high half) do."""
+        if self.is_silent:
+            return [0 for _ in tables.units]
         kinds = []
         for _ in tables.units:
             halves = [GREEDY | (draw.below(8) << 1 if self.mixed else self.flags) for _ in DIRECTIONS]
@@ -74,6 +80,9 @@ class Traffic:
             kinds.append(halves[0] | halves[1] << 4)
         return kinds
 
+
+STEPPED = Traffic(name="every table, stepped", cycles=16, is_silent=True)
+"""Windows of a few cycles, so that tables of any length are played to their ends in a moment."""
 
 TRAFFIC = (
     Traffic(name="greedy", greedy=True),
@@ -103,6 +112,7 @@ class Run:
 
     traffic: Traffic
     seed: int
+    cycles: int
     kinds: tuple[int, ...]
     script: tuple[tuple[int, str, int, int], ...]
     expected: tuple[Expected, ...]
@@ -122,13 +132,14 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
     table that they aim at, a quarter replace one made before.
     """
     draw = Draw(seed, traffic.name)
-    writer = _Software(tables, draw)
+    writer = _Software(tables, draw, traffic.cycles or tables.platform.window_cycles)
     writer.start(by_software=traffic.by_software)
-    writer.tour(windows, repeats)
+    writer.tour(windows, repeats, tables_only=traffic.is_silent)
     script, reads = writer.script(windows)
     return Run(
         traffic=traffic,
         seed=seed,
+        cycles=traffic.cycles or tables.platform.window_cycles,
         kinds=tuple(traffic.kinds(tables, draw)),
         script=tuple(script),
         expected=tuple(writer.expected[:windows]),
@@ -139,9 +150,9 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
 class _Software:
     """Makes the script, and follows what the regulators must make of it."""
 
-    def __init__(self, tables: Tables, draw: Draw) -> None:
+    def __init__(self, tables: Tables, draw: Draw, cycles: int) -> None:
         self._tables, self._draw = tables, draw
-        self._cycles = tables.platform.window_cycles
+        self._cycles = cycles
         self._first = first_window(len(tables.units))
         self._orders: dict[int, tuple[str, int, int]] = {}
         self._reads: list[tuple[int, int, int]] = []
@@ -182,8 +193,10 @@ class _Software:
             cycle = self._write(cycle, at + 8, NOT_RUNNING)
         return cycle
 
-    def tour(self, windows: int, repeats: int) -> None:
+    def tour(self, windows: int, repeats: int, *, tables_only: bool = False) -> None:
         """Go through the modes until every mode was played and every switch made, or the windows are used up.
+
+        With `tables_only` every table is enough.
 
         From a mode that leads nowhere new the regulators are stopped, and started in another one.
         """
@@ -192,6 +205,9 @@ class _Software:
         mode = self._tables.tables[0].mode
         while len(self.expected) < windows:
             left.discard(mode)
+            if tables_only and not left and made >= self._with_tables():
+                self._play(self._mode_table(mode), 1)
+                return
             path = self._path(mode, made)
             if path:
                 request = next(s.request for s in self._tables.switches if (s.source, s.target) == path)
@@ -207,6 +223,11 @@ class _Software:
                 return
             self._restart(self._mode_table(mode), self._mode_table(rest[0]))
             mode = rest[0]
+
+    def _with_tables(self) -> set[tuple[str, str]]:
+        """Return the switches that have a table of their own."""
+        tables = self._tables.tables
+        return {(s.source, s.target) for s in self._tables.switches if tables[s.request].is_transition}
 
     def _restart(self, table: int, begin: int) -> None:
         """Stop in the first window of `table`; one window later go on with the first of `begin`."""

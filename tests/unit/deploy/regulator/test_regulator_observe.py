@@ -23,6 +23,7 @@ def run_of(windows, *, greedy=True, reads=()):
     return Run(
         traffic=Traffic(name="t", greedy=greedy),
         seed=7,
+        cycles=64,
         kinds=(0x11, 0x11, 0x11),
         script=((0, "w", 0, 0),),
         expected=tuple(Expected(table=0, window=20 + n) for n in range(windows)),
@@ -41,6 +42,10 @@ def window(tables, number, **changes):
                        (("", budget), ("_carried", 0), ("_waiting", 0))]  # fmt: skip
         line += [changes.get("table", 0), changes.get("window", 20 + number), *counts, 0, 0]
         line += [changes.get(f"{unit.name}_faults", 0)]
+        for direction in ("read", "write"):
+            budget = tables.tables[0].budgets(unit.name, direction)[20 + number]
+            row = f"{unit.name}_{direction}"
+            line += [changes.get(f"{row}_left", max(0, budget - changes.get(f"{row}_carried", 0)))]
     return " ".join(map(str, line))
 
 
@@ -81,6 +86,7 @@ def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
     run = Run(
         traffic=Traffic(name="t", greedy=True),
         seed=7,
+        cycles=64,
         kinds=(0x11, 0x11, 0x11),
         script=(),
         expected=(Expected(table=0, window=25), Expected(table=0, window=26)),
@@ -94,6 +100,11 @@ def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
     assert [f.code for f in verdict(tables, run, last, another).findings] == [codes.SPENT_TOO_MUCH.id]
 
 
+@pytest.mark.parametrize(("left", "code"), [(320, codes.SPENT_TOO_MUCH), (192, codes.GOT_TOO_LITTLE)])
+def test_a_window_begins_with_its_budget_whoever_asks(tables, left, code):
+    assert found(tables, window(tables, 0, u1_read_left=left), greedy=False) == [code.id]
+
+
 def test_what_is_called_carried_must_have_been_waiting(tables):
     assert codes.SPENT_TOO_MUCH.id in found(
         tables, window(tables, 0), window(tables, 1, u1_read=320, u1_read_carried=64)
@@ -101,7 +112,7 @@ def test_what_is_called_carried_must_have_been_waiting(tables):
 
 
 def test_a_burst_may_wait_for_windows(tables):
-    waiting = {"u1_read": 0, "u1_read_waiting": 64}
+    waiting = {"u1_read": 0, "u1_read_waiting": 64, "u1_read_left": 192}
     first = window(tables, 0, u1_read=192, u1_read_waiting=64)
     assert found(tables, first, window(tables, 1, **waiting), window(tables, 2, **waiting), greedy=False) == []
 

@@ -2,7 +2,8 @@
 // would do, a script does: lines "cycle w address data" and "cycle r address 0", in cycles since reset, one per cycle.
 //
 // The trace has for every window "W", its number, and for every unit: table, window (as the unit says), then for reads and
-// writes the bytes taken, carried over and waiting, then beats of data read and written, and the faults seen so far.
+// writes the bytes taken, carried over and waiting, then beats of data read and written, the faults seen so far, and what
+// was left of the budgets of reads and of writes in the first cycle.
 `default_nettype none
 module bench #(
   parameter integer UNITS  = 4,
@@ -89,7 +90,7 @@ module bench #(
     .ar_valid(m_arvalid), .ar_ready(m_arready), .ar_len(arlen), .aw_valid(m_awvalid), .aw_ready(m_awready),
     .aw_len(awlen), .w_valid(m_wvalid), .w_ready(m_wready), .r_beat(r_beat));
 
-  wire [32*11*UNITS-1:0] seen;         // a line of the trace
+  wire [32*13*UNITS-1:0] seen;         // a line of the trace
   genvar i;
   generate for (i = 0; i < UNITS; i = i + 1) begin : manager
     wire unused_data, unused_last;
@@ -126,17 +127,23 @@ module bench #(
     wire [31:0] table_now = {24'd0, dut.unit[i].regulator.table_now};
     wire [31:0] window_now = dut.unit[i].regulator.window_now;
     reg [31:0] table_of, window_of;    // of the window that just closed
+    reg [31:0] rd_begin, wr_begin, rd_of, wr_of;
     always @(posedge clk)
       if (!rst_n) begin
         r_beats <= 0; w_beats <= 0; r_sum <= 0; w_sum <= 0; addresses <= 0; early <= 0; moved <= 0; ended <= 0;
         table_before <= 0; window_before <= 32'hffffffff; table_of <= 0; window_of <= 0;
+        rd_begin <= 0; wr_begin <= 0; rd_of <= 0; wr_of <= 0;
       end else begin
         addresses <= addresses + {15'd0, aw_first} - {15'd0, m_wvalid[i] & m_wready[i] & s_wlast[i]};
         if (m_wvalid[i] & (addresses == 0)) early <= 1;
         table_before <= table_now; window_before <= window_now; ended <= ends;
         if (((table_before != table_now) | (window_before != window_now)) & ~ended) moved <= 1;
         if (tick != ends) moved <= 1;
+        if (ended) begin
+          rd_begin <= dut.unit[i].regulator.rd_left; wr_begin <= dut.unit[i].regulator.wr_left;
+        end
         if (ends) begin
+          rd_of <= rd_begin; wr_of <= wr_begin;
           r_beats <= r_now; w_beats <= w_now; r_sum <= 0; w_sum <= 0;
           table_of <= table_now; window_of <= window_now;
         end else begin
@@ -144,7 +151,7 @@ module bench #(
         end
       end
     wire [31:0] faults = {27'd0, moved, early, aw_unequal | ar_unequal, aw_retracted, ar_retracted};
-    assign seen[352*i +: 352] = {faults, w_beats, r_beats, aw_waiting, aw_carried, aw_taken, ar_waiting, ar_carried, ar_taken,
+    assign seen[416*i +: 416] = {wr_of, rd_of, faults, w_beats, r_beats, aw_waiting, aw_carried, aw_taken, ar_waiting, ar_carried, ar_taken,
                                  window_of, table_of};
   end endgenerate
 
@@ -155,7 +162,7 @@ module bench #(
     if (acts & (order == "r")) $fwrite(trace, "R %0d %0d %0d\n", now, address, reg_rdata);
     if (report) begin
       $fwrite(trace, "W %0d", number - 1);
-      for (column = 0; column < 11 * UNITS; column = column + 1) $fwrite(trace, " %0d", seen[32*column +: 32]);
+      for (column = 0; column < 13 * UNITS; column = column + 1) $fwrite(trace, " %0d", seen[32*column +: 32]);
       $fwrite(trace, "\n");
       if (number == windows) begin
         $fclose(trace);

@@ -143,14 +143,19 @@ def missing() -> str:
     return ", ".join(tool for tool in TOOLS if shutil.which(tool) is None)
 
 
-def prove(bundle: Bundle) -> Iterator[Proof]:
-    """Yield the proof of every part of the bundle's Verilog; raise `HalpipeError` where the tools cannot be used."""
+def prove(bundle: Bundle, *names: str) -> Iterator[Proof]:
+    """Yield the proof of every part of the bundle's Verilog, or of those that are named.
+
+    Raise `HalpipeError` where the tools cannot be used.
+    """
     lacking = missing()
     if lacking:
         packages = " ".join(dict.fromkeys(TOOLS[tool] for tool in lacking.split(", ")))
         help = f"install them (Debian: apt-get install {packages}), or use --engine auto, which simulates"
         raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
     for part in PARTS:
+        if names and part.name not in names:
+            continue
         with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
             yield _prove(bundle, part, Path(folder))
 
