@@ -355,7 +355,7 @@ class TableBuilder:
         lower = max(0, free - carrying) * p.guaranteed // max(1, needed - carrying)
         choices = [f'"capacity: {format_bandwidth(capacity)}"'] if capacity <= p.bus * p.clock else []
         choices += [f'"guaranteed: {format_bandwidth(lower)}"'] if lower and rounding == CONTROLLED else []
-        choices += ["scheduling with --quantise"] if lone <= free else []
+        choices += ["scheduling with --quantise"] if lone <= free - carrying else []
         help = f"any of these helps: {', '.join(choices)}" if choices else "use a longer window"
         return OVER_CAPACITY(message, at=frame.at, path=frame.path, help=help)
 
