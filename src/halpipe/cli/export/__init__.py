@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperGroup
 
-from halpipe.cli.export import amalthea, arxml, btf, graph, regulator, report, riscv, ros, trace
+from halpipe.cli.export import amalthea, arxml, btf, graph, linux, regulator, report, riscv, ros, trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +17,7 @@ COMMANDS: dict[str, Callable[..., int]] = {
     "arxml": arxml.arxml,
     "btf": btf.btf,
     "graph": graph.graph,
+    "linux": linux.linux,
     "regulator": regulator.regulator,
     "report": report.report,
     "riscv": riscv.riscv,

@@ -1,0 +1,218 @@
+"""The bundle: programs, buffers and tables as C, with the runtime and what builds, installs and explains it."""
+
+from __future__ import annotations
+
+import math
+import re
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe import __version__
+from halpipe.bundles import seal
+from halpipe.diagnostics import Findings
+from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
+from halpipe.exporters.linux.priorities import levels_of
+from halpipe.exporters.linux.tables import tables_of
+from halpipe.exporters.linux.unrealised import sentences
+from halpipe.exporters.native import paired
+from halpipe.exporters.riscv.sources import SourceTree
+from halpipe.exporters.ros.options import placed
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from halpipe.exporters.linux import LinuxOptions
+    from halpipe.models import Job, Schedule, TaskModel, Version
+
+FOLDER = Path(__file__).parent
+_TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
+_ACCELERATORS = ("gpu", "fpga", "npu", "dla", "dsp", "tpu", "accelerator")
+_RUNTIME = ("dispatch.c", "dispatch.h", "main.c")
+_DUMMY = "src/dummy.c"
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """Data of `size` bytes between buffer number `buffer` and a variable."""
+
+    symbol: str
+    buffer: int
+    size: int
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """A version as a shared object: compiled from `files`, or, `is_ready`, one that is there already."""
+
+    name: str
+    target: str
+    entries: tuple[str, ...]
+    files: tuple[str, ...]
+    defines: tuple[str, ...]
+    moved_in: tuple[Move, ...]
+    moved_out: tuple[Move, ...]
+    is_ready: bool = False
+
+    @property
+    def library(self) -> str:
+        """The file name of the shared object."""
+        return f"{self.target}.so"
+
+    @property
+    def plain_defines(self) -> tuple[str, ...]:
+        """The definitions as CMake takes them."""
+        return tuple('"{}"'.format(re.sub(r'([\\";$])', r"\\\1", define)) for define in self.defines)
+
+
+def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[str, bytes]:
+    """Return the files of the bundle, sealed; raise `HalpipeError` with everything that prevents it."""
+    findings = Findings()
+    tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
+    cpus = _cpus(model, schedule, options, findings)
+    buffers = _buffers(model)
+    programs, numbers = _programs(model, schedule, list(buffers), options, tree)
+    _check_texts(model, schedule, buffers, findings)
+    findings.stop_on_errors()
+    levels = levels_of(model, schedule)
+    tables = tables_of(model, schedule, cpus, levels, numbers, findings)
+    findings.stop_on_errors()
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
+    used = sorted({worker.cpu for worker in tables.workers})
+    values: dict[str, Any] = {
+        "model": model.name,
+        "name": name,
+        "programs": programs,
+        "compiled": [_quoted(p) for p in programs if not p.is_ready],
+        "ready": [p for p in programs if p.is_ready],
+        "buffers": [{"name": key, "size": size} for key, size in buffers.items()],
+        "tables": tables.tables,
+        "switches": tables.switches,
+        "workers": tables.workers,
+        "all_parts": tables.all_parts,
+        "parts": tables.parts,
+        "modes": len(schedule.modes),
+        "levels": max(levels.values(), default=0) + 1,
+        "priority": options.priority,
+        "cpus": used,
+        "places": [(unit, cpus[unit]) for unit in cpus if unit in {worker.unit for worker in tables.workers}],
+        "unrealised": [text for text, _ in sentences(model, schedule, options)],
+    }
+    files = {
+        **paired(model, schedule),
+        **_rendered(values, options),
+        **tree.files,
+    }
+    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in _RUNTIME}
+    facts = {
+        "model": model.name,
+        "cpus": dict(cpus),
+        "priority": options.priority,
+        "generator": f"halpipe {__version__}",
+    }
+    return seal("linux", files, facts)
+
+
+def _rendered(values: dict[str, Any], options: LinuxOptions) -> dict[str, bytes]:
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(FOLDER / "templates"),
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    names = ["tables.c", "Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
+    files = {name: environment.get_template(name).render(**values).encode() for name in names}
+    if options.busy:
+        files[_DUMMY] = (FOLDER / "templates" / "dummy.c").read_bytes()
+    return files
+
+
+def _quoted(program: Program) -> dict[str, Any]:
+    defines = [shlex.quote(f"-D{define}") for define in program.defines]
+    plain = {"library": program.library, "target": program.target, "files": program.files}
+    return {**plain, "defines": defines, "plain_defines": program.plain_defines}
+
+
+def _jobs(schedule: Schedule) -> Iterable[Job]:
+    yield from (job for mode in schedule.modes for job in mode.jobs)
+    yield from (job for table in schedule.transitions for job in table.jobs)
+
+
+def _cpus(model: TaskModel, schedule: Schedule, options: LinuxOptions, findings: Findings) -> dict[str, int]:
+    """Return the CPU of each unit; report units with jobs that have none."""
+    used = {unit for job in _jobs(schedule) for unit in job.units}
+    cpus = placed(model, options.cpus)
+    for unit in model.units:
+        is_other = any(word in unit.type.lower() for word in _ACCELERATORS)
+        if unit.name in used and (unit.name not in cpus or (is_other and options.cpus is None)):
+            text = f'its type is "{unit.type}"' if is_other else "it has jobs, but no CPU"
+            help = "state the CPU of every unit that is one: --cpus unit=number,...; move its jobs elsewhere otherwise"
+            findings.add(NOT_A_CPU(text, at=unit.at, path=f'unit "{unit.name}"', help=help))
+            cpus.setdefault(unit.name, 0)
+    return cpus
+
+
+def _buffers(model: TaskModel) -> dict[str, int]:
+    sizes: dict[str, int] = {}
+    for task in model.tasks:
+        for version in task.versions:
+            for access in version.accesses:
+                for transfer in access.transfers:
+                    sizes[transfer.buffer] = max(transfer.size, sizes.get(transfer.buffer, 0))
+    return dict(sorted(sizes.items()))
+
+
+def _programs(
+    model: TaskModel, schedule: Schedule, buffers: list[str], options: LinuxOptions, tree: SourceTree
+) -> tuple[list[Program], dict[tuple[str, str], int]]:
+    used = {(job.task, job.version) for job in _jobs(schedule)}
+    programs: list[Program] = []
+    numbers: dict[tuple[str, str], int] = {}
+    for task in model.tasks:
+        for version in task.versions:
+            if (task.name, version.name) in used:
+                numbers[task.name, version.name] = len(programs)
+                programs.append(_program(task.name, version, len(programs), buffers, options, tree))
+    return programs, numbers
+
+
+def _program(
+    task: str, version: Version, number: int, buffers: list[str], options: LinuxOptions, tree: SourceTree
+) -> Program:
+    name, target = f"{task}/{version.name}", f"program_{number}"
+    if version.source is None and options.busy:
+        assert version.wcet is not None, "a schedule needs WCETs"
+        busy = math.floor(version.wcet.fraction * options.busy / 100)
+        return Program(name, target, ("dummy",), (_DUMMY,), (f"BUSY_NS={busy}",), (), ())
+    path = f'task "{task}", version "{version.name}"'
+    ready = version.source is not None and any(file.endswith(".so") for file in version.source.files)
+    compiled = tree.add(version, path)
+    source = version.source
+    if source is None:
+        return Program(name, target, (), (), (), (), ())
+    moves: Mapping[bool, list[Move]] = {True: [], False: []}
+    for access in version.accesses:
+        for transfer in access.transfers:
+            move = Move(transfer.symbol, buffers.index(transfer.buffer), transfer.size)
+            moves[access.kind is AccessKind.WRITE].append(move)
+    files = tuple(f"src/{file}" for file in source.files) if ready else tuple(compiled)
+    entries = tuple(source.entry.split())
+    return Program(name, target, entries, files, source.defines, tuple(moves[False]), tuple(moves[True]), ready)
+
+
+def _check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], findings: Findings) -> None:
+    """Report names that would not be what they are in a C string or a CSV file."""
+    names = [("task", task.name, task.at) for task in model.tasks]
+    names += [("unit", unit.name, unit.at) for unit in model.units]
+    names += [("mode", mode.name, mode.at) for mode in schedule.modes]
+    names += [("version", version.name, version.at) for task in model.tasks for version in task.versions]
+    names += [("buffer", buffer, model.at) for buffer in buffers] + [("model", model.name, model.at)]
+    for kind, name, at in names:
+        if _TEXT.fullmatch(name) is None or "*/" in name:
+            help = "rename it to letters, digits and _ . / : ~ + @ $ % -"
+            findings.add(BAD_TEXT(f"{name[:60]!r} has other characters", at=at, path=kind, help=help))

@@ -1,0 +1,351 @@
+#define _GNU_SOURCE
+#include "dispatch.h"
+
+#include <dlfcn.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <sched.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#define SECOND INT64_C(1000000000)
+#define RING 256          /* tables that a thread may lag behind */
+#define STACK (256 * 1024)
+
+typedef struct {          /* a table that is played */
+  uint64_t cycle;
+  int64_t at;
+  int table;              /* -1: the end */
+} turn;
+
+typedef struct {
+  pthread_t thread;
+  dispatch_event *events;
+  size_t n_events;
+  uint64_t unrecorded, skipped, late_ends, lost_tables;
+  atomic_int is_done;
+} worker_state;
+
+typedef struct {
+  void (**entries)(void);
+  void **in, **out;
+} loaded_program;
+
+typedef struct {          /* before each buffer: odd while it is written */
+  _Atomic uint32_t sequence;
+  uint32_t size;
+} buffer_head;
+
+char dispatch_reason[256];
+static dispatch_options now_;
+static worker_state *workers;
+static loaded_program *programs;
+static buffer_head **buffers;
+static turn ring[RING];
+static uint64_t published;        /* turns in the ring so far */
+static pthread_mutex_t gate = PTHREAD_MUTEX_INITIALIZER;
+static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
+static atomic_int wanted = -1, stopping, ended;
+static _Atomic uint64_t refused;
+static int64_t origin;
+static pthread_t conductor;
+
+static int fail(int error, const char *what, const char *which) {
+  snprintf(dispatch_reason, sizeof dispatch_reason, "%s%s%s", what, which ? ": " : "", which ? which : "");
+  return error ? error : EINVAL;
+}
+
+/* ------------------------------------------------------------------------------------------------ time */
+
+static int64_t clock_now(clockid_t clock) {
+  struct timespec t;
+  clock_gettime(clock, &t);
+  return t.tv_sec * SECOND + t.tv_nsec;
+}
+
+static void wait_until(int64_t at) {
+  const int64_t wake = at - now_.spin;
+  if (wake > clock_now(now_.clock)) {
+    const struct timespec t = {wake / SECOND, wake % SECOND};
+    while (clock_nanosleep(now_.clock, TIMER_ABSTIME, &t, NULL) == EINTR) { }
+  }
+  if (now_.spin > 0) while (clock_now(now_.clock) < at) { }
+}
+
+/* ---------------------------------------------------------------------------------------------- programs */
+
+static size_t room_of(uint32_t size) { return (sizeof(buffer_head) + size + 63) / 64 * 64; }
+
+static int map_buffers(const char *memory) {
+  size_t total = 64;
+  for (int i = 0; i < plan.n_buffers; i++) total += room_of(plan.buffers[i].size);
+  int file = -1;
+  if (memory) {
+    file = open(memory, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    if (file < 0 || ftruncate(file, (off_t)total)) return fail(errno, "the file of the buffers cannot be made", memory);
+  }
+  char *base = mmap(NULL, total, PROT_READ | PROT_WRITE, file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED, file, 0);
+  if (file >= 0) close(file);
+  if (base == MAP_FAILED) return fail(errno, "the buffers cannot be mapped", memory);
+  buffers = calloc((size_t)plan.n_buffers + 1, sizeof *buffers);
+  if (!buffers) return fail(ENOMEM, "no memory for the buffers", NULL);
+  for (int i = 0; i < plan.n_buffers; i++) {
+    buffers[i] = (buffer_head *)base;
+    buffers[i]->size = plan.buffers[i].size;
+    base += room_of(plan.buffers[i].size);
+  }
+  return 0;
+}
+
+static int find_symbols(void *library, const dispatch_move *moves, int n, void **found, const char *name) {
+  for (int i = 0; i < n; i++)
+    if (!(found[i] = dlsym(library, moves[i].symbol))) return fail(ENOENT, name, moves[i].symbol);
+  return 0;
+}
+
+static int load(const dispatch_program *program, loaded_program *into, const char *folder) {
+  char path[4096];
+  if (snprintf(path, sizeof path, "%s/%s", folder, program->library) >= (int)sizeof path)
+    return fail(ENAMETOOLONG, "the name of the folder is too long", NULL);
+  void *library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+  if (!library) return fail(ENOENT, "a program cannot be loaded", dlerror());
+  into->entries = calloc(program->n_entries, sizeof *into->entries);
+  into->in = calloc((size_t)program->n_in + 1, sizeof *into->in);
+  into->out = calloc((size_t)program->n_out + 1, sizeof *into->out);
+  if (!into->entries || !into->in || !into->out) return fail(ENOMEM, "no memory for a program", program->name);
+  for (int i = 0; i < program->n_entries; i++) {
+    void *entry = dlsym(library, program->entries[i]);
+    if (!entry) return fail(ENOENT, program->name, program->entries[i]);
+    memcpy(&into->entries[i], &entry, sizeof entry);
+  }
+  const int error = find_symbols(library, program->in, program->n_in, into->in, program->name);
+  return error ? error : find_symbols(library, program->out, program->n_out, into->out, program->name);
+}
+
+int dispatch_load(const char *folder, const char *memory) {
+  int error = map_buffers(memory);
+  programs = calloc((size_t)plan.n_programs, sizeof *programs);
+  if (!error && !programs) error = fail(ENOMEM, "no memory for the programs", NULL);
+  for (int i = 0; !error && i < plan.n_programs; i++) error = load(&plan.programs[i], &programs[i], folder);
+  return error;
+}
+
+/* A copy out of a buffer is whole: it is made again if somebody wrote meanwhile. */
+static void take(const dispatch_move *move, void *into) {
+  const buffer_head *from = buffers[move->buffer];
+  for (int attempt = 0; attempt < 100; attempt++) {
+    const uint32_t before = atomic_load_explicit(&from->sequence, memory_order_acquire);
+    memcpy(into, from + 1, move->size);
+    atomic_thread_fence(memory_order_acquire);
+    if (!(before & 1) && before == atomic_load_explicit(&from->sequence, memory_order_relaxed)) return;
+  }
+}
+
+static void give(const dispatch_move *move, const void *from) {
+  buffer_head *into = buffers[move->buffer];
+  atomic_fetch_add_explicit(&into->sequence, 1, memory_order_acquire);
+  atomic_thread_fence(memory_order_release);
+  memcpy(into + 1, from, move->size);
+  atomic_fetch_add_explicit(&into->sequence, 1, memory_order_release);
+}
+
+/* --------------------------------------------------------------------------------------------- workers */
+
+static void run(const dispatch_job *job, int64_t at) {
+  const dispatch_program *program = &plan.programs[job->program];
+  const loaded_program *loaded = &programs[job->program];
+  for (int i = 0; i < program->n_in; i++) take(&program->in[i], loaded->in[i]);
+  for (int k = 0; k < job->n_parts; k++) {
+    if (k > 0) wait_until(at + job->parts[k].start);
+    for (int i = job->parts[k].first; i < job->parts[k].last; i++) loaded->entries[i]();
+  }
+  for (int i = 0; i < program->n_out; i++) give(&program->out[i], loaded->out[i]);
+}
+
+static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
+  const int64_t at = turn->at + job->start;
+  wait_until(at);
+  const int64_t began = clock_now(now_.clock), slot = job->end - job->start;
+  const int is_lost = began >= at + slot;
+  if (is_lost && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
+  if (is_lost && (now_.policy != DISPATCH_LOG || began >= at + slot + plan.tables[turn->table].length)) {
+    self->skipped++;
+    return;
+  }
+  const int64_t used = clock_now(CLOCK_THREAD_CPUTIME_ID);
+  run(job, turn->at);
+  const int64_t over = clock_now(now_.clock);
+  self->late_ends += over > at + slot;
+  if (over > at + slot && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
+  if (self->n_events == now_.capacity) {
+    self->unrecorded++;
+    return;
+  }
+  self->events[self->n_events++] = (dispatch_event){
+    .planned = at, .began = began, .ended = over, .busy = clock_now(CLOCK_THREAD_CPUTIME_ID) - used,
+    .cycle = turn->cycle, .table = (uint16_t)turn->table, .job = job->job,
+  };
+}
+
+/* Wait for a turn; one that lags by more than the ring goes on with the oldest that is still known. */
+static turn turn_of(uint64_t *number, worker_state *self) {
+  pthread_mutex_lock(&gate);
+  while (published <= *number) pthread_cond_wait(&opened, &gate);
+  if (published - *number > RING) {
+    self->lost_tables += published - RING - *number;
+    *number = published - RING;
+  }
+  const turn found = ring[*number % RING];
+  pthread_mutex_unlock(&gate);
+  return found;
+}
+
+static void prefault(void) {
+  volatile char page[STACK / 2];
+  for (size_t i = 0; i < sizeof page; i += 1024) page[i] = 1;
+}
+
+static void *work(void *argument) {
+  const int index = (int)(intptr_t)argument;
+  worker_state *self = &workers[index];
+  prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);   /* counts where SCHED_FIFO was refused */
+  prefault();
+  for (uint64_t number = 0;; number++) {
+    const turn turn = turn_of(&number, self);
+    if (turn.table < 0) break;
+    const dispatch_rows *rows = &plan.workers[index].tables[turn.table];
+    for (int i = 0; i < rows->n_jobs; i++) play(self, &rows->jobs[i], &turn);
+  }
+  atomic_store(&self->is_done, 1);
+  return NULL;
+}
+
+/* -------------------------------------------------------------------------------------------- conductor */
+
+static void publish(turn next) {
+  pthread_mutex_lock(&gate);
+  ring[published++ % RING] = next;
+  pthread_cond_broadcast(&opened);
+  pthread_mutex_unlock(&gate);
+}
+
+/* The table after `table`: the target of a switch, the switch that was asked for, or the same mode again. */
+static int choose(int table) {
+  const dispatch_table *t = &plan.tables[table];
+  if (t->from != t->to) return t->to;
+  const int mode = atomic_exchange(&wanted, -1);
+  if (mode < 0 || mode >= plan.n_modes || mode == table) return table;
+  const int next = plan.switches[table * plan.n_modes + mode];
+  if (next < 0) atomic_fetch_add(&refused, 1);
+  return next < 0 ? table : next;
+}
+
+/* The end of a table is its beginning plus its length, and what is no whole nanosecond is kept: nothing drifts. */
+static void *conduct(void *unused) {
+  (void)unused;
+  prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);
+  prefault();
+  int64_t at = origin, rest = 0;
+  int table = now_.mode;
+  uint64_t cycle = 0;
+  publish((turn){cycle, at, table});
+  for (;;) {
+    const dispatch_table *t = &plan.tables[table];
+    rest += t->rest;
+    at += t->length + rest / plan.parts;
+    rest %= plan.parts;
+    cycle++;
+    const int64_t lead = now_.lead < t->length / 4 ? now_.lead : t->length / 4;
+    if (t->length > 0) {
+      const struct timespec due = {(at - lead) / SECOND, (at - lead) % SECOND};
+      while (clock_nanosleep(now_.clock, TIMER_ABSTIME, &due, NULL) == EINTR) { }
+    }
+    if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
+    table = choose(table);
+    const int64_t length = plan.tables[table].length, time = clock_now(now_.clock);
+    while (table < plan.n_modes && length > 0 && at + length <= time) {   /* whole tables were lost: phases stay */
+      rest += plan.tables[table].rest;
+      at += length + rest / plan.parts;
+      rest %= plan.parts;
+      cycle++;
+    }
+    publish((turn){cycle, at, table});
+  }
+  publish((turn){cycle, at, -1});
+  atomic_store(&ended, 1);
+  return NULL;
+}
+
+/* ------------------------------------------------------------------------------------------ start and end */
+
+static int create(pthread_t *thread, void *(*body)(void *), void *argument, int cpu, int priority) {
+  pthread_attr_t attributes;
+  int error = pthread_attr_init(&attributes);
+  if (error) return error;
+  pthread_attr_setstacksize(&attributes, STACK);
+  if (cpu >= 0) {
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    CPU_SET((size_t)cpu, &set);
+    pthread_attr_setaffinity_np(&attributes, sizeof set, &set);
+  }
+  if (priority > 0) {
+    const struct sched_param parameter = {.sched_priority = priority};
+    pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
+    pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
+    pthread_attr_setschedparam(&attributes, &parameter);
+  }
+  error = pthread_create(thread, &attributes, body, argument);
+  pthread_attr_destroy(&attributes);
+  return error;
+}
+
+int dispatch_start(const dispatch_options *options) {
+  now_ = *options;
+  workers = calloc((size_t)plan.n_workers, sizeof *workers);
+  if (!workers) return fail(ENOMEM, "no memory for the threads", NULL);
+  for (int i = 0; i < plan.n_workers; i++) {
+    workers[i].events = calloc(now_.capacity + 1, sizeof *workers[i].events);
+    if (!workers[i].events) return fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
+    memset(workers[i].events, 0, (now_.capacity + 1) * sizeof *workers[i].events);   /* its pages are there */
+  }
+  for (int i = 0; i < plan.n_workers; i++) {
+    const int priority = now_.priority ? now_.priority + plan.workers[i].priority : 0;
+    const int error = create(&workers[i].thread, work, (void *)(intptr_t)i, now_.cpus[i], priority);
+    if (error) return fail(error, "a thread cannot be started for task", plan.workers[i].task);
+  }
+  origin = now_.origin ? now_.origin : (clock_now(now_.clock) / SECOND + 2) * SECOND;
+  const int priority = now_.priority ? now_.priority + plan.levels : 0;
+  const int error = create(&conductor, conduct, NULL, -1, priority);
+  return error ? fail(error, "the conductor cannot be started", NULL) : 0;
+}
+
+int dispatch_wait(int64_t seconds) {
+  pthread_join(conductor, NULL);
+  struct timespec until;
+  clock_gettime(CLOCK_REALTIME, &until);
+  until.tv_sec += seconds;
+  int error = 0;
+  for (int i = 0; i < plan.n_workers; i++)
+    if (pthread_timedjoin_np(workers[i].thread, NULL, &until)) error = ETIMEDOUT;
+  return error;
+}
+
+void dispatch_request(int mode) { atomic_store(&wanted, mode); }
+void dispatch_stop(void) { atomic_store(&stopping, 1); }
+int dispatch_has_ended(void) { return atomic_load(&ended); }
+int64_t dispatch_origin(void) { return origin; }
+uint64_t dispatch_refused(void) { return atomic_load(&refused); }
+
+dispatch_record dispatch_recorded(int worker) {
+  const worker_state *w = &workers[worker];
+  return (dispatch_record){w->events, w->n_events, w->unrecorded, w->skipped, w->late_ends, w->lost_tables,
+                           !atomic_load(&w->is_done)};
+}

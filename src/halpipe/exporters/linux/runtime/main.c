@@ -1,0 +1,390 @@
+/* The program around the dispatcher: options, rights, signals, requests for modes, and what was recorded. */
+#define _GNU_SOURCE
+#include "dispatch.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <libgen.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/signalfd.h>
+#include <sys/timex.h>
+#include <time.h>
+#include <unistd.h>
+
+#define SECOND INT64_C(1000000000)
+#define MOST_SWITCHES 64
+
+typedef struct {
+  int64_t after;   /* ns from the first instant on */
+  int mode;
+} timed_switch;
+
+static struct {
+  dispatch_options run;
+  const char *record, *control, *memory, *folder;
+  int degrade_fifo, degrade_memory, degrade_cpus;
+  double seconds;
+  timed_switch switches[MOST_SWITCHES];
+  int n_switches;
+} cfg = {
+  .run = {.priority = PRIORITY, .clock = CLOCK_MONOTONIC, .refuge = -1, .lead = 300000, .capacity = 16384},
+};
+
+static const char *usage =
+  "usage: dispatcher [options]\n"
+  "  --mode NAME         begin in this mode (default: the first)\n"
+  "  --cycles N          play so many tables;  --seconds S  about so long (default: until SIGINT or SIGTERM)\n"
+  "  --switch S=MODE     ask for a mode S seconds after the first instant; may be repeated\n"
+  "  --control FIFO      read requests from a named pipe: `mode NAME` or `stop`, a line each\n"
+  "  --memory FILE       keep the buffers in this file, for other processes to map\n"
+  "  --record FILE       write what ran as CSV, for `halpipe compare`\n"
+  "  --events N          room for so many jobs of each thread (default 16384)\n"
+  "  --overrun WHAT      of a job whose slot is over before it starts: log (run it), skip, or switch=MODE (skip, and go there)\n"
+  "  --priority N        of SCHED_FIFO for the lowest thread, 1 to 98\n"
+  "  --spin US           sleep until so long before each start, then poll\n"
+  "  --clock NAME        monotonic, realtime or tai; the first instant is a whole second of it\n"
+  "  --origin NS         the first instant on that clock\n"
+  "  --cpus N,N,...      CPU of each unit, in the order of --list\n"
+  "  --degrade WHAT      go on without: fifo, memory, cpus or all\n"
+  "  --list              show modes and units\n";
+
+static void say(const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  fputs("dispatcher: ", stderr);
+  vfprintf(stderr, format, arguments);
+  fputc('\n', stderr);
+  va_end(arguments);
+}
+
+static void die(int code, const char *what, const char *which) {
+  say("%s%s%s", what, which ? ": " : "", which ? which : "");
+  exit(code);
+}
+
+/* -------------------------------------------------------------------------------------------- options */
+
+static int mode_of(const char *name) {
+  for (int i = 0; i < plan.n_modes; i++)
+    if (strcmp(plan.tables[i].name, name) == 0) return i;
+  die(2, "there is no such mode; see --list", name);
+  return -1;
+}
+
+static int64_t number(const char *text, int64_t low, int64_t high, const char *option) {
+  char *end;
+  errno = 0;
+  const long long value = strtoll(text, &end, 10);
+  if (errno || end == text || *end || value < low || value > high) {
+    say("%s wants a whole number from %lld to %lld, not %s", option, (long long)low, (long long)high, text);
+    exit(2);
+  }
+  return value;
+}
+
+static double seconds(const char *text, const char *option) {
+  char *end;
+  const double value = strtod(text, &end);
+  if (end == text || *end || !(value >= 0) || value > 1e9) die(2, "no number of seconds", option);
+  return value;
+}
+
+static const char *units[1024];
+static int n_units;
+
+static int unit_of(const char *name) {
+  for (int i = 0; i < n_units; i++)
+    if (strcmp(units[i], name) == 0) return i;
+  return -1;
+}
+
+static void find_units(void) {
+  for (int i = 0; i < plan.n_workers && n_units < 1024; i++)
+    if (unit_of(plan.workers[i].unit) < 0) units[n_units++] = plan.workers[i].unit;
+}
+
+static int *cpus;
+
+static void take_cpus(char *text) {
+  int given[1024], n = 0;
+  for (char *piece = strtok(text, ","); piece && n < 1024; piece = strtok(NULL, ","))
+    given[n++] = (int)number(piece, 0, CPU_SETSIZE - 1, "--cpus");
+  if (n != n_units) die(2, "--cpus wants one number for each unit of --list", NULL);
+  for (int i = 0; i < plan.n_workers; i++) cpus[i] = given[unit_of(plan.workers[i].unit)];
+}
+
+static void list(void) {
+  for (int i = 0; i < plan.n_modes; i++) printf("mode %s: a table of %lld ns\n", plan.tables[i].name, (long long)plan.tables[i].length);
+  for (int i = 0; i < n_units; i++)
+    for (int w = 0; w < plan.n_workers; w++)
+      if (strcmp(plan.workers[w].unit, units[i]) == 0) {
+        printf("unit %s: CPU %d\n", units[i], plan.workers[w].cpu);
+        break;
+      }
+  exit(0);
+}
+
+static void take_switch(char *text) {
+  char *sign = strchr(text, '=');
+  if (!sign || cfg.n_switches == MOST_SWITCHES) die(2, "--switch wants SECONDS=MODE, at most 64 times", text);
+  *sign = 0;
+  const double after = seconds(text, "--switch");
+  cfg.switches[cfg.n_switches++] = (timed_switch){(int64_t)(after * 1e9), mode_of(sign + 1)};
+}
+
+static void take_overrun(const char *text) {
+  if (strcmp(text, "log") == 0) cfg.run.policy = DISPATCH_LOG;
+  else if (strcmp(text, "skip") == 0) cfg.run.policy = DISPATCH_SKIP;
+  else if (strncmp(text, "switch=", 7) == 0) cfg.run.policy = DISPATCH_SWITCH, cfg.run.refuge = mode_of(text + 7);
+  else die(2, "--overrun is log, skip or switch=MODE", text);
+}
+
+static void take_clock(const char *text) {
+  if (strcmp(text, "monotonic") == 0) cfg.run.clock = CLOCK_MONOTONIC;
+  else if (strcmp(text, "realtime") == 0) cfg.run.clock = CLOCK_REALTIME;
+  else if (strcmp(text, "tai") == 0) cfg.run.clock = CLOCK_TAI;
+  else die(2, "--clock is monotonic, realtime or tai", text);
+  struct timex state = {0};
+  if (cfg.run.clock == CLOCK_TAI && adjtimex(&state) >= 0 && state.tai == 0)
+    die(1, "the offset of CLOCK_TAI is not set; let ptp4l or chrony set it, or use --clock realtime", NULL);
+}
+
+static void take_degrade(const char *text) {
+  const int all = strcmp(text, "all") == 0;
+  if (!all && strcmp(text, "fifo") && strcmp(text, "memory") && strcmp(text, "cpus"))
+    die(2, "--degrade is fifo, memory, cpus or all", text);
+  cfg.degrade_fifo |= all || strcmp(text, "fifo") == 0;
+  cfg.degrade_memory |= all || strcmp(text, "memory") == 0;
+  cfg.degrade_cpus |= all || strcmp(text, "cpus") == 0;
+}
+
+static void take_option(const char *name, char *value) {
+  if (strcmp(name, "--mode") == 0) cfg.run.mode = mode_of(value);
+  else if (strcmp(name, "--cycles") == 0) cfg.run.cycles = (uint64_t)number(value, 1, INT64_MAX, name);
+  else if (strcmp(name, "--seconds") == 0) cfg.seconds = seconds(value, name);
+  else if (strcmp(name, "--switch") == 0) take_switch(value);
+  else if (strcmp(name, "--control") == 0) cfg.control = value;
+  else if (strcmp(name, "--memory") == 0) cfg.memory = value;
+  else if (strcmp(name, "--record") == 0) cfg.record = value;
+  else if (strcmp(name, "--events") == 0) cfg.run.capacity = (size_t)number(value, 0, 100000000, name);
+  else if (strcmp(name, "--overrun") == 0) take_overrun(value);
+  else if (strcmp(name, "--priority") == 0) cfg.run.priority = (int)number(value, 1, 98, name);
+  else if (strcmp(name, "--spin") == 0) cfg.run.spin = 1000 * number(value, 0, 1000000, name);
+  else if (strcmp(name, "--clock") == 0) take_clock(value);
+  else if (strcmp(name, "--origin") == 0) cfg.run.origin = number(value, 1, INT64_MAX / 2, name);
+  else if (strcmp(name, "--cpus") == 0) take_cpus(value);
+  else if (strcmp(name, "--degrade") == 0) take_degrade(value);
+  else die(2, "unknown option; see --help", name);
+}
+
+static void take_options(int argc, char **argv) {
+  for (int i = 1; i < argc; i++) {
+    if (strcmp(argv[i], "--help") == 0) {
+      fputs(usage, stdout);
+      exit(0);
+    }
+    if (strcmp(argv[i], "--list") == 0) list();
+    if (i + 1 == argc) die(2, "unknown option, or its value is missing; see --help", argv[i]);
+    take_option(argv[i], argv[i + 1]);
+    i++;
+  }
+}
+
+/* --------------------------------------------------------------------------------------------- rights */
+
+/* What is missing ends the start, with its remedy, unless the user asked to go on without it. */
+static int missing(int allowed, const char *what, const char *remedy) {
+  say("%s%s", allowed ? "degraded: " : "", what);
+  if (!allowed) say("  %s", remedy);
+  return !allowed;
+}
+
+static int check_cpus(void) {
+  cpu_set_t usable;
+  CPU_ZERO(&usable);
+  sched_getaffinity(0, sizeof usable, &usable);
+  int found[CPU_SETSIZE], n = 0, errors = 0;
+  for (int cpu = 0; cpu < CPU_SETSIZE; cpu++)
+    if (CPU_ISSET((size_t)cpu, &usable)) found[n++] = cpu;
+  for (int i = 0; i < n_units; i++) {
+    int cpu = -1;
+    for (int w = 0; w < plan.n_workers; w++)
+      if (strcmp(plan.workers[w].unit, units[i]) == 0) cpu = cpus[w];
+    if (CPU_ISSET((size_t)cpu, &usable)) continue;
+    char text[256];
+    snprintf(text, sizeof text, "unit %.100s wants CPU %d, which this process may not use; it has %d of them", units[i], cpu, n);
+    errors += missing(cfg.degrade_cpus, text, "name other CPUs with --cpus, widen the cpuset, or share CPUs with --degrade cpus");
+    for (int w = 0; cfg.degrade_cpus && w < plan.n_workers; w++)
+      if (strcmp(plan.workers[w].unit, units[i]) == 0) cpus[w] = found[i % n];
+  }
+  return errors;
+}
+
+static int check_priority(void) {
+  if (cfg.run.priority + plan.levels > 99)
+    return missing(0, "the priorities of the threads and the conductor pass 99", "lower --priority");
+  const struct sched_param high = {.sched_priority = cfg.run.priority + plan.levels}, plain = {0};
+  if (sched_setscheduler(0, SCHED_FIFO, &high) == 0) {
+    sched_setscheduler(0, SCHED_OTHER, &plain);
+    return 0;
+  }
+  const int error = missing(cfg.degrade_fifo, "no right to SCHED_FIFO (CAP_SYS_NICE, or RLIMIT_RTPRIO)",
+    "use the systemd unit, or `setcap cap_sys_nice,cap_ipc_lock+ep dispatcher`, or `ulimit -r 98`, in docker --cap-add=SYS_NICE "
+    "--ulimit rtprio=98; or go on with --degrade fifo");
+  cfg.run.priority = 0;
+  return error;
+}
+
+static int check_memory(void) {
+  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return 0;
+  munlockall();
+  return missing(cfg.degrade_memory, "no right to lock the memory (CAP_IPC_LOCK, or RLIMIT_MEMLOCK)",
+    "use the systemd unit, or `ulimit -l unlimited`, in docker --cap-add=IPC_LOCK --ulimit memlock=-1; or lower --events; "
+    "or go on with --degrade memory");
+}
+
+/* ------------------------------------------------------------------------------------------- requests */
+
+static void obey(char *line) {
+  if (strcmp(line, "stop") == 0) dispatch_stop();
+  else if (strncmp(line, "mode ", 5) == 0) {
+    for (int i = 0; i < plan.n_modes; i++)
+      if (strcmp(plan.tables[i].name, line + 5) == 0) {
+        dispatch_request(i);
+        return;
+      }
+    say("request for an unknown mode: %.100s", line + 5);
+  } else if (*line) say("unknown request: %.100s", line);
+}
+
+static void read_requests(int control) {
+  static char line[256];
+  static size_t length;
+  char piece[256];
+  const ssize_t n = read(control, piece, sizeof piece);
+  for (ssize_t i = 0; i < n; i++) {
+    if (piece[i] == '\n') {
+      line[length] = 0;
+      obey(line);
+      length = 0;
+    } else if (length + 1 < sizeof line) line[length++] = piece[i];
+  }
+}
+
+static int64_t elapsed(void) {
+  struct timespec t;
+  clock_gettime(cfg.run.clock, &t);
+  return t.tv_sec * SECOND + t.tv_nsec - dispatch_origin();
+}
+
+/* Until the conductor ends: signals stop, requests switch, and so do the instants of --switch and --seconds. */
+static void attend(int signals, int control) {
+  int done = 0;
+  struct pollfd sources[2] = {{.fd = signals, .events = POLLIN}, {.fd = control, .events = POLLIN}};
+  while (!dispatch_has_ended()) {
+    const int64_t now = elapsed();
+    int64_t next = now + SECOND / 5;
+    for (; done < cfg.n_switches && cfg.switches[done].after <= now; done++) dispatch_request(cfg.switches[done].mode);
+    if (done < cfg.n_switches && cfg.switches[done].after < next) next = cfg.switches[done].after;
+    const int64_t end = (int64_t)(cfg.seconds * 1e9);
+    if (cfg.seconds > 0 && end <= now) dispatch_stop();
+    else if (cfg.seconds > 0 && end < next) next = end;
+    poll(sources, control >= 0 ? 2 : 1, (int)((next - now) / 1000000) + 1);
+    if (sources[0].revents & POLLIN) dispatch_stop();
+    if (control >= 0 && sources[1].revents & POLLIN) read_requests(control);
+  }
+}
+
+/* --------------------------------------------------------------------------------------------- results */
+
+static int ascending(const void *a, const void *b) {
+  const int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+  return (x > y) - (x < y);
+}
+
+static int write_record(void) {
+  char name[4096];
+  snprintf(name, sizeof name, "%s.part", cfg.record);
+  FILE *file = fopen(name, "w");
+  if (!file) return say("%s cannot be written: %s", name, strerror(errno)), 1;
+  fprintf(file, "task,job,mode,cycle,start,end,units,busy,planned\n");
+  for (int w = 0; w < plan.n_workers; w++) {
+    const dispatch_record record = dispatch_recorded(w);
+    for (size_t i = 0; i < record.n_events; i++) {
+      const dispatch_event *e = &record.events[i];
+      fprintf(file, "%s,%u,%s,%llu,%lld,%lld,%s,%lld,%lld\n", plan.workers[w].task, e->job, plan.tables[e->table].name,
+              (unsigned long long)e->cycle, (long long)(e->began - dispatch_origin()), (long long)(e->ended - dispatch_origin()),
+              plan.workers[w].units, (long long)e->busy, (long long)(e->planned - dispatch_origin()));
+    }
+  }
+  const int failed = fflush(file) || fsync(fileno(file));
+  if (fclose(file) || failed || rename(name, cfg.record)) return say("%s cannot be written: %s", cfg.record, strerror(errno)), 1;
+  return 0;
+}
+
+static int summarise(void) {
+  size_t n = 0, k = 0;
+  uint64_t unrecorded = 0, skipped = 0, late = 0, lost = 0;
+  int stuck = 0;
+  for (int w = 0; w < plan.n_workers; w++) {
+    const dispatch_record r = dispatch_recorded(w);
+    n += r.n_events, unrecorded += r.unrecorded, skipped += r.skipped, late += r.late_ends, lost += r.lost_tables;
+    if (r.is_stuck) stuck++, say("task %s does not return", plan.workers[w].task);
+  }
+  int64_t *errors = calloc(n + 1, sizeof *errors);
+  for (int w = 0; errors && w < plan.n_workers; w++) {
+    const dispatch_record r = dispatch_recorded(w);
+    for (size_t i = 0; i < r.n_events; i++) errors[k++] = r.events[i].began - r.events[i].planned;
+  }
+  if (errors) qsort(errors, k, sizeof *errors, ascending);
+  if (errors && k)
+    printf("%zu jobs; start error p50 %.1f us, p99 %.1f us, max %.1f us\n", n, errors[(k - 1) / 2] / 1e3,
+           errors[(k * 99 + 99) / 100 - 1] / 1e3, errors[k - 1] / 1e3);
+  printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused\n", (unsigned long long)skipped,
+         (unsigned long long)late, (unsigned long long)unrecorded, (unsigned long long)lost, (unsigned long long)dispatch_refused());
+  free(errors);
+  return stuck;
+}
+
+int main(int argc, char **argv) {
+  find_units();
+  cpus = calloc((size_t)plan.n_workers, sizeof *cpus);
+  if (!cpus) die(1, "no memory", NULL);
+  for (int i = 0; i < plan.n_workers; i++) cpus[i] = plan.workers[i].cpu;
+  take_options(argc, argv);
+  cfg.run.cpus = cpus;
+  char own[4096];
+  const ssize_t length = readlink("/proc/self/exe", own, sizeof own - 1);
+  own[length > 0 ? length : 0] = 0;
+  cfg.folder = length > 0 ? dirname(own) : ".";
+
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGINT);
+  sigaddset(&set, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &set, NULL);
+  const int signals = signalfd(-1, &set, SFD_CLOEXEC);
+  const int control = cfg.control ? open(cfg.control, O_RDWR | O_NONBLOCK | O_CLOEXEC) : -1;
+  if (cfg.control && control < 0) die(1, "the control pipe cannot be opened; make it with mkfifo", cfg.control);
+
+  if (check_cpus() + check_priority() + check_memory()) return 1;
+  if (dispatch_load(cfg.folder, cfg.memory)) die(1, dispatch_reason, NULL);
+  const int latency = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);   /* held open: idle states stay shallow */
+  const int32_t none = 0;
+  if (latency >= 0 && write(latency, &none, sizeof none) < 0) say("idle states cannot be held off: %s", strerror(errno));
+  if (dispatch_start(&cfg.run)) die(1, dispatch_reason, NULL);
+  attend(signals, control);
+  const int stuck = dispatch_wait(5);
+  const int failed = cfg.record ? write_record() : 0;
+  summarise();
+  fflush(stdout);
+  _exit(stuck || failed ? 1 : 0);   /* a thread that does not return must not hold up the end */
+}

@@ -1,0 +1,51 @@
+"""What the dispatcher does not do of a schedule, in sentences for the bundle and for its user."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.exporters.linux.codes import UNREALISED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.exporters.linux import LinuxOptions
+    from halpipe.models import Schedule, TaskModel
+
+_MOST_NAMES = 5
+
+
+def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> list[Diagnostic]:
+    """Return one warning for each kind of thing that the bundle leaves open."""
+    path = f'model "{model.name}"'
+    return [UNREALISED(text, path=path, help=help) for text, help in sentences(model, schedule, options)]
+
+
+def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> Iterator[tuple[str, str]]:
+    """Yield what is left open, and what to do about it."""
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    jobs += [job for table in schedule.transitions for job in table.jobs]
+    versions = {(job.task, job.version): model.task(job.task).version(job.version) for job in jobs}
+    if gangs := dict.fromkeys(job.task for job in jobs if len(job.units) > 1):
+        yield (
+            f"programs run on one CPU, though they occupy several units: {_few(list(gangs))}",
+            "let the program start helping threads on the CPUs of the units that are kept free for it",
+        )
+    if any(version.accesses for version in versions.values()):
+        yield (
+            "bounds of access phases are not enforced, and phases begin when the program comes to them",
+            "export the regulator format (memguard or resctrl) to enforce bounds",
+        )
+    if made_up := [f"{task}/{name}" for (task, name), version in versions.items() if version.source is None]:
+        yield (
+            f"programs that only take {options.busy} % of their WCET stand for: {_few(made_up)}",
+            "name their sources in the model, or in an overlay",
+        )
+    if options.cpus is None:
+        yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."
+
+
+def _few(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(f'"{name}"' for name in names[:_MOST_NAMES]) + more
