@@ -1,0 +1,321 @@
+"""Linux bundles: what the tables say, and what the dispatcher really does with them on this machine."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import pytest
+
+from halpipe.bundles import open_bundle
+from halpipe.deploy.base import CheckOptions, Target
+from halpipe.deploy.linux import DEPLOYMENT
+from halpipe.deploy.linux import codes as deploy_codes
+from halpipe.deploy.linux.judging import Ran, judge, read_recording
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
+from halpipe.exporters.linux.priorities import levels_of
+from halpipe.exporters.linux.unrealised import unrealised
+from halpipe.files import write_directory
+from halpipe.models import Mode, ModeSchedule, Part, Run, Source, Split, Status, TransitionTable, Unit
+from halpipe.pipeline.verify import verify
+from support import job, model, ms, schedule, task, version
+
+needs_compiler = pytest.mark.skipif(
+    not shutil.which("make") or not shutil.which("cc"), reason="building a bundle takes make and a C compiler"
+)
+PROGRAM = """
+#include <stdint.h>
+#include <time.h>
+int32_t seen, made;
+static int32_t kept;
+void first(void) { kept = seen; }
+void second(void) { made = kept + STEP; }
+void both(void) { first(); second(); }
+"""
+
+
+def sourced(owner, entry, defines=("STEP=1",)):
+    source = Source(files=("program.c",), entry=entry, defines=defines)
+    return replace(owner, versions=tuple(replace(v, source=source) for v in owner.versions))
+
+
+def system(split=None, long_entry="both"):
+    """A job of 6 ms, with two gaps in which a task of 1 ms runs, both on u1; every 20 ms."""
+    short = sourced(task("short", 5, version("v", "1ms", "u1")), "both", ("STEP=2",))
+    long = sourced(task("long", 20, version("v", "6ms", "u1")), long_entry)
+    split = split or Split(anywhere=True, max_gaps=4)
+    long = replace(long, versions=tuple(replace(v, split=split) for v in long.versions))
+    return model(short, long, units="u1")
+
+
+def planned(owner):
+    jobs = [job(owner, "short", k, 5 * k + 2, "u1") for k in range(4)]
+    points = [(0, 2, 0, 2), (3, 7, 2, 6)]
+    whole = job(owner, "long", 0, 0, "u1")
+    parts = tuple(Part(start=ms(a), end=ms(b), executed_from=ms(c), executed_to=ms(d)) for a, b, c, d in points)
+    return schedule(owner, 20, *jobs, replace(whole, parts=parts, end=ms(7)))
+
+
+def write(folder, owner, tables, **options):
+    (folder / "program.c").write_text(PROGRAM)
+    files = FORMAT.write(owner, tables, LinuxOptions(**{"sources": str(folder), "cpus": {"u1": 0}, **options}))
+    write_directory(str(folder / "bundle"), files)
+    return folder / "bundle", {name: content.decode() for name, content in files.items()}
+
+
+def check(bundle, owner, tables, **options):
+    return DEPLOYMENT.check(
+        Target(bundle=open_bundle(str(bundle)), model=owner, schedule=tables), CheckOptions(**options)
+    )
+
+
+def refused(folder, owner, tables, **options):
+    with pytest.raises(HalpipeError) as caught:
+        write(folder, owner, tables, **options)
+    return [d.code for d in caught.value.diagnostics if d.is_error]
+
+
+def test_a_job_that_may_be_interrupted_runs_through_under_the_lower_priority(tmp_path):
+    owner = system()
+    tables = planned(owner)
+    assert [d.message for d in verify(owner, tables) if d.is_error] == []
+    assert levels_of(owner, tables) == {"short": 1, "long": 0}
+    _, files = write(tmp_path, owner, tables)
+    assert '.task = "short", .unit = "u1", .units = "u1", .cpu = 0, .priority = 1' in files["tables.c"]
+    assert '.task = "long", .unit = "u1", .units = "u1", .cpu = 0, .priority = 0' in files["tables.c"]
+
+
+def test_a_job_with_a_list_of_split_points_is_held_at_them(tmp_path):
+    owner = system(Split(points=(ms(2),)), "first second")
+    tables = planned(owner)
+    assert [d.message for d in verify(owner, tables) if d.is_error] == []
+    _, files = write(tmp_path, owner, tables)
+    assert "{{0, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
+    assert levels_of(owner, tables) == {"short": 0, "long": 0}
+
+
+def test_a_program_without_a_function_for_each_piece_is_refused(tmp_path):
+    owner = system(Split(points=(ms(2),)))
+    assert refused(tmp_path, owner, planned(owner)) == [codes.NO_PIECES.id]
+
+
+def test_priorities_that_close_a_cycle_are_refused():
+    owner = system()
+    both = tuple(
+        replace(t, versions=tuple(replace(v, split=Split(anywhere=True, max_gaps=1)) for v in t.versions))
+        for t in owner.tasks
+    )
+    owner = replace(owner, tasks=both)
+
+    def split(name, index, a, b, c, d):
+        parts = (
+            Part(start=ms(a), end=ms(b), executed_from=ms(0), executed_to=ms(1)),
+            Part(start=ms(c), end=ms(d), executed_from=ms(1), executed_to=ms(2)),
+        )
+        return replace(job(owner, name, index, a, "u1"), parts=parts, end=ms(d))
+
+    tables = schedule(
+        owner,
+        20,
+        split("long", 0, 0, 1, 4, 5),
+        split("short", 0, 2, 3, 10, 11),
+        split("long", 1, 12, 13, 15, 16),
+        job(owner, "short", 1, 14, "u1"),
+    )
+    tables = replace(
+        tables, modes=(replace(tables.modes[0], jobs=(*tables.modes[0].jobs, job(owner, "long", 2, 6, "u1"))),)
+    )
+    with pytest.raises(HalpipeError) as caught:
+        levels_of(owner, tables)
+    assert caught.value.diagnostics[0].code == codes.NO_ORDER.id
+
+
+@pytest.mark.parametrize(
+    ("kind", "cpus", "fails"), [("gpu", None, True), ("gpu", {"u1": 1}, False), ("", {}, True), ("", None, False)]
+)
+def test_units_that_are_no_cpus_are_refused(tmp_path, kind, cpus, fails):
+    owner = replace(system(), units=(Unit(name="u1", type=kind),))
+    (tmp_path / "program.c").write_text(PROGRAM)
+    options = LinuxOptions(sources=str(tmp_path), cpus=cpus)
+    if fails:
+        with pytest.raises(HalpipeError) as caught:
+            FORMAT.write(owner, planned(owner), options)
+        assert [d.code for d in caught.value.diagnostics] == [codes.NOT_A_CPU.id]
+    else:
+        assert FORMAT.write(owner, planned(owner), options)
+
+
+def test_names_that_are_no_c_strings_are_refused(tmp_path):
+    owner = system()
+    named = replace(owner, tasks=(replace(owner.tasks[0], name='a"b'), *owner.tasks[1:]))
+    tables = planned(owner)
+    jobs = tuple(replace(j, task='a"b') if j.task == "short" else j for j in tables.modes[0].jobs)
+    tables = replace(tables, modes=(replace(tables.modes[0], jobs=jobs),))
+    assert codes.BAD_TEXT.id in refused(tmp_path, named, tables)
+
+
+def test_what_the_dispatcher_leaves_open_is_said():
+    owner = model(task("g", 10, version("v", "1ms", "u1 u2", gang=2)), units="u1 u2")
+    tables = schedule(owner, 10, job(owner, "g", 0, 0, "u1 u2"))
+    said = [d.message for d in unrealised(owner, tables, LinuxOptions(busy=50))]
+    assert [text.split(":")[0] for text in said] == [
+        "programs run on one CPU, though they occupy several units",
+        "programs that only take 50 % of their WCET stand for",
+        "CPUs are numbered in the order of the units of the model",
+    ]
+    assert {d.code for d in unrealised(owner, tables, LinuxOptions(busy=50))} == {codes.UNREALISED.id}
+
+
+def test_lengths_that_are_no_whole_nanoseconds_keep_their_rest(tmp_path):
+    owner = model(task("t", "1/3ms", version("v", "0.1ms", "u1")), units="u1")
+    tables = schedule(owner, "1/3ms", job(owner, "t", 0, 0, "u1", "v"))
+    _, files = write(tmp_path, owner, tables, busy=1)
+    assert ".length = 333333, .rest = 1, " in files["tables.c"]
+    assert ".parts = 3," in files["tables.c"]
+
+
+def two_modes():
+    """a in both modes, b in one; a table of 5 ms on the way back."""
+    owner = model(task("a", 10, version("v", "1ms", "u1")), task("b", 10, version("v", "1ms", "u1")), units="u1")
+    runs = {name: Run(task=name, versions=("v",)) for name in "ab"}
+    modes = (Mode(name="both", runs=(runs["a"], runs["b"])), Mode(name="one", runs=(runs["a"],)))
+    owner = replace(owner, modes=modes)
+
+    def mode(name, *jobs):
+        return ModeSchedule(name=name, hyperperiod=ms(10), status=Status.VALID, jobs=jobs)
+
+    def table(source, target, length, *jobs):
+        return TransitionTable(
+            source=source,
+            target=target,
+            length=ms(length),
+            worst_latency=ms(10 + length),
+            status=Status.VALID,
+            jobs=jobs,
+        )
+
+    a, b = job(owner, "a", 0, 1, "u1"), job(owner, "b", 0, 4, "u1")
+    plain = schedule(owner, 10, a, b)
+    tables = (table("both", "one", 0), table("one", "both", 5, job(owner, "a", 0, 1, "u1")))
+    return owner, replace(plain, modes=(mode("both", a, b), mode("one", a)), transitions=tables)
+
+
+@needs_compiler
+@pytest.mark.slow  # the tables and the judgement have quicker tests of their own
+def test_modes_switches_and_buffers_on_this_machine(tmp_path):
+    """Order and completeness hold whatever the machine; how late starts are is not asserted."""
+    owner, tables = two_modes()
+    bundle, _ = write(tmp_path, owner, tables, busy=10, cpus={"u1": 1000})  # no machine has that one
+    checked = check(bundle, owner, tables, cycles=6)
+    assert [d.code for d in checked.diagnostics] == [deploy_codes.NOT_REAL_TIME.id]
+    names = {ran.table for ran in read_recording(checked.files["trace"])}
+    assert names == {"both", "one", "one->both"}
+    assert "2 switches" in checked.lines[1]
+
+
+@needs_compiler
+@pytest.mark.slow  # the tables and the priorities have quicker tests of their own
+@pytest.mark.parametrize("split", [None, Split(points=(ms(2),))])
+def test_parts_and_gaps_on_this_machine(tmp_path, split):
+    owner = system(split, "first second" if split else "both")
+    tables = planned(owner)
+    bundle, _ = write(tmp_path, owner, tables)
+    checked = check(bundle, owner, tables, cycles=5)
+    assert [d.message for d in checked.diagnostics if d.is_error and d.code != deploy_codes.LATE_JOB.id] == []
+    seen = [ran for ran in read_recording(checked.files["trace"]) if ran.task == "long"]
+    if split:  # the second function does not run before its part begins
+        assert all(ran.end - ran.planned >= 3_000_000 for ran in seen)
+
+
+@needs_compiler
+def test_programs_that_do_not_compile_and_compilers_that_are_not_there(tmp_path, monkeypatch):
+    owner = system()
+    bundle, _ = write(tmp_path, sourced_wrongly(owner), planned(owner))
+    with pytest.raises(HalpipeError) as caught:
+        check(bundle, owner, planned(owner))
+    assert {d.code for d in caught.value.diagnostics} == {deploy_codes.NOT_BUILT.id}
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(HalpipeError) as caught:
+        check(bundle, owner, planned(owner))
+    assert [d.code for d in caught.value.diagnostics] == [deploy_codes.NO_COMPILER.id]
+
+
+def sourced_wrongly(owner):
+    return replace(owner, tasks=tuple(sourced(t, "both", ("STEP=@",)) for t in owner.tasks))
+
+
+@needs_compiler
+def test_missing_rights_are_named_with_their_remedy(tmp_path):
+    owner, tables = two_modes()
+    bundle, _ = write(tmp_path, owner, tables, busy=10)
+    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    command = [str(bundle / "build/dispatcher"), "--cycles", "2", "--cpus", "1000"]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    assert "wants CPU 1000" in ran.stderr
+    assert "--degrade cpus" in ran.stderr
+    wrong = subprocess.run([command[0], "--mode", "x"], capture_output=True, text=True, check=False)
+    assert (wrong.returncode, "no such mode" in wrong.stderr) == (2, True)
+
+
+# ------------------------------------------------------------------------------------------- judgement
+
+
+def faithful(cycles=3):
+    owner, tables = two_modes()
+    names = ["both"] * cycles + ["both->one", "one", "one->both", "both"]
+    lengths = {"both": 10, "one": 10, "both->one": 0, "one->both": 5}
+    jobs = {m.name: m.jobs for m in tables.modes} | {f"{t.source}->{t.target}": t.jobs for t in tables.transitions}
+    at, seen = 0, []
+    for cycle, name in enumerate(names):
+        for one in jobs[name]:
+            start = at + int(one.start.fraction)
+            seen.append(Ran(one.task, one.index, name, cycle, start + 10, start + 500_000, start))
+        at += lengths[name] * 1_000_000
+    return owner, tables, seen
+
+
+def found(owner, tables, seen, is_timed=True):
+    return sorted(
+        d.code for d in judge(owner, tables, sorted(seen, key=lambda r: r.start), is_timed=is_timed).diagnostics
+    )
+
+
+def test_a_faithful_recording_is_sound():
+    owner, tables, seen = faithful()
+    judgement = judge(owner, tables, seen, is_timed=True)
+    assert (judgement.diagnostics, judgement.tables, judgement.switches) == ((), 7, 2)
+    assert judgement.start_errors == (10, 10, 10)
+
+
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (lambda seen: seen[:2] + seen[3:], deploy_codes.MISSING_JOB),
+        (lambda seen: [*seen, seen[2]], deploy_codes.FOREIGN_JOB),
+        (lambda seen: [*seen, seen[2]._replace(job=7)], deploy_codes.FOREIGN_JOB),
+        (lambda seen: [seen[0]._replace(start=4_700_000, end=4_800_000), *seen[1:]], deploy_codes.WRONG_ORDER),
+        (lambda seen: [seen[0]._replace(end=4_300_000), *seen[1:]], deploy_codes.OVERLAP),
+        (lambda seen: [seen[0]._replace(end=2_000_002), *seen[1:]], deploy_codes.LATE_JOB),
+        (
+            lambda seen: [r._replace(table="both") if r.table == "one->both" else r for r in seen],
+            deploy_codes.FOREIGN_JOB,
+        ),
+    ],
+)
+def test_every_fault_of_a_recording_is_found(fault, code):
+    owner, tables, seen = faithful()
+    assert code.id in found(owner, tables, fault(seen))
+
+
+def test_without_rights_only_order_and_completeness_count():
+    owner, tables, seen = faithful()
+    late = [seen[0]._replace(end=2_000_002), *seen[1:]]
+    assert found(owner, tables, late, is_timed=False) == []
+
+
+@pytest.mark.parametrize("data", [b"", b"a,b\n", b"task,job,mode,cycle,start,end,units,busy,planned\n", b"\xff"])
+def test_recordings_that_cannot_be_read(data):
+    with pytest.raises(HalpipeError) as caught:
+        read_recording(data)
+    assert caught.value.diagnostics[0].code == deploy_codes.NOT_RUN.id
