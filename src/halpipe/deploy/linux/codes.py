@@ -1,43 +1,43 @@
-"""The diagnostics of checking Linux bundles: HAL1064 to HAL1072."""
+"""The diagnostics of checking Linux bundles: HAL1080 to HAL1088."""
 
 from halpipe.diagnostics import error, warning
 
-NO_COMPILER = error("HAL1064", "No C compiler", "A Linux bundle is built with make and a C compiler before it is run.")
+NO_COMPILER = error("HAL1080", "No C compiler", "A Linux bundle is built with make and a C compiler before it is run.")
 NOT_BUILT = error(
-    "HAL1065", "Bundle cannot be built", "The compiler refuses a program of the tasks, or the dispatcher."
+    "HAL1081", "Bundle cannot be built", "The compiler refuses a program of the tasks, or the dispatcher."
 )
 NOT_RUN = error(
-    "HAL1066",
+    "HAL1082",
     "Dispatcher did not play the tables",
     "It stopped with an error, did not end in time, or recorded nothing that can be read.",
 )
 MISSING_JOB = error(
-    "HAL1067",
+    "HAL1083",
     "Job of the table did not run",
     "It was skipped, since its slot was over before it could start, or the machine lost whole tables.",
 )
 FOREIGN_JOB = error(
-    "HAL1068",
+    "HAL1084",
     "Job ran that the tables do not have there",
     "The recording has a job twice, or one of another table, or tables in an order that the schedule does not allow.",
 )
 WRONG_ORDER = error(
-    "HAL1069",
+    "HAL1085",
     "Jobs of a unit ran in another order than scheduled",
     "On each unit jobs start in the order of their instants.",
 )
 OVERLAP = error(
-    "HAL1070",
+    "HAL1086",
     "Jobs that exclude each other ran at the same time",
     "They share a unit without lying in each other's gaps, or a resource that both need wholly.",
 )
 LATE_JOB = error(
-    "HAL1071",
+    "HAL1087",
     "Job ended after its time",
     "It started late, or ran longer than its WCET on this machine.",
 )
 NOT_REAL_TIME = warning(
-    "HAL1072",
+    "HAL1088",
     "Machine gives no real-time rights",
     "Without SCHED_FIFO, locked memory or a CPU for each unit, late starts say nothing about the bundle. Only order "
     "and completeness are judged.",

@@ -1,32 +1,32 @@
-"""The diagnostics of the Linux export: HAL0887 to HAL0889, HAL0892 and HAL0893."""
+"""The diagnostics of the Linux export: HAL0811 to HAL0815."""
 
 from halpipe.diagnostics import error, warning
 
 NOT_A_CPU = error(
-    "HAL0887",
+    "HAL0811",
     "Unit with jobs is no CPU",
     "The dispatcher plays tables on CPUs. A unit that is something else, or that --cpus leaves out, cannot have jobs "
     "of its own there; start its work from a task on a CPU, and let that task's WCET contain the wait.",
 )
 NO_PIECES = error(
-    "HAL0888",
+    "HAL0812",
     "Program cannot be held at its split points",
     "A job with a list of split points is held at the end of a part until the next one begins. So its entry names one "
     "function for each piece between split points.",
 )
 NO_ORDER = error(
-    "HAL0889",
+    "HAL0813",
     "Priorities cannot be derived",
     "A task that starts in a gap of another one, which may be interrupted anywhere, has the higher priority. Where "
     "these relations close a cycle, or need more priorities than Linux has, the table cannot be played so.",
 )
 UNREALISED = warning(
-    "HAL0892",
+    "HAL0814",
     "Linux dispatcher does not do all that the schedule says",
     "What it leaves open is listed in the bundle's README.md, too, and needs other means.",
 )
 BAD_TEXT = error(
-    "HAL0893",
+    "HAL0815",
     "Name does not go into a C string",
     "Names of tasks, units, modes and buffers are written into the tables as they are: ASCII letters, digits and "
     "punctuation but quotes, backslashes, commas and blanks.",
