@@ -63,7 +63,7 @@ WORLD = {
     "time": {"cli", "pipeline.solve.run", "bench", "deploy"},
     "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
-    "random": {"pipeline.generate"},
+    "random": {"pipeline.generate", "bench"},
     "signal": {"cli", "pipeline.solve.run"},
     # Graphviz is a program; the one function that starts it is called from the command line only.
     "subprocess": {"cli", "pipeline.solve.run", "exporters.graph", "exporters.riscv", "deploy"},

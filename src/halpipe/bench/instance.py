@@ -23,6 +23,7 @@ from halpipe.pipeline.solve.schedule import SearchOptions
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from halpipe.bench.suites import Cell
     from halpipe.models import TaskModel
 
 _SECOND = 10**9
@@ -37,7 +38,7 @@ class Instance:
     """One set to measure: `budget` counts moves per task, `limit` and `exact_seconds` seconds (0: none, no CP-SAT)."""
 
     key: str
-    parameters: SetParameters
+    parameters: Cell
     seed: int
     budget: int
     limit: int
@@ -48,7 +49,7 @@ class Instance:
 def measure(instance: Instance) -> dict[str, Any]:
     """Return the record of one instance: its key, the ``result``, which is reproducible, and the ``timing``."""
     _warm_up()
-    model = generate(instance.parameters, instance.seed)
+    model = instance.parameters.draw(instance.seed)
     document = format_model(model)
     made = achieved(model)
     result: dict[str, Any] = {

@@ -80,7 +80,8 @@ def _cells(report: Report, result: RowResult) -> Iterator[str]:
         yield _NONE if row.paper_seconds is None else "{}..{} s".format(*row.paper_seconds)
     if _has_goals(report):
         share = f"{row.goal_success * 100} %"
-        yield share if row.goal_kernel is None else f"{share}, {row.goal_kernel}"
+        goal = row.goal_kernel or (f"{row.goal_whole} in all" if row.goal_whole else None)
+        yield share if goal is None else f"{share}, {goal}"
         yield "yes" if result.meets_goal else "no"
     if _has_exact(report):
         yield f"{result.exact_solved} of {result.exact_tried}" if result.exact_tried else _NONE
@@ -94,7 +95,7 @@ def _has_paper(report: Report) -> bool:
 
 
 def _has_goals(report: Report) -> bool:
-    return any(result.row.goal_kernel is not None for result in report.rows)
+    return any((result.row.goal_kernel or result.row.goal_whole) is not None for result in report.rows)
 
 
 def _has_exact(report: Report) -> bool:

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
+from halpipe.bench.real import Engine, EngineControl, Waters2019
 from halpipe.durations import Duration, milliseconds, seconds
-from halpipe.pipeline.generate import TABLE_III, SetParameters
+from halpipe.models import Binding
+from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from halpipe.models import TaskModel
+
+
+class Cell(Protocol):
+    """A family of systems, one for each seed."""
+
+    def draw(self, seed: int) -> TaskModel:
+        """Return the system of a seed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,10 +29,23 @@ class Row:
     """A line of the table: sets of several parameters, with what was aimed at and what the paper reports for them."""
 
     name: str
-    cells: tuple[SetParameters, ...]
+    cells: tuple[Cell, ...]
     goal_success: Fraction = Fraction(1)
     goal_kernel: Duration | None = None
+    goal_whole: Duration | None = None
     paper_seconds: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """The sets of some parameters, each task bound to one set of units in the whole system."""
+
+    parameters: SetParameters
+
+    def draw(self, seed: int) -> TaskModel:
+        """Return the set of a seed."""
+        model = generate(self.parameters, seed)
+        return replace(model, tasks=tuple(replace(task, binding=Binding.SYSTEM) for task in model.tasks))
 
 
 def _table3() -> Iterator[Row]:
@@ -118,6 +142,33 @@ def _harder() -> Iterator[Row]:
     yield Row(name="240 on 12, 70 %, 60 % precedence, all linked", cells=(replace(_TWELVE, precedence=Fraction(3, 5)),))
 
 
+def _real() -> Iterator[Row]:
+    """Systems like those that are published; what is aimed at is the whole command."""
+    for cores, percent, success, goal in (
+        (1, 70, 100, 2),
+        (1, 80, 100, 2),
+        (1, 90, 100, 2),
+        (1, 95, 95, 5),
+        (4, 80, 100, 10),
+    ):
+        yield Row(
+            name=f"WATERS 2015, {cores} core{'s' if cores > 1 else ''}, {percent} %",
+            cells=(EngineControl(cores=cores, load=Fraction(percent, 100)),),
+            goal_success=Fraction(success, 100),
+            goal_whole=seconds(goal),
+        )
+    yield Row(
+        name="like FMTV 2017, 4 cores, interrupts, angle task, 80 %",
+        cells=(Engine(load=Fraction(4, 5)),),
+        goal_whole=seconds(30),
+    )
+    yield Row(name="WATERS 2019, pieces of at most 5 ms", cells=(Waters2019(),), goal_whole=seconds(10))
+    cells = [cell for experiment in TABLE_III for cell in experiment.cells]
+    for percent in (60, 70):
+        bound = tuple(Bound(cell) for cell in cells if cell.utilisation == Fraction(percent, 100))
+        yield Row(name=f"Table III, bound to units, {percent} %", cells=bound, goal_whole=seconds(1))
+
+
 def _tiny() -> Iterator[Row]:
     """Sets that take no time: to try the benchmark itself."""
     yield Row(name="12 tasks", cells=(SetParameters(tasks=12, units=3),), paper_seconds=(1, 2))
@@ -125,5 +176,11 @@ def _tiny() -> Iterator[Row]:
     yield Row(name="48 tasks, nothing idle", cells=(hopeless,), goal_kernel=milliseconds(1))
 
 
-SUITES = {"table3": tuple(_table3()), "hard": tuple(_hard()), "harder": tuple(_harder()), "tiny": tuple(_tiny())}
+SUITES = {
+    "table3": tuple(_table3()),
+    "hard": tuple(_hard()),
+    "harder": tuple(_harder()),
+    "real": tuple(_real()),
+    "tiny": tuple(_tiny()),
+}
 """The benchmarks by name."""

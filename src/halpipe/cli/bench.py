@@ -28,7 +28,7 @@ JOURNAL = "journal.jsonl"
 
 def bench(
     suite: Annotated[
-        str, typer.Argument(metavar="SUITE", help="table3 (the paper's), hard, harder, or tiny (a try-out).")
+        str, typer.Argument(metavar="SUITE", help="table3 (the paper's), hard, harder, real (as published), or tiny.")
     ],
     folder: Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Where table, plot and results go.")],
     row: Annotated[list[str] | None, typer.Option(help="Only rows whose names contain this; repeatable.")] = None,

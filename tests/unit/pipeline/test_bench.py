@@ -97,7 +97,8 @@ def test_the_suites_can_all_be_generated_and_their_rows_told_apart():
         assert len({row.name for row in rows}) == len(rows)
         for row in rows:
             for cell in row.cells:
-                cell.check()
+                if isinstance(cell, SetParameters):
+                    cell.check()
 
 
 def test_table3_holds_every_cell_of_the_table():

@@ -52,6 +52,10 @@ POLISH_BUDGET = 300
 """Moves per task for one step of improving a valid schedule."""
 
 
+POLISH_TABLES = 40
+"""Whole tables of split jobs that are tried at least to improve a valid one."""
+
+
 class Quality(StrEnum):
     """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
 
@@ -283,7 +287,11 @@ def _schedule_parts(
         model.chains,
         _mode_seed(options.seed, number, options.attempt),
         _pinned(expansion, earlier),
-        Effort(budget, POLISH_BUDGET * tasks, lambda placed, excess: on_progress(name, placed, budget, excess)),
+        Effort(
+            budget,
+            max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
+            lambda placed, excess: on_progress(name, placed, budget, excess),
+        ),
         None if polish is None else Judge(model, expansion, polish.is_enough),
     )
     on_progress(name, found.placed, budget, found.excess)

@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.edf.simulate import Plan, Table, simulate
 from halpipe.pipeline.solve.edf.works import load_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from halpipe.durations import Duration
     from halpipe.models import Chain, Job
@@ -84,7 +84,8 @@ def search(
 ) -> Found:
     """Look for a valid table of `mode`; `pinned` tasks stay on their units; a `judge` makes it go on to better ones."""
     limited = [chain for chain in chains if chain.max_reaction is not None or chain.max_age is not None]
-    return _Search(mode, limited, Draws(seed), effort, pinned, judge).run()
+    names = {name for chain in chains for name in chain.tasks}
+    return _Search(mode, limited, names, Draws(seed), effort, pinned, judge).run()
 
 
 class _Search:
@@ -92,6 +93,7 @@ class _Search:
         self,
         mode: Mode,
         chains: Sequence[Chain],
+        chained: Collection[str],
         draws: Draws,
         effort: Effort,
         pinned: Mapping[str, tuple[str, ...]],
@@ -99,6 +101,7 @@ class _Search:
     ) -> None:
         self.mode = mode
         self.chains = chains
+        self.chained = [task for task, work in enumerate(mode.works) if work.name in chained]
         self.draws = draws
         self.effort = effort
         self.judge = judge
@@ -188,13 +191,12 @@ class _Search:
     def _moved(self, current: _Try) -> Plan:
         """Return a plan that differs around a task that is late, or around any where only chains are too long."""
         late = [task for task, amount in enumerate(current.late) if amount]
-        if not late:
-            names = {name for chain in self.chains for name in chain.tasks}
-            late = [task for task, work in enumerate(self.mode.works) if work.name in names]
-        pool = late or list(range(len(self.mode.works)))
+        pool = late or self.chained or list(range(len(self.mode.works)))
         task = pool[self.draws.below(len(pool))]
         plan = current.plan
         kind = self.draws.below(10)
+        if not self.draws.below(20):
+            plan = replace(plan, fresh=not plan.fresh)
         if kind in (1, 4, 6, 8):
             task = self._neighbour(plan, task)
         if kind < 3:

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
-from functools import lru_cache
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.pipeline.parts import Service
-    from halpipe.pipeline.solve.edf.works import Mode, Way, Work
+    from halpipe.pipeline.solve.edf.works import Mode, Way, Window, Work
 
 MOST_CYCLES = 8
 """Hyperperiods after which a table that still changes is given up."""
@@ -39,12 +37,14 @@ class Plan:
     """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
 
     `urgency` is the deadline by which jobs are ordered, from their release; they are held back for `holds` after it.
+    With `fresh` a job waits, as long as it can, for the job of its predecessor that was released before it or with it.
     """
 
     ways: tuple[Way, ...]
     phases: tuple[int, ...]
     urgency: tuple[int, ...]
     holds: tuple[int, ...]
+    fresh: bool = True
 
 
 @dataclass(slots=True)
@@ -102,9 +102,14 @@ class Table:
     closed: bool
 
 
-@lru_cache(maxsize=1 << 16)
 def _reserved(work: int, service: Service[int]) -> int:
-    return reserved_length(work, service)
+    """Return what `parts.reserved_length` does, of interrupts that are known to leave some of the time."""
+    length, longer = 0, work
+    while service and longer != length:
+        length, longer = longer, work
+        for distance, time in service:
+            longer += -(-length // distance) * time
+    return longer
 
 
 def simulate(mode: Mode, plan: Plan) -> Table:
@@ -337,6 +342,8 @@ class _Simulation:
     def _windows_allow(self, job: Job, now: int) -> bool:
         """Return whether every window of a job is open; if one opens later, ask again then."""
         for window in job.way.windows:
+            if self.plan.fresh and now < job.last_start and self._is_to_come(window, job):
+                return False
             times = (self.ends if window.from_end else self.starts)[window.task]
             place = bisect_right(times, now - window.least)
             if place and times[place - 1] >= now - window.most:
@@ -345,6 +352,11 @@ class _Simulation:
                 self._at(times[place] + window.least, _WAKE, None, job.way.units[0])
             return False
         return True
+
+    def _is_to_come(self, window: Window, job: Job) -> bool:
+        """Return whether a predecessor that was released no later than `job` has still to start, or to end."""
+        before = self.unfinished[window.task]
+        return before is not None and before.release <= job.release and (window.from_end or not before.spans)
 
     def _target(self, job: Job, start: int, first: int, lost: int, gaps: int) -> int:
         """Return up to where a job runs before the next decision: a job without gaps left runs to its end."""
