@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 
 from halpipe.models import Binding, Interrupt, Split
-from halpipe.pipeline.explain.conflict import has_whole_jobs
+from halpipe.pipeline.explain.explanation import explain
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.parts import has_whole_jobs
 from support import access, after, model, ms, task, version
 
 
@@ -125,3 +126,13 @@ def test_the_exact_engine_is_asked_about_whole_jobs_alone():
     assert not has_whole_jobs(model(SHORT, split(LONG, points=(ms(1),))))
     assert not has_whole_jobs(model(SHORT, replace(LONG, binding=Binding.SYSTEM)))
     assert not has_whole_jobs(model(SHORT, replace(LONG, distance=ms(20))))
+
+
+def test_the_split_that_was_found_sufficient_is_named():
+    """Of 4 ms, pieces of 2 ms fit where jobs of 1 ms come every 4 ms."""
+    system = model(task("short", 4, version("v", 1)), task("long", 12, version("v", 4), slack=1))
+    found = explain(system, budget=50)
+    remedies = [d.message for d in found.diagnostics if d.code == "HAL0436"]
+    assert any(text.startswith('"long" cut into pieces of at most 2ms (split) (found suff') for text in remedies), (
+        remedies
+    )

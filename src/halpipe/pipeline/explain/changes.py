@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
-    from fractions import Fraction
 
     from halpipe.durations import Duration
     from halpipe.models import Precedence, Task, TaskModel, Version
@@ -51,6 +51,19 @@ def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction) -> Tas
         return replace(version, wcet=wcet, accesses=accesses, split=version.split.scaled(factor))
 
     return _each_version(model, tasks, shorten)
+
+
+def with_pieces(model: TaskModel, tasks: Collection[str], count: int) -> TaskModel:
+    """Split tasks that run in one piece into `count` pieces, as equal as their access phases allow."""
+
+    def cut(version: Version) -> Version:
+        if version.split.is_allowed or version.wcet is None:
+            return version
+        points = (version.wcet * Fraction(number, count) for number in range(1, count))
+        free = (p for p in points if not any(a.start < p < a.end for a in version.accesses))
+        return replace(version, split=replace(version.split, points=tuple(free)))
+
+    return _each_version(model, tasks, cut)
 
 
 def with_wider_windows(model: TaskModel, task: str, predecessor: str, by: Duration) -> TaskModel:

@@ -37,6 +37,7 @@ FEW_JOBS = 500
 """Jobs up to which the steps are fine."""
 
 MAX_UNITS = 3
+MAX_PIECES = 16
 MAX_TASKS = 6
 """Tasks of a conflict whose own parameters are tried one by one."""
 
@@ -81,6 +82,12 @@ class Trials:
         """Tell whether a witness proves that a changed model has no schedule."""
         return bool(find_witnesses(model, [self.mode]))
 
+    def is_blocked(self, model: TaskModel, task: str) -> bool:
+        """Tell whether a witness says that the task finds no gap that is long enough."""
+        blocked = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
+        found = (d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics)
+        return any(d.code in blocked and f'task "{task}"' in d.path for d in found)
+
     def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
         """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
         found = self.schedule(change(most))
@@ -114,6 +121,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
         *_limits(model, running, trials),
         *_offsets(model, concerned, trials),
         *_slack(model, concerned, trials),
+        *_pieces(model, concerned, trials),
         *_windows(model, concerned, running, trials),
         *_wcets(model, concerned, trials),
     ]
@@ -201,6 +209,21 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
         if found:
             text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], trials.steps))}"
             yield _remedy(trials, text, loosen(found[0] - 1))
+
+
+def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Split the tasks one by one, into as few pieces as possible; only those that do not fit beside another."""
+    whole = [t for t in tasks if not any(v.split.is_allowed for v in t.versions) and trials.is_blocked(model, t.name)]
+    for task in whole[:MAX_TASKS]:
+
+        def cut(step: int, name: str = task.name) -> TaskModel:
+            return changes.with_pieces(model, [name], step + 1)
+
+        found = trials.smallest(cut, MAX_PIECES - 1)
+        if found:
+            longest = max((v.wcet or ZERO for v in task.versions), default=ZERO) / (found[0] + 1)
+            smaller = cut(found[0] - 1) if found[0] > 1 else model
+            yield _remedy(trials, f'"{task.name}" cut into pieces of at most {longest} (split)', smaller)
 
 
 def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
