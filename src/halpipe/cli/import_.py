@@ -45,7 +45,7 @@ def import_(
         str, typer.Option(help="AMALTHEA: tasks run where the mapping is stated, or free on all units.")
     ] = "stated",
     pieces: Annotated[
-        str, typer.Option(help="AMALTHEA: the longest piece of a runnable of a preemptive task; 0ms does not cut any.")
+        str, typer.Option(help="AMALTHEA, ARXML: the longest piece of a runnable of a preemptive task; 0ms cuts none.")
     ] = "5ms",
     calibrate: Annotated[
         list[str] | None,

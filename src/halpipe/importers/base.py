@@ -42,6 +42,18 @@ class Supplement(Protocol):
         """Return the period of the task `name`, None if not stated."""
         ...
 
+    def task_wcet(self, name: str) -> Duration | None:
+        """Return the WCET of the task `name`, None if not stated."""
+        ...
+
+    def work_wcet(self, name: str) -> Duration | None:
+        """Return the WCET of work that is called `name` and part of a task, None if not stated."""
+        ...
+
+    def states_interrupt(self, name: str) -> bool:
+        """Return whether it is stated when and where the interrupt `name` comes, and how long it takes."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportOptions:
@@ -50,10 +62,10 @@ class ImportOptions:
     `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the variant
     of a product line, and values of system constants and criteria (``NAME=VALUE``). `wcet`, `memory` and `mapping`
     are for AMALTHEA only: which statistic of an execution time counts, whether it contains the accesses to memory, and
-    whether the stated mapping binds tasks; `pieces` is the longest piece of a runnable of a preemptive task there (0:
-    as long as it is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of
-    them is the WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive
-    callback groups are ignored or become resources.
+    whether the stated mapping binds tasks. `pieces` is the longest piece of a runnable of a preemptive task of ARXML or
+    AMALTHEA (0: as long as it is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations,
+    which of them is the WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually
+    exclusive callback groups are ignored or become resources.
     """
 
     name: str = ""

@@ -123,7 +123,7 @@ def _model(
         forest, hardware, units, mapping=mapping, versions=makers, memories=memories, coverage=coverage
     )
     built = builder.build(drafts, timing)
-    interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes)
+    interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes, options.overlay)
     runs = _modes(forest, modes, built)
     model = TaskModel(
         name=legal(options.name or _name(forest, paths)),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import everything, steps
-from halpipe.importers.amalthea.names import Names
+from halpipe.importers.amalthea.names import Names, legal
 from halpipe.models import Interrupt, Origin
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.mapping import Mapping as Allocation
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
+    from halpipe.importers.base import Supplement
 
 _ACTIVATES = ("InterProcessTrigger", "InterProcessActivation", "CustomEventTrigger", "SetEvent")
 
@@ -35,6 +36,7 @@ def interrupts_of(
     allocation: Allocation | None,
     evaluator: Evaluator,
     modes: Sequence[SystemMode],
+    overlay: Supplement | None,
 ) -> dict[Item, tuple[Interrupt, ...]]:
     """Return the interrupts of every unit; report the routines whose time, distance or unit is not known.
 
@@ -44,6 +46,9 @@ def interrupts_of(
     found: dict[Item, tuple[Interrupt, ...]] = {}
     lacking: list[Item] = []
     for routine, distance in routines.items():
+        if overlay is not None and overlay.states_interrupt(legal(routine.name)):
+            routine.use()
+            continue
         bound = None if allocation is None else allocation.units(routine)
         units = [unit for unit in hardware.units if bound is None or unit.item in bound]
         times = {unit.item: _time(routine, unit, evaluator, modes) for unit in units}

@@ -22,13 +22,14 @@ from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.execution_modes import make_modes
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES, group
+from halpipe.importers.arxml.tasks.interrupts import with_interrupts
 from halpipe.importers.arxml.tasks.periods import decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform
 from halpipe.importers.arxml.tasks.precedence import find_edges
 from halpipe.importers.arxml.tasks.requirements import find_requirements
 from halpipe.importers.arxml.tasks.versions import make_variants, report_kinds, used_times
 from halpipe.importers.base import Imported
-from halpipe.models import Precedence, Task, TaskModel, Version
+from halpipe.models import Binding, Precedence, Task, TaskModel, Version
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -98,13 +99,13 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOp
     edges = find_edges(system, drafts, dataflow, required.spacings, findings)
     ledger = Ledger()
     platform = Platform(system)
-    variants = make_variants(system, drafts, platform, findings)
+    variants = make_variants(system, drafts, platform, options, findings)
     versions = {name: tuple(variant.name for variant in found) for name, found in variants.items()}
     modes, transitions = make_modes(system, drafts, versions, ledger, findings)
     model = TaskModel(
         name=legal_name(options.name or system.name),
-        units=platform.units,
-        tasks=tuple(_tasks(drafts, edges, variants, required, findings)),
+        units=with_interrupts(platform, system, options.overlay, ledger, findings),
+        tasks=tuple(_tasks(drafts, edges, variants, required, platform, findings)),
         chains=tuple(required.chains),
         modes=modes,
         transitions=transitions,
@@ -155,6 +156,7 @@ def _tasks(
     edges: Iterable[Edge],
     variants: Mapping[str, tuple[Variant, ...]],
     required: Requirements,
+    platform: Platform,
     findings: Findings,
 ) -> list[Task]:
     by_name = {draft.name: draft for draft in drafts}
@@ -171,6 +173,8 @@ def _tasks(
                 slack=slack_of(draft.members[0], findings) or Fraction(0),
                 offset=draft.offset,
                 deadline=required.deadlines.get(draft.name),
+                distance=draft.distance,
+                binding=Binding.SYSTEM if platform.is_mapped(draft) else Binding.JOB,
                 versions=tuple(_version(draft, variant, orders, findings) for variant in variants[draft.name]),
                 origin=draft.origin,
             )
@@ -197,6 +201,7 @@ def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], fin
         units=variant.units,
         gang=max(gang, 1),
         precedences=orders,
+        split=variant.split,
         origin=variant.times[0].place.origin if len(variant.times) == 1 else None,
     )
 

@@ -276,9 +276,9 @@ TRIGGERING_DIFFERS = warning(
 )
 SPORADIC = warning(
     "HAL0557",
-    "Sporadic work becomes periodic",
-    "A time-triggered schedule has a job whenever work may be due: one in every least time between two occurrences. "
-    "An occurrence waits for the next job, at most one period, which a deadline from the occurrence on must contain.",
+    "Sporadic work is polled",
+    "The task has the least time between two occurrences as its distance, and a period at which it looks for them: "
+    "short enough to serve the densest occurrences in time, and one that leaves the hyperperiod of the others alone.",
 )
 TIMING_LOST = warning(
     "HAL0558",
@@ -347,4 +347,17 @@ SCHEMA_NAME = note(
     "HAL0566",
     "Schema is none of AUTOSAR's",
     "The file names a schema that was never published, by a slip of its tool. Schemas are not looked at.",
+)
+UNKNOWN_INTERRUPT = warning(
+    "HAL0594",
+    "Interrupt routines are not accounted for",
+    "An interrupt routine takes time from every job of its core, which a schedule must reserve. Of these the execution "
+    "time, the least distance of their arrivals or the core is not stated, so that no time is reserved for them. Only "
+    "a timing protection (OsIsrExecutionBudget, OsIsrTimeFrame) states them in ARXML.",
+)
+CUT_RUNNABLES = note(
+    "HAL0595",
+    "Preemptive tasks are cut within runnables",
+    "An OsTask with OsTaskSchedule FULL may be interrupted anywhere. Where a runnable is longer than the longest piece "
+    "(--pieces), jobs may be interrupted at multiples of that, too: the target has to hold the job there.",
 )

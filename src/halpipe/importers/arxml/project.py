@@ -49,6 +49,16 @@ class _OfModel:
     def source_period(self, name: str) -> Duration | None:
         return next((task.period for task in self.model.tasks if task.name == name), None)
 
+    def task_wcet(self, name: str) -> None:
+        """Leave execution times to the model."""
+
+    def work_wcet(self, name: str) -> None:
+        """Leave execution times to the model."""
+
+    def states_interrupt(self, name: str) -> bool:
+        """Leave interrupts to the model."""
+        return True
+
     def task_period(self, name: str) -> Duration | None:
         return self.source_period(name)
 

@@ -68,6 +68,20 @@ class OverlayUse:
         _, period = next(stated, ("", None))
         return None if period is None else period.value
 
+    def task_wcet(self, name: str) -> Duration | None:
+        """Return the WCET that the task `name` gets from its entries."""
+        stated = (entry.common.wcet for _, entry in self._tasks.of(name))
+        found = next((wcet for wcet in stated if wcet is not None), None)
+        return None if found is None else found.value
+
+    def work_wcet(self, name: str) -> Duration | None:
+        """Return the WCET that an entry of just this name states, such as that of a runnable within a task."""
+        for pattern, entry in self._tasks.of(name):
+            if pattern == name and entry.common.wcet is not None:
+                self._matched_tasks.add(pattern)
+                return entry.common.wcet.value
+        return None
+
     def apply(self, model: TaskModel, coverage: Coverage) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
         """Return the imported model with everything that the overlay states, and what to tell of it.
 

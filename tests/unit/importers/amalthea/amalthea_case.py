@@ -38,6 +38,14 @@ class Overlay:
     def source_period(self, name):
         return Duration.parse(self.sources[name]) if name in self.sources else None
 
+    def task_wcet(self, name):
+        return None
+
+    work_wcet = task_wcet
+
+    def states_interrupt(self, name):
+        return False
+
     def task_period(self, name):
         return Duration.parse(self.periods[name]) if name in self.periods else None
 

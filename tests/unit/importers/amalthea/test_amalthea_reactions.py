@@ -128,7 +128,7 @@ def test_an_overlay_may_change_the_periods_before(tmp_path):
         def source_period(self, name):
             return None
 
-        task_period = source_period
+        task_period = task_wcet = work_wcet = states_interrupt = source_period
 
     given(tmp_path, delay("Reaction"))
     imported = FORMAT.read([str(tmp_path / "model.amxmi")], ImportOptions(overlay=Overlay()))

@@ -18,6 +18,7 @@ from halpipe.importers.arxml.system.values import (
     Core,
     Mapping,
     OsApplication,
+    OsIsr,
     OsTask,
     Place,
     RteInstance,
@@ -171,7 +172,7 @@ def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Con
     applications, numbered = _applications(containers, cores)
     core_of = {task: application.core for application in applications for task in application.tasks}
     tasks = [
-        OsTask(container.place, core_of.get(container.node.path), _task_period(container))
+        OsTask(container.place, core_of.get(container.node.path), _task_period(container), _schedule(container))
         for container in containers.of("OsTask")
     ]
     return Configuration(
@@ -182,6 +183,7 @@ def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Con
         mappings=tuple(_mappings(containers)),
         instances=tuple(_instances(containers)),
         modules=tuple(sorted(modules or ())),
+        routines=tuple(_routines(containers, applications)),
     )
 
 
@@ -213,7 +215,8 @@ def _applications(containers: Containers, cores: dict[str, Core]) -> tuple[list[
         if core is None and number is not None:
             core = by_id.get(int(number)) or numbered.setdefault(int(number), Core(f"core{number}", int(number), None))
         tasks = tuple(container.targets("OsAppTaskRef"))
-        applications.append(OsApplication(container.place, tasks, core.name if core else None))
+        routines = tuple(container.targets("OsAppIsrRef"))
+        applications.append(OsApplication(container.place, tasks, core.name if core else None, routines))
     return applications, [numbered[number] for number in sorted(numbered)]
 
 
@@ -232,6 +235,29 @@ def _bound_core(containers: Containers, application: Container, cores: dict[str,
                 seen.add(path)
                 todo.append(containers.by_path[path])
     return None
+
+
+def _schedule(container: Container) -> str:
+    """Return whether jobs of an OsTask may be preempted, FULL or NON; empty where that is not stated."""
+    stated = container.value("OsTaskSchedule")
+    return stated.text if stated is not None and stated.text in ("FULL", "NON") else ""
+
+
+def _routines(containers: Containers, applications: Iterable[OsApplication]) -> Iterator[OsIsr]:
+    """Yield the interrupt routines, with what their timing protection says."""
+    core_of = {path: application.core for application in applications for path in application.routines}
+    for container in containers.of("OsIsr"):
+        inside = list(containers.below(container))
+        budget, frame = (
+            next((number for inner in inside if (number := inner.number(name))), None)
+            for name in ("OsIsrExecutionBudget", "OsIsrTimeFrame")
+        )
+        yield OsIsr(
+            container.place,
+            core_of.get(container.node.path),
+            seconds(budget) if budget else None,
+            seconds(frame) if frame else None,
+        )
 
 
 def _task_period(container: Container) -> Duration | None:

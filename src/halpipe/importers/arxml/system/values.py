@@ -175,20 +175,38 @@ class Core:
 
 @dataclass(frozen=True, slots=True)
 class OsApplication:
-    """An OsApplication: its tasks (paths) and the name of the core it is bound to."""
+    """An OsApplication: its tasks and interrupt routines (paths), and the name of the core it is bound to."""
 
     place: Place
     tasks: tuple[str, ...]
     core: str | None
+    routines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class OsTask:
-    """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod."""
+    """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod.
+
+    `schedule` is OsTaskSchedule: FULL, NON, or empty where it is not stated.
+    """
 
     place: Place
     core: str | None
     period: Duration | None
+    schedule: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class OsIsr:
+    """An interrupt routine; `core` is that of its OsApplication.
+
+    Its timing protection, if any, states a `budget` for its execution and the least `distance` of two arrivals.
+    """
+
+    place: Place
+    core: str | None
+    budget: Duration | None
+    distance: Duration | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,6 +273,7 @@ class Configuration:
     mappings: tuple[Mapping, ...] = ()
     instances: tuple[RteInstance, ...] = ()
     modules: tuple[str, ...] = ()
+    routines: tuple[OsIsr, ...] = ()
 
 
 # ----------------------------------------------------------------------------------------- modes and constraints

@@ -33,8 +33,9 @@ class Activation:
 
     `name` is what a task of it is called. `period` None means that it does not recur, as `reason` explains; `used`
     are the elements that the period comes from, where it is not the event's own. `arrival` is what the timing
-    extension says of how often it happens. `twin` is the runnable that is the same function as a BSW entity, and
-    `joins` the event of it with which this one shares a call.
+    extension says of how often it happens; with `distance` that is sporadic, and the period is that of polling. `twin`
+    is the runnable that is the same function as a BSW entity, and `joins` the event of it with which this one shares a
+    call.
     """
 
     name: str
@@ -50,6 +51,7 @@ class Activation:
     offset: Duration | None = None
     reason: str = ""
     used: tuple[Place, ...] = ()
+    distance: Duration | None = None
     twin: Actor | None = None
     joins: Event | None = None
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
+from halpipe.importers.polling import polling_period
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from halpipe.diagnostics import Findings
     from halpipe.importers.arxml.system.values import Arrival, Observable, System
@@ -88,16 +90,34 @@ def compare(activation: Activation, findings: Findings) -> None:
         )
 
 
+def polled(activations: Sequence[Activation]) -> list[Activation]:
+    """Give sporadic work, which recurs at its least distance so far, the period at which it is looked for."""
+    periods = [a.period for a in activations if a.period is not None and not _is_sporadic(a)]
+    return [
+        replace(a, distance=a.period, period=polling_period(a.period, periods), offset=None)
+        if a.period is not None and _is_sporadic(a)
+        else a
+        for a in activations
+    ]
+
+
+def _is_sporadic(activation: Activation) -> bool:
+    """Whether the period of an activation is the least distance of a triggering without a period."""
+    arrival = activation.arrival
+    return arrival is not None and arrival.offsets is None and arrival.place in activation.used
+
+
 def report_sporadic(activations: Iterable[Activation], findings: Findings) -> None:
-    """Report every triggering without a period of which the least distance has become one."""
+    """Report every triggering without a period, and how often it is looked for."""
     for activation in activations:
         arrival = activation.arrival
-        if arrival is not None and arrival.offsets is None and arrival.place in activation.used:
+        if arrival is not None and activation.distance is not None:
+            what = f"looks every {activation.period} for what comes every {activation.distance} at most"
             findings.add(
                 codes.SPORADIC(
-                    f'"{activation.name}" gets a job every {arrival.period}, the least time between two occurrences',
+                    f'"{activation.name}" {what}',
                     at=arrival.place.at,
                     path=f'{arrival.place.kind} "{arrival.place.path}"',
-                    help="count one more period into its deadline, or give another period in the overlay (sources)",
+                    help="give another period in the overlay (sources), if occurrences so dense cannot be",
                 )
             )

@@ -36,6 +36,11 @@ class Draft:
         return self.members[0].period
 
     @property
+    def distance(self) -> Duration | None:
+        """The least distance of the arrivals that it polls for; None if it is periodic by itself."""
+        return self.members[0].distance
+
+    @property
     def offset(self) -> Duration | None:
         """The common offset."""
         return self.members[0].offset

@@ -16,7 +16,7 @@ from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
 from halpipe.importers.arxml.system.ecuc import symbolic_values
-from halpipe.importers.arxml.tasks.arrivals import compare, report_sporadic
+from halpipe.importers.arxml.tasks.arrivals import compare, polled, report_sporadic
 from halpipe.importers.arxml.tasks.dataflow import item_at
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def decide_periods(
     decided = [found for activation in activations for found in periods.of(activation)]
     if overlay is not None:
         decided = _from_overlay(decided, overlay)
-    decided = _from_arrivals(decided)
+    decided = polled(_from_arrivals(decided))
     for activation in decided:
         compare(activation, tree.findings)
     report_sporadic(decided, tree.findings)

@@ -94,12 +94,21 @@ class Platform:
 
     # ------------------------------------------------------------------------------------------------ units
 
+    def unit_of_core(self, core: str | None) -> str | None:
+        """Return the unit of a core by its name; the only unit, if there is but one."""
+        alone = self.units[0].name if len(self.units) == 1 else None
+        return self._by_core.get(core, alone) if core is not None else alone
+
     def bound_unit(self, draft: Draft) -> str | None:
         """Return the unit of the core that the task's OsApplication is bound to, or of the ECU it is mapped to."""
         if draft.os_task is not None and draft.os_task.core is not None:
             return self._by_core[draft.os_task.core]
         paths = (path for member in draft.members for path in member.context)
         return next((self._by_prototype[path] for path in paths if path in self._by_prototype), None)
+
+    def is_mapped(self, draft: Draft) -> bool:
+        """Whether an OsTask has a core, on which all its jobs run."""
+        return draft.os_task is not None and draft.os_task.core is not None
 
     def is_bound(self, draft: Draft) -> bool:
         """Whether the files say where a task runs."""

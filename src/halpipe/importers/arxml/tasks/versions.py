@@ -5,18 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, listed, unique_name
 from halpipe.importers.arxml.system.execution_times import ANALYSED
+from halpipe.importers.arxml.tasks.splitting import Splitter
+from halpipe.models import WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.diagnostics import Findings, Location
+    from halpipe.durations import Duration
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
+    from halpipe.importers.base import ImportOptions
+    from halpipe.models import Split
 
 VERSION = "default"
 
@@ -29,16 +34,22 @@ class Variant:
     wcet: Duration | None
     units: tuple[str, ...]
     times: tuple[ExecutionTime, ...] = ()
+    split: Split = WHOLE
 
 
 def make_variants(
-    system: System, drafts: Sequence[Draft], platform: Platform, findings: Findings
+    system: System, drafts: Sequence[Draft], platform: Platform, options: ImportOptions, findings: Findings
 ) -> dict[str, tuple[Variant, ...]]:
-    """Return the versions of every task, by its name."""
+    """Return the versions of every task, by its name.
+
+    The jobs of an OsTask that is preemptive may be interrupted between its runnables, and within long ones.
+    """
     times: dict[str, dict[str | None, ExecutionTime]] = {}
     for time in system.execution_times:
         times.setdefault(time.runnable, {})[time.hardware] = time
-    variants = {draft.name: _variants(draft, platform, times) for draft in drafts}
+    splitter = Splitter(options)
+    variants = {draft.name: _variants(draft, platform, times, splitter) for draft in drafts}
+    splitter.report(findings)
     _report_units(drafts, variants, platform, findings)
     return variants
 
@@ -57,19 +68,24 @@ def report_kinds(variants: dict[str, tuple[Variant, ...]], at: Location, finding
 
 
 def _variants(
-    draft: Draft, platform: Platform, times: dict[str, dict[str | None, ExecutionTime]]
+    draft: Draft, platform: Platform, times: dict[str, dict[str | None, ExecutionTime]], splitter: Splitter
 ) -> tuple[Variant, ...]:
     units = platform.units_of(draft)
-    runnables = list({member.work: member.work[1] for member in draft.members}.values())
-    groups: dict[Duration, list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
+    runnables = {member.work: member for member in draft.members}
+    groups: dict[tuple[Duration, Split], list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
     for unit in units:
-        found = [_time(times.get(path, {}), platform.hardware.get(unit)) for path in runnables]
+        found = [_time(times.get(path, {}), platform.hardware.get(unit)) for _, path in runnables]
         known = tuple(time for time in found if time is not None)
-        if len(known) == len(runnables):
-            wcet = Duration(sum(time.time.fraction for time in known))
-            groups.setdefault(wcet, []).append((unit, known))
+        pieces = [
+            splitter.stated(draft, member.name) if time is None else time.time
+            for time, member in zip(found, runnables.values(), strict=True)
+        ]
+        lengths = [piece for piece in pieces if piece is not None]
+        if len(lengths) == len(pieces):
+            key = (sum(lengths, ZERO), splitter.split(draft, lengths))
+            groups.setdefault(key, []).append((unit, known))
     if not groups:
-        return (Variant(VERSION, None, units),)
+        return (Variant(VERSION, None, units, split=splitter.split(draft, ())),)
     taken: set[str] = set()
     return tuple(
         Variant(
@@ -77,8 +93,9 @@ def _variants(
             wcet,
             tuple(unit for unit, _ in found),
             tuple(dict.fromkeys(time for _, known in found for time in known)),
+            split,
         )
-        for wcet, found in groups.items()
+        for (wcet, split), found in groups.items()
     )
 
 
