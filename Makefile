@@ -6,12 +6,14 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: demo test test-fast lint sanitize wheels docs clean help
+.PHONY: demo test test-fast test-lowest lock lint sanitize wheels docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
 	@echo "make test       set up, then run the linters and all tests"
 	@echo "make test-fast  the tests without the slow ones"
+	@echo "make test-lowest  the fast tests with the oldest libraries that are allowed"
+	@echo "make lock       write down the newest libraries; tests and demo use them until the next time"
 	@echo "make sanitize   tests of the search with its library under the sanitizers of addresses and undefined behaviour"
 	@echo "make wheels     wheels for Linux, macOS and Windows in dist/, made and checked on this machine"
 	@echo "make docs       regenerate the reference pages from the code"
@@ -22,12 +24,15 @@ $(BIN)/python:
 	@$(PYTHON) -m venv $(VENV) || \
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
-$(VENV)/.demo-ready: pyproject.toml hatch_build.py | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[riscv]'
+LOCKED := constraints/locked.txt
+EXTRAS := dev,arxml,exact,cluster,riscv
+
+$(VENV)/.demo-ready: pyproject.toml hatch_build.py $(LOCKED) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(LOCKED) -e '.[riscv]'
 	@touch $@
 
-$(VENV)/.test-ready: pyproject.toml hatch_build.py | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev,arxml,exact,cluster,riscv]'
+$(VENV)/.test-ready: pyproject.toml hatch_build.py $(LOCKED) | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(LOCKED) -e '.[$(EXTRAS)]'
 	@touch $@ $(VENV)/.demo-ready
 
 # An installation builds the libraries in C; after a change of their sources they are built again, in place.
@@ -64,6 +69,19 @@ test: lint
 test-fast: $(VENV)/.test-ready
 	@$(BUILD)
 	$(BIN)/pytest $(PARALLEL) -m "not slow"
+
+# With the oldest versions that pyproject.toml allows, in an environment of its own.
+test-lowest: | $(BIN)/python
+	$(BIN)/python -m venv --clear build/lowest
+	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints/lowest.txt . pytest hypothesis
+	build/lowest/bin/python -m pytest -p no:cacheprovider -m "not slow" tests/cli tests/unit/importers tests/unit/exporters \
+	  tests/unit/test_files_xml.py tests/unit/test_files_yaml.py tests/unit/test_schemas.py
+
+lock: | $(BIN)/python
+	$(BIN)/python -m venv --clear build/newest
+	build/newest/bin/python -m pip install --quiet --disable-pip-version-check '.[$(EXTRAS)]'
+	{ sed -n '/^#/p' $(LOCKED); build/newest/bin/python -m pip freeze --exclude halpipe; } > build/locked.txt
+	mv build/locked.txt $(LOCKED)
 
 sanitize: $(VENV)/.test-ready
 	$(BIN)/python tests/sanitized.py -m "not slow" tests/properties/test_kernel_cost.py \

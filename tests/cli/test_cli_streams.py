@@ -97,7 +97,7 @@ def test_want_of_memory_is_no_bug(monkeypatch, capsys, failure):
     def fail(**_):
         raise failure
 
-    monkeypatch.setattr("halpipe.cli.app.app", fail)
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: fail)
     assert invoke(["doctor"]) == 1
     said = capsys.readouterr().err
     assert OUT_OF_MEMORY.id in said
@@ -126,7 +126,7 @@ def test_a_bug_is_told_where_no_report_can_be_saved(monkeypatch, capsys):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("halpipe.cli.app.app", fail)
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: fail)
     monkeypatch.setattr("tempfile.NamedTemporaryFile", full)
     assert invoke(["doctor"]) == 70
     said = capsys.readouterr().err

@@ -21,6 +21,7 @@ def main() -> NoReturn:
         _interrupt_on_termination()
         code = _run()
     except KeyboardInterrupt:  # before the command began, or once more while it ended
+        os.write(2, b"interrupted\n")
         code = INTERRUPTED
     _leave_when_interrupted(code)
     sys.exit(code)

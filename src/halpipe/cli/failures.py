@@ -40,7 +40,10 @@ def told(failure: Exception) -> int:
 
 def _tell_usage(failure: Exception) -> int:
     shown = io.StringIO()
-    failure.show(file=shown)  # type: ignore[attr-defined]
+    try:
+        failure.show(file=shown)  # type: ignore[attr-defined]
+    except Exception as bug:  # noqa: BLE001 - versions of typer and click that do not fit each other
+        return _tell_bug(bug)
     for line in shown.getvalue().splitlines():
         output.say(line)
     return int(failure.exit_code)  # type: ignore[attr-defined]
