@@ -175,7 +175,7 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn) 
   const int64_t began = clock_now(now_.clock), slot = job->end - job->start;
   const int is_lost = began >= at + slot;
   if (is_lost && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
-  if (is_lost && (now_.policy != DISPATCH_LOG || began >= at + slot + plan.tables[turn->table].length)) {
+  if (is_lost && now_.policy != DISPATCH_LOG) {
     self->skipped++;
     return;
   }
@@ -270,7 +270,9 @@ static void *conduct(void *unused) {
     if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
     table = choose(table);
     const int64_t length = plan.tables[table].length, time = clock_now(now_.clock);
-    while (table < plan.n_modes && length > 0 && at + length <= time) {   /* whole tables were lost: phases stay */
+    /* Far too late, whole tables are left out, so that phases stay; what is less is caught up with. */
+    const int64_t patience = now_.policy == DISPATCH_LOG ? RING / 8 * length : length;
+    while (table < plan.n_modes && length > 0 && at + patience <= time) {
       rest += plan.tables[table].rest;
       at += length + rest / plan.parts;
       rest %= plan.parts;
