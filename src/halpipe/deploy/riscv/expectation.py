@@ -99,7 +99,7 @@ class Expectation:
         self.findings = Findings()
         self._bundle, self._model, self._site, self._images = bundle, model, site, images
         self._templates: dict[
-            tuple[str, str, tuple[str, ...]], tuple[list[PlannedTransfer], list[PlannedExecution]]
+            tuple[str, str, tuple[str, ...], _Parts], tuple[list[PlannedTransfer], list[PlannedExecution]]
         ] = {}
 
     def jobs(self, tables: Iterable[Played]) -> list[PlannedJob]:
@@ -108,7 +108,7 @@ class Expectation:
         return sorted(found, key=lambda planned: (planned.begin, planned.table.cycle, planned.row))
 
     def _job(self, table: Played, row: int, job: Job) -> PlannedJob:
-        key = (job.task, job.version, job.units)
+        key = (job.task, job.version, job.units, _relative(job))
         if key not in self._templates:
             self._templates[key] = self._template(job)
         transfers, executions = self._templates[key]
@@ -141,7 +141,8 @@ class Expectation:
             self._complain(message, f'task "{job.task}"')
             return [], []
         moving = moving_phases(version)
-        transfers = [t for access in moving for t in self._phase(access, members)]
+        wall = _Wall(_relative(job), version.split.resume)
+        transfers = [t for access in moving for t in self._phase(access, members, wall)]
         functions = len(members[0].site.entries)
         executions = [
             PlannedExecution(
@@ -153,7 +154,7 @@ class Expectation:
                 rank=rank,
                 ranks=len(members),
             )
-            for i, (begin, end) in enumerate(self._stretches(version, moving, functions))
+            for i, (begin, end) in enumerate(self._stretches(version, moving, functions, wall))
             for rank, image in enumerate(members)
             if i < len(image.site.entries)
         ]
@@ -161,8 +162,9 @@ class Expectation:
             self._complain(f"its phases leave no {functions} stretches of execution", f'task "{job.task}"')
         return transfers, executions
 
-    def _phase(self, access: Access, members: list[Image]) -> Iterator[PlannedTransfer]:
-        begin, end = math.ceil(access.start / self._site.tick), math.floor(access.end / self._site.tick)
+    def _phase(self, access: Access, members: list[Image], wall: _Wall) -> Iterator[PlannedTransfer]:
+        tick = self._site.tick
+        begin, end = math.ceil(wall.begins(access.start) / tick), math.floor(wall.ends(access.end) / tick)
         channel = self._site.channels.get(access.resource)
         if channel is None:
             self._complain(f'has no channel for resource "{access.resource}"', "resources")
@@ -208,8 +210,10 @@ class Expectation:
             self._complain(f'symbol "{transfer.symbol}" is missing, or smaller than its transfer', image.site.file)
         return (buffer.base, symbol[0]) if buffer is not None and symbol is not None else None
 
-    def _stretches(self, version: Version, moving: list[Access], functions: int) -> Iterator[tuple[int, int]]:
-        """Yield when the functions execute: between acquiring and restituting phases, or in every gap."""
+    def _stretches(
+        self, version: Version, moving: list[Access], functions: int, wall: _Wall
+    ) -> Iterator[tuple[int, int]]:
+        """Yield when the functions execute: between reads and writes, in every gap, or in every piece."""
         tick = self._site.tick
         wcet = version.wcet or ZERO
         writes = [a for a in moving if a.kind is AccessKind.WRITE]
@@ -222,12 +226,53 @@ class Expectation:
             starts = [*(a.start for a in moving), wcet]
             fronts = [max(ends[: i + 1]) for i in range(len(ends))]
             spans = [(front, start) for front, start in zip(fronts, starts, strict=True) if front < start]
+            if len(spans) != functions:
+                spans = [piece for span in spans for piece in _pieces(span, version.split.points)]
         for begin, end in spans:
-            yield math.ceil(begin / tick), math.floor(end / tick)
+            yield math.ceil(wall.begins(begin) / tick), math.floor(wall.ends(end) / tick)
 
     def _complain(self, message: str, path: str) -> None:
         help = "export the bundle again"
         self.findings.add(BROKEN_TARGET(message, at=self._bundle.at("target.json"), path=path, help=help))
+
+
+_Parts = tuple[tuple["Duration", "Duration", "Duration"], ...]
+"""The parts of a job: start after the job's, and the execution from and to."""
+
+
+def _relative(job: Job) -> _Parts:
+    return tuple((part.start - job.start, part.executed_from, part.executed_to) for part in job.parts)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wall:
+    """Where the execution of a job lies on the wall: in its parts, after each gap by `resume` later (MODEL 8.2)."""
+
+    parts: _Parts
+    resume: Duration
+
+    def begins(self, instant: Duration) -> Duration:
+        """Return when what begins with `instant` of the execution begins, after the job's start."""
+        for k, (start, first, last) in enumerate(self.parts):
+            if first <= instant < last:
+                return start + (self.resume if k else ZERO) + instant - first
+        return self.ends(instant) if self.parts else instant
+
+    def ends(self, instant: Duration) -> Duration:
+        """Return when what ends with `instant` of the execution ends."""
+        for k, (start, first, last) in enumerate(self.parts):
+            if first < instant <= last:
+                return start + (self.resume if k else ZERO) + instant - first
+        return instant
+
+
+def _pieces(span: tuple[Duration, Duration], points: Iterable[Duration]) -> Iterator[tuple[Duration, Duration]]:
+    begin, end = span
+    for point in points:
+        if begin < point < end:
+            yield begin, point
+            begin = point
+    yield begin, end
 
 
 def _part(rank: int, ranks: int, size: int) -> tuple[int, int]:

@@ -94,7 +94,7 @@ class Recorder:
         self._told = told
         self._machine: Machine | None = None
         self._running: dict[int, Execution] = {}
-        self._loaded: dict[int, Image] = {}
+        self._loaded: dict[int, list[Image]] = {}  # by hart, the newest first; older ones may have been overwritten
         self._inputs: dict[int, list[Transfer]] = {}
         self._contents: dict[str, bytes] = {}
         self._by_source = {s.source: image for image in images for s in image.program.segments if s.is_executable}
@@ -127,13 +127,20 @@ class Recorder:
             core = self.machine.harts[hart]
             back = core.x(1)
             core.watch([back])  # its own beginning may be that of a loop
-            execution = Execution(hart, address, self._loaded.get(hart), core.woken, now, back)
+            execution = Execution(hart, address, self._image_at(hart, address), core.woken, now, back)
             execution.level = core.level
             execution.rank, execution.ranks, execution.stack = core.x(10), core.x(11), core.x(2)
             self._compare(execution)
             self._running[hart] = execution
             self.executions.append(execution)
             self.begins(execution)
+
+    def _image_at(self, hart: int, address: int) -> Image | None:
+        """Return the image that was loaded last over an address."""
+        for image in self._loaded.get(hart, []):
+            if any(s.is_executable and s.target <= address < s.target + s.size for s in image.program.segments):
+                return image
+        return None
 
     def idles(self, hart: int, now: int) -> None:
         """A core waits for nothing but new work."""
@@ -197,7 +204,8 @@ class Recorder:
             self._inputs.setdefault(region.hart, []).append(transfer)
             image = self._by_source.get(transfer.source)
             if image is not None:
-                self._loaded[region.hart] = image
+                others = [other for other in self._loaded.get(region.hart, []) if other is not image]
+                self._loaded[region.hart] = [image, *others]
                 self._inputs[region.hart] = [transfer]
         name = self._buffer(transfer.target)
         if name is not None:

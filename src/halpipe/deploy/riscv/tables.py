@@ -136,6 +136,8 @@ class _Reader:
         """Yield what a request would lead to that it must not lead to."""
         modes = [mode.name for mode in schedule.modes]
         tables = {(t.source, t.target): len(modes) + i for i, t in enumerate(schedule.transitions)}
+        if len(modes) == 1:
+            return  # there is none, and the linker leaves their table out
         for i, source in enumerate(modes):
             for j, target in enumerate(modes):
                 place = self._symbol("hp_switches") + _INDEX.size * (i * len(modes) + j)

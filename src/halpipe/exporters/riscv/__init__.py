@@ -73,12 +73,9 @@ class RiscvExporter:
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
         from halpipe.exporters.riscv.bundle import build
-        from halpipe.exporters.selection import refuse_gaps, select
+        from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
-        refuse_gaps(
-            chosen, "the runtime plays jobs in one piece", "schedule without split, or cut the task into several"
-        )
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = replace(model, modes=(model.mode(options.mode),), transitions=())
         return build(model, chosen, specific(RiscvOptions, options))

@@ -29,6 +29,7 @@ from halpipe.exporters.riscv.phases import check_phases, clock_of
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
+from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, places_of, slots_of, slower
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
@@ -82,16 +83,21 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         for name, content in tree.files.items():
             shop.write(name, content)
         stage_runtime(shop)
-        shop.write("runtime/platform.h", render.platform(list(site.cores.values()), len(schedule.modes), site.memory))
+        slots = slots_of(schedule, site.cores)
+        cores = list(site.cores.values())
+        shop.write("runtime/platform.h", render.platform(cores, slots.count, len(schedule.modes), site.memory))
         needs = compile_parts(shop, site.parts, tree)
         measured = measure(shop, needs, profile, render)
         monitors = _monitors(shop, render, site)
         at = site.memory.images + sum(aligned(elf.stored, LINE) for elf in monitors)
-        images = link_images(shop, needs, measured, (at, site.memory.buffers_base), render)
+        places, crowded = places_of(measured, gapped_versions(schedule), profile)
+        findings.extend(crowded)
+        findings.stop_on_errors()
+        images = link_images(shop, needs, measured, (at, site.memory.buffers_base), places, render)
         by_name = {(i.part.task, i.part.version.name, i.core.unit): i for i in images}
-        operations = Operations(site.clock, site.channels, site.memory, by_name)
+        operations = Operations(site.clock, site.channels, site.memory, by_name, slots)
         tables = operations.tables(schedule)
-        backlog = find_backlog(tables, operations.programs, profile)
+        backlog = find_backlog(tables, operations.programs, slower(profile, slots))
         findings.extend(too_short(operations.programs, backlog, site.parts, profile))
         findings.stop_on_errors()
         plan = Plan(operations.programs, tables, backlog, images)
@@ -130,6 +136,7 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     channels = channels_of(model, versions, profile, findings)
     memory = main_memory(profile, buffer_sizes([(part.path, part.version) for part in parts], findings), findings)
     check_grid(schedule, clock, findings)
+    check_splits(model, schedule, findings)
     return Site(profile, cores, channels, memory, clock, tuple(parts))
 
 

@@ -40,7 +40,9 @@ def grow(version: Version, sizes: Sequence[int], resource: str, clock: Clock, pa
         others.append(moved)
     if not any(growth for _, growth in growths):
         return version
-    return replace(version, wcet=_later(version.wcet, growths), accesses=(loaded, *others))
+    points = tuple(_later(point, growths) for point in version.split.points)
+    split = replace(version.split, points=points)
+    return replace(version, wcet=_later(version.wcet, growths), accesses=(loaded, *others), split=split)
 
 
 def _later(instant: Duration, growths: Iterable[tuple[Duration, Duration]]) -> Duration:

@@ -261,16 +261,20 @@ def link_images(
     needs: dict[Part, tuple[str, ...]],
     measured: dict[Part, Elf],
     room: tuple[int, int],
+    places: dict[tuple[Part, Core], tuple[int, int]],
     render: Renderer,
 ) -> list[Image]:
-    """Link every part for each of its cores, packed one after the other into `room` (first address, end)."""
+    """Link every part for each of its cores, packed one after the other into `room` (first address, end).
+
+    `places` are those in the scratchpads: how far behind other images code and data lie.
+    """
     at, end = room
     placed: list[tuple[Part, Core, Link]] = []
     for part in needs:
         for core in part.cores:
             number = len(placed)
             script, target = f"link/{number}.ld", f"build/images/{number}.elf"
-            shop.write(script, render.image_script(part, core, at))
+            shop.write(script, render.image_script(part, core, at, places[part, core]))
             placed.append((part, core, Link(script, target, needs[part])))
             at = aligned(at + measured[part].stored, LINE)
     findings = Findings()

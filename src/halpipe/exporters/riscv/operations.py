@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
-from halpipe.exporters.riscv.phases import Clock, functions_of, phases_of, shares, stretches
+from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
+from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
@@ -51,12 +52,13 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """What is done for one job of a version on its units (core indices; the first one leads)."""
+    """What is done for one job of a version on its units (core indices; the first leads), in a slot of the runtime."""
 
     task: str
     version: str
     units: tuple[int, ...]
     operations: tuple[Operation, ...]
+    slot: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +94,9 @@ class Operations:
     channels: dict[str, int]
     memory: MainMemory
     images: dict[tuple[str, str, str], Image]
+    slots: Slots
     programs: list[Program] = field(default_factory=list)
-    _known: dict[tuple[str, str, tuple[str, ...]], int] = field(default_factory=dict)
+    _known: dict[tuple[str, str, tuple[str, ...], Shape], int] = field(default_factory=dict)
 
     def tables(self, schedule: Schedule) -> list[Table]:
         """Return all tables, modes first."""
@@ -113,41 +116,43 @@ class Operations:
         return tuple(sorted(found, key=lambda r: (r.tick, self.programs[r.program].units, r.job.task, r.job.index)))
 
     def _program(self, job: Job) -> int:
-        key = (job.task, job.version, job.units)
+        images = [self.images[job.task, job.version, unit] for unit in job.units]
+        shape = shape_of(job, images[0].part.version)
+        key = (job.task, job.version, job.units, shape)
         if key not in self._known:
-            images = [self.images[job.task, job.version, unit] for unit in job.units]
             self._known[key] = len(self.programs)
-            operations = sorted(self._operations(images), key=lambda o: o.key)
+            operations = sorted(self._operations(images, shape), key=lambda o: o.key)
             units = tuple(image.core.index for image in images)
-            self.programs.append(Program(job.task, job.version, units, tuple(operations)))
+            slot = self.slots.of(job.task, units[0])
+            self.programs.append(Program(job.task, job.version, units, tuple(operations), slot))
         return self._known[key]
 
-    def _operations(self, images: list[Image]) -> Iterable[Operation]:
+    def _operations(self, images: list[Image], shape: Shape) -> Iterable[Operation]:
         part = images[0].part
         for access in phases_of(part.version):
-            yield from self._phase(access, images)
+            yield from self._phase(access, images, shape)
         functions = functions_of(part.version)
-        found, _ = stretches(part.version, len(functions), self.clock)
-        for position, stretch in enumerate(found):
+        for position, (start, over) in enumerate(executions(part.version, len(functions))):
+            begin_at, end_at = self.clock.up(shape.begin(start)), self.clock.down(shape.end(over))
             for rank, image in enumerate(images):
                 begin, size = image.bss if position == 0 else (0, 0)
                 yield Operation(
-                    at=stretch.begin,
+                    at=begin_at,
                     kind=RUN,
                     unit=image.core.index,
                     source=image.entries[position],
                     target=begin,
                     size=size,
-                    limit=stretch.end - stretch.begin,
+                    limit=end_at - begin_at,
                     rank=rank,
                     ranks=len(images),
                     what=functions[position],
                 )
-                yield Operation(at=stretch.end, kind=STOP, unit=image.core.index, what=functions[position])
+                yield Operation(at=end_at, kind=STOP, unit=image.core.index, what=functions[position])
 
-    def _phase(self, access: Access, images: list[Image]) -> Iterable[Operation]:
+    def _phase(self, access: Access, images: list[Image], shape: Shape) -> Iterable[Operation]:
         """Yield the transfers of a phase, one after the other, and the check at its end that they are complete."""
-        at, end = self.clock.up(access.start), self.clock.down(access.end)
+        at, end = self.clock.up(shape.begin(access.start)), self.clock.down(shape.end(access.end))
         channel = self.channels[access.resource]
         transfers = list(self._transfers(access, images))
         rest = sum(self.clock.transfer(access.resource, size) for _, _, size, _, _ in transfers)
@@ -201,17 +206,23 @@ def check_grid(schedule: Schedule, clock: Clock, findings: Findings) -> None:
     for mode in schedule.modes:
         path = f'mode "{mode.name}"'
         instants.append((mode.hyperperiod, "the hyperperiod", path, mode.at))
-        instants += [
-            (job.start, "the start", f'{path}, job {job.index} of task "{job.task}"', job.at) for job in mode.jobs
-        ]
+        instants += _starts(mode.jobs, path)
     for table in schedule.transitions:
         path = f'transition from "{table.source}" to "{table.target}"'
         instants.append((table.length, "the length", path, table.at))
-        instants += [
-            (job.start, "the start", f'{path}, job {job.index} of task "{job.task}"', job.at) for job in table.jobs
-        ]
+        instants += _starts(table.jobs, path)
     for instant, what, path, at in instants:
         if greatest_common_divisor((instant, clock.tick)) != clock.tick:
             help = f"schedule with --tick {clock.tick}, or with periods that are multiples of it"
             message = f"{what} {instant} is no multiple of the timer's tick {clock.tick}"
             findings.add(OFF_GRID(message, at=at, path=path, help=help))
+
+
+def _starts(jobs: Iterable[Job], path: str) -> list[tuple[Duration, str, str, Location]]:
+    """Return the starts of jobs and of their parts, with what messages say of them."""
+    found = []
+    for job in jobs:
+        where = f'{path}, job {job.index} of task "{job.task}"'
+        found.append((job.start, "the start", where, job.at))
+        found += [(part.start, "the start of a part", where, part.at) for part in job.parts[1:]]
+    return found

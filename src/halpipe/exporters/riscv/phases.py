@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, seconds
@@ -112,7 +113,9 @@ def stretches(version: Version, functions: int, clock: Clock) -> tuple[list[Stre
         if found[0] is None:
             return [], "a write phase comes before a read phase, so no single execution can do"
     else:
-        found = [*gaps(moving, clock, version.wcet)]
+        found = [Stretch(clock.up(begin), clock.down(end)) for begin, end in executions(version, functions)]
+        if not found:
+            found = [*gaps(moving, clock, version.wcet)]
     held = [stretch for stretch in found if stretch is not None and stretch.begin < stretch.end]
     if len(held) == functions:
         return held, ""
@@ -155,6 +158,37 @@ def shares(access: Access, size: int, members: int) -> list[tuple[int, int, int]
         return [(0, 0, size)]
     part = size // members
     return [(member, member * part, part) for member in range(members)]
+
+
+def spans(version: Version, *, cut: bool) -> list[tuple[Duration, Duration]]:
+    """Return the gaps between phases in execution time; `cut` at the split points, too."""
+    assert version.wcet is not None, "models without WCET do not validate"
+    found = []
+    front = ZERO
+    for start, end in [*((a.start, a.end) for a in phases_of(version)), (version.wcet, version.wcet)]:
+        if start > front:
+            inside = [point for point in version.split.points if front < point < start] if cut else []
+            found += [*pairwise([front, *inside, start])]
+        front = max(front, end)
+    return found
+
+
+def executions(version: Version, functions: int) -> list[tuple[Duration, Duration]]:
+    """Return one stretch of execution time for each function; empty if there are not as many.
+
+    One function has all between what brings data and what takes it away. More have the gaps between phases, or, if
+    they are as many, the pieces between phases and split points.
+    """
+    assert version.wcet is not None, "models without WCET do not validate"
+    moving = phases_of(version)
+    if functions == 1:
+        acquired = max((a.end for a in moving if a.kind is not AccessKind.WRITE), default=ZERO)
+        return [(acquired, min((a.start for a in moving if a.kind is AccessKind.WRITE), default=version.wcet))]
+    for cut in (False, True):
+        found = spans(version, cut=cut)
+        if len(found) == functions:
+            return found
+    return []
 
 
 def functions_of(version: Version) -> tuple[str, ...]:

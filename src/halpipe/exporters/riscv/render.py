@@ -51,8 +51,8 @@ class Renderer:
         text: str = self.environment.get_template(template).render(**values)
         return text
 
-    def image_script(self, part: Part, core: Core, at: int) -> str:
-        """Return the linker script of an image that is stored at address `at`."""
+    def image_script(self, part: Part, core: Core, at: int, place: tuple[int, int] = (0, 0)) -> str:
+        """Return the linker script of an image that is stored at address `at`; `place`: how far behind others."""
         return self._fill(
             "image.ld",
             part=part,
@@ -60,8 +60,8 @@ class Renderer:
             at=at,
             functions=list(functions_of(part.version)),
             symbols=list(part.symbols),
-            code=core.ispm.base + MONITOR,
-            data=core.dspm.base + self.profile.stack,
+            code=core.ispm.base + MONITOR + place[0],
+            data=core.dspm.base + self.profile.stack + place[1],
         )
 
     def monitor_script(self, core: Core) -> str:
@@ -72,12 +72,13 @@ class Renderer:
         """Return the linker script of the whole."""
         return self._fill("bundle.ld", memory=memory)
 
-    def platform(self, cores: Sequence[Core], modes: int, memory: MainMemory) -> str:
+    def platform(self, cores: Sequence[Core], slots: int, modes: int, memory: MainMemory) -> str:
         """Return the header with the constants of the target."""
         return self._fill(
             "platform.h",
             profile=self.profile,
             cores=list(cores),
+            slots=slots,
             modes=modes,
             memory=memory,
             decision=DECISION,

@@ -11,6 +11,7 @@ from halpipe.exporters.riscv.images import Image, Part
 from halpipe.exporters.riscv.operations import COPY, DONE, RUN, STOP, Operations, check_grid, check_version
 from halpipe.exporters.riscv.phases import Clock, shares
 from halpipe.exporters.riscv.profile import Region, read_profile
+from halpipe.exporters.riscv.splitting import Slots
 from halpipe.models import ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single
 from support import job, ms, schedule
@@ -30,7 +31,7 @@ def image_of(version, core, at=0x100):
 def operations_of(system, tables, version):
     cores = cores_of(system, set(), read_profile("vcu118"), Findings())
     images = {("scale", version.name, unit): image_of(version, core) for unit, core in cores.items()}
-    made = Operations(CLOCK, {"memory": 0}, MEMORY, images)
+    made = Operations(CLOCK, {"memory": 0}, MEMORY, images, Slots(len(cores)))
     return made, made.tables(tables)
 
 

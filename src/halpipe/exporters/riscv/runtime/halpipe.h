@@ -35,7 +35,7 @@ typedef struct {
 typedef struct {
     const hp_operation *operations;
     uint32_t count;
-    uint32_t unit; /* the first unit of the job: its slot is where the program is in progress */
+    uint32_t slot; /* where the program is in progress */
 } hp_program;
 
 typedef struct {

@@ -1,15 +1,16 @@
 /* The management core: plays the tables. Every operation has its instant; between them the core sleeps in WFI.
  *
  * A table releases jobs. A job is a program of operations, in progress in the slot of its first unit, from the tick at
- * which it was released. Units are exclusive, so one slot for each is enough; and since a program goes on by itself, it
- * does not matter whether the table that released it has ended meanwhile.
+ * which it was released. Units are exclusive, so one slot for each is enough, but for tasks whose jobs have gaps: others
+ * are in progress in these. Since a program goes on by itself, it does not matter whether the table that released it has
+ * ended meanwhile.
  *
  * Every loop is bounded: by HP_UNITS, HP_CHANNELS, a number of attempts, or an instant of the timer. The one in play()
  * ends with the run. */
 #include "halpipe.h"
 
 #define IDLE NEVER
-#define TABLE_SLOT HP_UNITS
+#define TABLE_SLOT HP_SLOTS
 #define SECOND 1UL /* order in a key: after checks, before transfers */
 #define LAST 3UL
 #define ORDER 3UL
@@ -26,8 +27,8 @@ typedef struct {
     uint64_t is_over; /* abandoned */
 } slot;
 
-static slot slots[HP_UNITS];
-static uint64_t keys[HP_UNITS + 1U]; /* next instant of every slot, and of the table: mtime << 2 | order */
+static slot slots[HP_SLOTS];
+static uint64_t keys[HP_SLOTS + 1U]; /* next instant of every slot, and of the table: mtime << 2 | order */
 static volatile hp_mailbox *boxes[HP_UNITS];
 uint64_t hp_monitors[HP_UNITS + 1U];
 
@@ -158,8 +159,8 @@ static inline uint64_t again(const slot *s, const hp_operation *o, uint64_t now)
 }
 
 /* Does what is due in a slot, then writes it down. */
-static inline void step(uint32_t unit) {
-    slot *s = &slots[unit];
+static inline void step(uint32_t place) {
+    slot *s = &slots[place];
     const hp_operation *o = s->operation;
     instants at = {MTIME, 0U, 0U};
     uint64_t now = at.time;
@@ -185,13 +186,13 @@ static inline void step(uint32_t unit) {
         }
     }
     if (retry != 0U) {
-        keys[unit] = retry;
+        keys[place] = retry;
     } else {
         if ((flags & ~(uint64_t)FLAG_SKIPPED) != 0U) {
             abandon(s, o, flags, now);
         }
         s->operation = &o[1];
-        keys[unit] = (s->operation == s->end) ? IDLE : ((s->base << 2U) + s->operation->key);
+        keys[place] = (s->operation == s->end) ? IDLE : ((s->base << 2U) + s->operation->key);
         at.time = now - base;
         record(&at, s->where, s->who, what(s->place, o->kind, flags, o->unit));
         s->place++;
@@ -202,7 +203,7 @@ static inline void step(uint32_t unit) {
 
 static inline void release(const hp_release *job) {
     const hp_program *program = &hp_programs[job->program];
-    slot *s = &slots[program->unit];
+    slot *s = &slots[program->slot];
     static uint64_t releases = 0U;
     s->operation = program->operations;
     s->end = &program->operations[program->count];
@@ -213,7 +214,7 @@ static inline void release(const hp_release *job) {
     s->who = current.row | ((uint64_t)job->program << 32U);
     s->place = 0U;
     s->is_over = 0U;
-    keys[program->unit] = (s->base << 2U) + s->operation->key;
+    keys[program->slot] = (s->base << 2U) + s->operation->key;
 }
 
 static void record_table(uint64_t begin, uint64_t end, uint64_t flags) {
@@ -361,8 +362,10 @@ static uint32_t start_core(uint32_t unit) {
 void runtime(void) {
     prepare_memory();
     WRITE_CSR(mie, MIE_TIMER);
+    for (uint32_t place = 0U; place < HP_SLOTS; place++) {
+        keys[place] = IDLE;
+    }
     for (uint32_t unit = 0U; unit < HP_UNITS; unit++) {
-        keys[unit] = IDLE;
         if (start_core(unit) == 0U) {
             CONTROL->state = STATE_NO_CORE;
             leave(1U);

@@ -3,6 +3,7 @@
 #define PLATFORM_H
 
 #define HP_UNITS {{ cores | length }}U
+#define HP_SLOTS {{ slots }}U /* for programs in progress: of each unit, and of each task whose jobs have gaps */
 #define HP_MODES {{ modes }}U
 #define HP_CLINT {{ profile.clint | hex }}UL
 #define HP_TICKS_PER_MS {{ [profile.timebase // 1000, 1] | max }}U

@@ -14,7 +14,7 @@ static const hp_operation program_{{ loop.index0 }}[] = {
 
 const hp_program hp_programs[] = {
 {%- for program in programs %}
-    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.units[0] }}U},
+    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U},
 {%- endfor %}
 };
 {% for table in tables if table.releases %}
