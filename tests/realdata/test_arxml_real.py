@@ -179,3 +179,18 @@ def test_references_in_another_case_reach_the_functions_of_a_driver():
 def test_release_3_is_told_apart_by_name():
     _, findings = attempt(DATA / "negative_cantools" / "system-3.2.3.arxml", "runnable")
     assert "3.2.3" in next(d.message for d in findings if d.code == codes.OLD_RELEASE.id)
+
+
+@pytest.mark.parametrize("name", [path.name for path in DATA.glob("*") if path.is_dir()])
+def test_a_large_input_gives_the_same_model_without_what_cannot_matter(name, monkeypatch):
+    whole, findings = attempt(DATA / name, "runnable")
+    monkeypatch.setattr("halpipe.importers.arxml.files.sniff.LARGE_INPUT", 0)
+    slim, told = attempt(DATA / name, "runnable")
+    assert [d for d in told if d.is_error] == [d for d in findings if d.is_error]
+    if whole is None:
+        assert slim is None
+        return
+    assert slim.model == whole.model
+    # an element that several files have parts of counts once, if it is dropped as often as it stands there
+    assert sum(row[1] for row in slim.coverage.rows()) >= sum(row[1] for row in whole.coverage.rows())
+    assert slim.coverage.mapped_counts == whole.coverage.mapped_counts

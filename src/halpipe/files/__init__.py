@@ -15,6 +15,8 @@ from halpipe.files.reading import (
     TOO_LARGE,
     SourceLines,
     find_inputs,
+    input_size,
+    open_input,
     read_bytes,
     read_own,
     sha256,
@@ -29,7 +31,7 @@ from halpipe.files.writing import (
     write_output,
     write_outputs,
 )
-from halpipe.files.xml import BROKEN_XML, HAS_DOCTYPE, parse_xml
+from halpipe.files.xml import BROKEN_XML, HAS_DOCTYPE, parse_large_xml, parse_xml
 from halpipe.files.yaml import BROKEN_YAML, YamlList, YamlMap, parse_yaml
 
 __all__ = [
@@ -52,8 +54,11 @@ __all__ = [
     "begins_like",
     "find_inputs",
     "folders_with",
+    "input_size",
     "is_input",
     "mapped",
+    "open_input",
+    "parse_large_xml",
     "parse_xml",
     "parse_yaml",
     "plain_files",

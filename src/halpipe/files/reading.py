@@ -9,7 +9,7 @@ import sys
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.diagnostics import HalpipeError, Location, error
 from halpipe.files.protection import STDIO, note_input
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
 MAX_INPUT_BYTES = 256 * 2**20
+_MAX_SHOWN_BYTES = 32 * 2**20  # of files of which messages show lines
 
 CANNOT_READ = error(
     "HAL0001",
@@ -34,6 +35,27 @@ TOO_LARGE = error(
 def read_bytes(path: str | os.PathLike[str]) -> bytes:
     """Read a whole input file (``-`` is standard input), refusing what is too large or unreadable."""
     return _read(path, is_input=True)
+
+
+def input_size(path: str | os.PathLike[str]) -> int:
+    """Return how many bytes an input file has; 0 for standard input, and for what cannot be asked."""
+    name = os.fspath(path)
+    try:
+        return 0 if name == STDIO else os.path.getsize(name)
+    except (OSError, ValueError):
+        return 0
+
+
+def open_input(path: str | os.PathLike[str]) -> BinaryIO:
+    """Open an input file that is read in parts, so that its size does not matter to the memory."""
+    name = os.fspath(path)
+    try:
+        stream = open(name, "rb")  # noqa: SIM115 the caller closes it
+        note_input(stream.fileno(), name)
+    except (OSError, ValueError) as failure:
+        help = "name a file that exists and that you may read"
+        raise HalpipeError(CANNOT_READ(reason(failure), at=Location(name), help=help)) from None
+    return stream
 
 
 def read_own(path: str | os.PathLike[str]) -> bytes:
@@ -102,8 +124,9 @@ class SourceLines:
     def _read(self, name: str) -> list[bytes]:
         """Read a file once more; a pipe has nothing left to give, and could be waited for without end."""
         try:
-            return read_bytes(name).splitlines() if os.path.isfile(name) else []
-        except (HalpipeError, ValueError):
+            is_short = os.path.isfile(name) and os.path.getsize(name) <= _MAX_SHOWN_BYTES
+            return read_bytes(name).splitlines() if is_short else []
+        except (HalpipeError, OSError, ValueError):
             return []
 
 

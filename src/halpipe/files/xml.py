@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, error
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Collection
+
     from lxml import etree
 
 MAX_SYNTAX_ERRORS = 20
@@ -49,6 +51,44 @@ def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Ele
     return root
 
 
+def parse_large_xml(
+    stream: BinaryIO, name: str, tags: Collection[str], is_dropped: Callable[[etree._Element], bool]
+) -> etree._Element:
+    """Parse hostile XML in parts, leaving out elements of `tags` that are dropped as soon as they are complete.
+
+    As `parse_xml`, but the memory grows with what is kept only, and no text has more than 10 MB.
+    """
+    from lxml import etree
+
+    _refuse_doctype(stream.read(_HEAD_BYTES), name)
+    stream.seek(0)
+    parser = etree.iterparse(
+        stream,
+        events=("end",),
+        tag=list(tags),
+        remove_blank_text=True,
+        remove_comments=True,
+        remove_pis=True,
+        resolve_entities=False,
+        no_network=True,
+        load_dtd=False,
+        huge_tree=False,
+    )
+    try:
+        for _, element in parser:
+            holder = element.getparent()
+            if holder is not None and is_dropped(element):
+                holder.remove(element)
+    except (etree.XMLSyntaxError, ValueError) as failure:
+        raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
+    root: etree._Element = parser.root
+    docinfo: Any = root.getroottree().docinfo
+    if docinfo.doctype:
+        raise _doctype(name, 1)
+    return root
+
+
+_HEAD_BYTES = 2**20
 _LONG_TEXT = re.compile("Text node too long|huge text node|Buffer size limit|too big found")
 _PLAIN_ENCODING = re.compile(
     rb"""(?:\xef\xbb\xbf)?\s*<(?!\?xml(?![^>]*encoding=["'](?i:utf-8|us-ascii|iso-8859-1|windows-1252)["'])[^>]*encoding)"""

@@ -25,6 +25,7 @@ def format_account(imported: Imported) -> bytes:
         "ignored": [
             {"kind": e.kind, "name": e.name, "reason": e.reason, **_place(e.at)} for e in coverage.ignored_elements
         ],
+        "dropped": [{"kind": kind, "count": count} for kind, count in sorted(coverage.dropped_counts.items())],
         "defaults": [
             {"element": d.element, "what": d.what, "value": d.value, **_place(d.at)} for d in coverage.defaulted_values
         ],

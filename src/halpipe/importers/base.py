@@ -129,6 +129,7 @@ class Coverage:
 
     mapped_counts: Counter[str] = field(default_factory=Counter)
     ignored_elements: list[Ignored] = field(default_factory=list)
+    dropped_counts: Counter[str] = field(default_factory=Counter)
     defaulted_values: list[Defaulted] = field(default_factory=list)
 
     def mapped(self, kind: str, count: int = 1) -> None:
@@ -139,13 +140,17 @@ class Coverage:
         """Account for one element of `kind` that did not."""
         self.ignored_elements.append(Ignored(kind, name, reason, at))
 
+    def dropped(self, kind: str, count: int) -> None:
+        """Account for elements of a large source that cannot matter, and were not kept: ignored by kind."""
+        self.dropped_counts[kind] += count
+
     def defaulted(self, element: str, what: str, value: str, at: Location = NOWHERE) -> None:
         """Record a value that was assumed."""
         self.defaulted_values.append(Defaulted(element, what, value, at))
 
     def rows(self) -> list[tuple[str, int, int, int]]:
         """Return (kind, read, mapped, ignored) for every kind met, by name."""
-        ignored = Counter(element.kind for element in self.ignored_elements)
+        ignored = Counter(element.kind for element in self.ignored_elements) + self.dropped_counts
         kinds = sorted(set(self.mapped_counts) | set(ignored))
         return [
             (kind, self.mapped_counts[kind] + ignored[kind], self.mapped_counts[kind], ignored[kind]) for kind in kinds

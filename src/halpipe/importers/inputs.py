@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import find_inputs, read_bytes
+from halpipe.files import find_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -18,20 +18,20 @@ Document = TypeVar("Document")
 def read_inputs(
     paths: Sequence[str],
     suffixes: tuple[str, ...],
-    recognise: Callable[[bytes, str], Document],
+    read: Callable[[str], Document],
     skipped: Code,
     no_input: Code,
     findings: Findings,
 ) -> list[Document]:
     """Read every file of `paths`, and in directories those with one of `suffixes`; the first is the usual one.
 
-    `recognise` raises `HalpipeError` for a file of another kind: that is an error if the file was named directly, and a
+    `read` raises `HalpipeError` for a file of another kind: that is an error if the file was named directly, and a
     note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left.
     """
     documents = []
     for name in dict.fromkeys(find_inputs(paths, suffixes)):
         try:
-            documents.append(recognise(read_bytes(name), name))
+            documents.append(read(name))
         except HalpipeError as failure:
             if name in paths:
                 findings.extend(failure.diagnostics)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import parse_xml
+from halpipe.files import parse_xml, read_bytes
 from halpipe.importers.amalthea import codes
 from halpipe.importers.inputs import read_inputs
 
@@ -44,7 +44,7 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
 
     Raise `HalpipeError` if any file named directly cannot be used, if none is left, or if their versions differ.
     """
-    documents = read_inputs(paths, (_SUFFIX,), recognise, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
+    documents = read_inputs(paths, (_SUFFIX,), read_file, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
     _report_versions(documents, findings)
     findings.stop_on_errors()
     return documents
@@ -70,6 +70,11 @@ def _report_versions(documents: Sequence[Document], findings: Findings) -> None:
                     help="check the result with care, or migrate the file with APP4MC",
                 )
             )
+
+
+def read_file(name: str) -> Document:
+    """Parse a file as an AMALTHEA model; see `recognise`."""
+    return recognise(read_bytes(name), name)
 
 
 def recognise(data: bytes, name: str) -> Document:

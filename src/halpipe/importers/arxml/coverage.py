@@ -89,6 +89,8 @@ class Ledger:
     def close(self, tree: Tree, kinds: dict[str, str]) -> Coverage:
         """Account for every node of the tree; `kinds` gives the kinds of configuration containers by path."""
         coverage = Coverage()
+        for tag, count in tree.dropped.items():
+            coverage.dropped(tag, count)
         for removed in tree.removed:
             coverage.ignored(removed.tag, removed.path, "not in the chosen variant", removed.at)
         for tag, at in tree.nameless:

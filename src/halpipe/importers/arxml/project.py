@@ -68,7 +68,7 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions,
 
     Raise `HalpipeError` with every difference, if the project is another one or changed.
     """
-    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions))
+    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions), whole=True)
     built = _again(tree, model, paths, options, findings)
     _compare(model, built.model, findings)
     findings.stop_on_errors()

@@ -6,14 +6,17 @@ The schema that a file names is not looked at for that, since tools write names 
 from __future__ import annotations
 
 import re
+import sys
+from collections import Counter
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import parse_xml
+from halpipe.files import STDIO, find_inputs, input_size, open_input, parse_large_xml, parse_xml, read_bytes
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
+from halpipe.importers.arxml.files.slim import Slimming
 from halpipe.importers.arxml.files.spelling import report_misspelt
 from halpipe.importers.inputs import read_inputs
 
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
+LARGE_INPUT = 1 * 2**20
+"""Bytes of all files from which on what cannot matter to timing is dropped while it is read."""
+
 _OLD = re.compile(r"http://(?:www\.)?autosar\.org/(?:schema/)?r?(?P<release>[23](?:\.[0-9A-Za-z]+)*)/?")
 _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _KNOWN_SCHEMA = re.compile(
@@ -38,26 +44,34 @@ class Document:
     """A parsed AUTOSAR file in the words of release 4, and the name that the user gave it.
 
     `release` is what an older file says of itself, empty for release 4; `tags` are all tags in it, with their
-    namespaces, in order of first appearance.
+    namespaces, in order of first appearance. Of a large input, `dropped` counts the elements with a name that were left
+    out while it was read, by kind, and `symbols` has the values of their parameters with a line of each, by name.
     """
 
     name: str
     root: etree._Element
     release: str = ""
+    dropped: Counter[str] = field(default_factory=Counter)
+    symbols: dict[str, dict[str, int]] = field(default_factory=dict)
     tags: KeysView[str] = field(init=False)
 
     def __post_init__(self) -> None:
         tags = cast("Iterable[str]", map(attrgetter("tag"), self.root.iter("{*}*")))
-        object.__setattr__(self, "tags", dict.fromkeys(tags).keys())
+        shared = map(sys.intern, dict.fromkeys(tags))  # thousands of files have the same few hundred tags
+        object.__setattr__(self, "tags", dict.fromkeys(shared).keys())
 
 
-def load(paths: Sequence[str], findings: Findings) -> list[Document]:
+def load(paths: Sequence[str], findings: Findings, *, whole: bool = False) -> list[Document]:
     """Parse every file of `paths`; what a directory holds besides is skipped, what was named directly is an error.
+
+    Of a large input, what cannot matter to timing is left out, unless the `whole` of it is wanted.
 
     Raise `HalpipeError` if any file named directly cannot be used, or if none is left.
     """
     suffixes = (".arxml", ".xdm")
-    documents = read_inputs(paths, suffixes, recognise, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
+    is_large = not whole and sum(map(input_size, find_inputs(paths, suffixes))) > LARGE_INPUT
+    read = read_slim if is_large else read_whole
+    documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:
@@ -65,9 +79,27 @@ def load(paths: Sequence[str], findings: Findings) -> list[Document]:
     return documents
 
 
-def recognise(data: bytes, name: str) -> Document:
-    """Parse `data` as AUTOSAR of any release; raise `HalpipeError` that says what it is if it is something else."""
-    root = parse_xml(data, name, long_texts=True)
+def read_whole(name: str) -> Document:
+    """Parse a file as AUTOSAR of any release; raise `HalpipeError` that says what it is if it is something else."""
+    return recognise(parse_xml(read_bytes(name), name, long_texts=True), name)
+
+
+def read_slim(name: str) -> Document:
+    """Parse a file of a large input, without what cannot matter to timing."""
+    if name == STDIO:
+        return read_whole(name)
+    slim = Slimming(NAMESPACE)
+    with open_input(name) as stream:
+        root = parse_large_xml(stream, name, slim.tags, slim.drops)
+    slim.strip(root)
+    document = recognise(root, name)
+    document.dropped.update(slim.dropped)
+    document.symbols.update(slim.symbols)
+    return document
+
+
+def recognise(root: etree._Element, name: str) -> Document:
+    """Return a tree as AUTOSAR of any release; raise `HalpipeError` that says what it is if it is something else."""
     namespace, tag = _split(root.tag)
     at = Location(name, root.sourceline or 1)
     if tag == "AUTOSAR" and namespace == NAMESPACE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location
@@ -102,6 +103,7 @@ def report_misspelt(document: Document, namespace: str, findings: Findings) -> N
             )
 
 
+@lru_cache(maxsize=4096)  # thousands of files use the same few hundred tags
 def _meant(name: str) -> str:
     """Return the known tag that `name` is a slip of, empty if it is one itself or resembles none."""
     if name in KNOWN or name in _OTHERS:

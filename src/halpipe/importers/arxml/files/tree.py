@@ -6,6 +6,7 @@ path and tag in several places are one node with several parts (AUTOSAR: splitab
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -161,7 +162,11 @@ def _finder(path: str) -> Callable[[etree._Element], list[etree._Element]]:
 
 
 class Tree:
-    """The merged elements of all documents; `findings` collects what is wrong with them as it is noticed."""
+    """The merged elements of all documents; `findings` collects what is wrong with them as it is noticed.
+
+    `removed` are the elements that are not in the chosen variant. Of a large input, `dropped` counts the elements that
+    were not kept, by kind, and `symbols` has the values of their parameters by name.
+    """
 
     def __init__(self, documents: Sequence[Document], findings: Findings, choice: Choice | None = None) -> None:
         self.findings = findings
@@ -177,8 +182,14 @@ class Tree:
         self.nameless: list[tuple[str, Location]] = []
         self._by_tag: dict[str, list[Node]] = {}
         self._bases: dict[str, dict[str, tuple[str, str]]] = {}
+        self.dropped: Counter[str] = Counter()
+        self.symbols: dict[str, list[Text]] = {}
         for document in documents:
             self._tags |= document.tags
+            self.dropped += document.dropped
+            for name, values in document.symbols.items():
+                found = [Text(value, Location(document.name, line)) for value, line in values.items()]
+                self.symbols.setdefault(name, []).extend(found)
             self._add(document)
 
     # ------------------------------------------------------------------------------------------- building

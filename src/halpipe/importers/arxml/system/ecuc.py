@@ -468,7 +468,7 @@ def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
 
     Some BSW module descriptions state a period as the name of the parameter that holds it.
     """
-    found: dict[str, list[Stated]] = {}
+    found = {name: [Stated(text.value, text.at) for text in texts] for name, texts in tree.symbols.items()}
     for node in tree.tagged(_CONTAINER):
         for element, file in node.elements("PARAMETER-VALUES/*"):
             name = _last(element.findtext(NS + "DEFINITION-REF"))

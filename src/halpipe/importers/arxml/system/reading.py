@@ -29,9 +29,12 @@ if TYPE_CHECKING:
 _CLASSIC = ("COMPOSITION-SW-COMPONENT-TYPE", "ECUC-MODULE-CONFIGURATION-VALUES", "ECU-INSTANCE")
 
 
-def read_tree(paths: Sequence[str], findings: Findings, choice: Choice | None = None) -> Tree:
-    """Parse and merge all files, of one variant if one is chosen; raise `HalpipeError` if no task could be in them."""
-    tree = Tree(load(paths, findings), findings, choice)
+def read_tree(paths: Sequence[str], findings: Findings, choice: Choice | None = None, *, whole: bool = False) -> Tree:
+    """Parse and merge all files, of one variant if one is chosen, and wholly if `whole`, however large they are.
+
+    Raise `HalpipeError` if nothing in them could be a task.
+    """
+    tree = Tree(load(paths, findings, whole=whole), findings, choice)
     _check_platform(tree)
     return tree
 
