@@ -179,7 +179,7 @@ def _crowd(facts: ModeFacts, units: list[str], held: _Held, group: Group) -> Wit
     needed = sum(part.height for part in group.parts)
     text = f"{quoted(names, 20)} need {needed} units at the same time, whatever their phases, and have {len(units)}: "
     text += _without(facts, held) + "; ".join(_argument(facts, group))
-    help = "necessary: 1 more unit, shorter WCETs or more slack for some of them"
+    help = "necessary: 1 more unit, shorter WCETs, more slack or splits for some of them"
     found = codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
     return Witness(found, tuple(names))
 

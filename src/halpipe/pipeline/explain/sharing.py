@@ -200,7 +200,7 @@ def _units_short(facts: ModeFacts, model: TaskModel, units: list[str], steps: tu
     types = dict.fromkeys(unit.type for unit in model.units if unit.name in units and unit.type)
     kind = f" of type {' or '.join(quoted([t]) for t in types)}" if types else ""
     short = format_rational(Fraction(needed) - len(units))
-    help = f"necessary: {short} more unit{kind} for them, or {_relief(facts, steps)}"
+    help = f"necessary: {short} more unit{kind} for them, {_relief(facts, steps)}, or jobs that may be split"
     return _meeting_witness(
         facts, codes.TASKS_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help), steps
     )
@@ -266,6 +266,7 @@ def _resource_short(facts: ModeFacts, resource: str, steps: tuple[Step, ...]) ->
     names = list(dict.fromkeys(step.part.task for step in steps))
     text = f'access phases of {quoted(names, 12)} on resource "{resource}" meet, whatever the phases of the tasks, and '
     text += f"their bounds sum to {format_rational(total)}: {_argument(facts, steps)}"
-    help = f"necessary: lower bounds that sum to at most 1, or {_relief(facts, steps)}".replace("WCET", "access time")
+    relief = _relief(facts, steps).replace("WCET", "access time")
+    help = f"necessary: lower bounds that sum to at most 1, {relief}, or jobs that may be split before their phases"
     found = codes.PHASES_MEET(text, at=place(facts.mode.mode), path=facts.mode.path, help=help)
     return _meeting_witness(facts, found, steps)
