@@ -58,9 +58,11 @@ def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
             table, "cost", f"the total {_number(cost.total)} claims an invalid schedule, but no rule is broken"
         )
     for name, rules in _PENALTIES.items():
-        yield from _penalty(table, name, getattr(cost, name), rules, rules)
+        yield from _penalty(table, name, getattr(cost, name), rules, rules | {"parts"})
     timing = frozenset({"precedence", "chain"})
     others = {"complete", "periodic", "deadline", "parts", "nested", "binding"}
+    if any(version.split.is_allowed for active in table.mode.tasks.values() for version in active.versions.values()):
+        others |= {"exclusive"}  # jobs in one piece that overlap are not nested either
     yield from _penalty(table, "precedence", cost.precedence, timing, timing | others)
     units = [unit.name for unit in table.model.units]
     used = {unit for placed in table.jobs for unit in placed.job.units}
