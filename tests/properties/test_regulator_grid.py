@@ -9,7 +9,7 @@ from scheduler_systems import random_model
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, grid_of
-from halpipe.exporters.regulator.rounding import promises, totals, whole
+from halpipe.exporters.regulator.rounding import charged, promises, totals, whole
 from halpipe.pipeline.checked import schedule_model, validate_model
 from halpipe.pipeline.solve.codes import GRID_BREAKS
 from halpipe.pipeline.solve.quantise import BurstGrid
@@ -32,14 +32,20 @@ def scheduled(system, grid):
 
 
 @examples(150)
-@given(st.integers(0, 2**32), st.sampled_from((2, 3, 8)), st.sampled_from((7, 24, 100)), st.sampled_from((0, 10, 64)))
-def test_schedules_on_the_grid_verify_and_fit_their_windows(seed, grain, bursts, reserve):
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from((2, 3, 8)),
+    st.sampled_from((7, 24, 100)),
+    st.sampled_from((0, 10, 64)),
+    st.booleans(),
+)
+def test_schedules_on_the_grid_verify_and_fit_their_windows(seed, grain, bursts, reserve, carries):
     system = random_model(seed, grain)
     assume(not any(found.is_error for found in validate_model(system)))
     promise = Fraction(bursts * BURST)
     grid = BurstGrid(
         name="p", window=milliseconds(1), cycle=milliseconds(Fraction(1, 1000)), resource="r", promise=promise,
-        capacity=bursts * BURST + 6 * reserve, burst=BURST, reserve=reserve,
+        capacity=bursts * BURST + 6 * reserve + 3 * BURST * carries, burst=BURST, reserve=reserve, carries=carries,
     )  # fmt: skip
     found = scheduled(system, grid)
     if found is None:
@@ -50,4 +56,6 @@ def test_schedules_on_the_grid_verify_and_fit_their_windows(seed, grain, bursts,
     granted = whole(promises(frame, ticks.window, promise / BURST))
     windows = frame.span // ticks.window
     room = (grid.capacity - reserve * len(granted)) // BURST
-    assert max(totals(granted, windows), default=0) <= room
+    last = {row for row, values in granted.items() if values[-1]}
+    sums = charged(granted, windows, last) if carries else totals(granted, windows)
+    assert max(sums, default=0) <= room

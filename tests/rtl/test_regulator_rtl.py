@@ -165,7 +165,8 @@ def reading(tables, orders, windows=3):
 @icarus
 def test_the_registers_are_those_of_the_manual(files, tables, player):
     """Identity, defaults, status with a pending request, window, credit left; and tables are closed while they play."""
-    first, cycles = stimuli.first_window(3), tables.platform.window_cycles
+    cycles = tables.platform.window_cycles
+    first = stimuli.first_window(3) + cycles  # of the first table, after a window without budgets
     one = unit_address(1, 0)
     orders = [
         (0, "w", stimuli.FRAME_CYCLES, cycles),
@@ -192,7 +193,7 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
         (first + cycles + 1, "r", one + 0x010, 0),
         (first + cycles + 2, "r", 0x010, 0),
     ]
-    run = reading(tables, orders)
+    run = reading(tables, orders, windows=4)
     bundle = bundles.target(files).bundle
     trace = play(bundle, tables, player, run).decode()
     values = [int(line.split()[3]) for line in trace.splitlines() if line.startswith("R")]
@@ -212,7 +213,7 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
         running | pending,
         running | pending,  # there is no table 200 in this unit
         1,
-        2,
+        3,
     ]
 
 
@@ -220,14 +221,14 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
 def test_a_request_for_a_table_that_was_never_written_falls_back_to_the_defaults(files, tables, player):
     first, cycles = stimuli.first_window(3), tables.platform.window_cycles
     setup = [(0, "w", stimuli.FRAME_CYCLES, cycles), (1, "w", stimuli.FRAME_GO, 1)]
-    ask = (first + 5, "w", stimuli.FRAME_REQUEST, 9)
-    ends = first + 40 * cycles
-    looks = [(ends + n * cycles + 3, "r", unit_address(0, 0x010), 0) for n in (-1, 0, 1, 2)]
+    ask = (first + cycles + 5, "w", stimuli.FRAME_REQUEST, 9)
+    ends = first + 41 * cycles
+    looks = [(ends + n * cycles + 3, "r", unit_address(0, 0x010), 0) for n in (-1, 0, 1, 2, 3)]
     trace = play(
-        bundles.target(files).bundle, tables, player, reading(tables, [*setup, ask, *looks], windows=44)
+        bundles.target(files).bundle, tables, player, reading(tables, [*setup, ask, *looks], windows=46)
     ).decode()
     windows = [int(line.split()[3]) for line in trace.splitlines() if line.startswith("R")]
-    assert windows == [39, 2**32 - 1, 0, 1]
+    assert windows == [39, 2**32 - 1, 2**32 - 1, 0, 1]  # the defaults, then none, then table 0
 
 
 # ------------------------------------------------------------------------------------------------ the tools agree

@@ -281,13 +281,15 @@ class Arithmetic:
         """Yield what a row may use from which window on.
 
         The unit in Verilog cannot withdraw a burst that it has shown: one of the window before may be taken in a window
-        without a budget. Before window 0 any row that is ever used may have had one, in another table or by default.
+        without a budget. Window 0 follows the last one of each table that may come before; not that of the defaults,
+        since a window without any budget lies between.
         """
         entries = table.entries[unit.name]
         if self.tables.backend != "table":
             yield from ((entry.window, entry.budget(direction)) for entry in entries)
             return
-        burst, had = self.tables.platform.burst_bytes, self.tables.is_used(unit, direction)
+        burst = self.tables.platform.burst_bytes
+        had = any(t.entries[unit.name][-1].budget(direction) for t in self.tables.before(table))
         ends = [*(entry.window for entry in entries[1:]), table.windows]
         for entry, end in zip(entries, ends, strict=True):
             budget = entry.budget(direction)

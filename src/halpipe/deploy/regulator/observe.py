@@ -197,7 +197,7 @@ class _Budgets:
     def of(self, expected: Expected, unit: int, direction: str) -> int:
         owner = self._tables.units[unit]
         if not expected.running:
-            return owner.default[direction]
+            return 0 if expected.is_calm else owner.default[direction]
         key = (expected.table, unit, direction)
         if key not in self._expanded:
             self._expanded[key] = self._tables.tables[expected.table].budgets(owner.name, direction)

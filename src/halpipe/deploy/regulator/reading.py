@@ -136,6 +136,12 @@ class Tables:
             for direction in DIRECTIONS:
                 yield unit, direction
 
+    def before(self, table: Table) -> list[Table]:
+        """Return the tables after whose end `table` may begin: those that it follows, and those that ask for it."""
+        modes = {t.mode: t for t in self.tables if not t.is_transition}
+        asking = [modes[s.source] for s in self.switches if s.request == table.index and s.source in modes]
+        return [t for t in self.tables if t.successor == table.index or t in asking]
+
     def is_used(self, unit: Unit, direction: str) -> bool:
         """Return whether a row has a budget in any table."""
         return any(entry.budget(direction) for table in self.tables for entry in table.entries[unit.name])

@@ -95,10 +95,11 @@ TRAFFIC = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """What a window must be: the table played and its window, or none while the defaults hold."""
+    """What a window must be: the table played and its window; none while the defaults hold, or no budget at all."""
 
     table: int
     window: int
+    is_calm: bool = False
 
     @property
     def running(self) -> bool:
@@ -147,6 +148,10 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
     )
 
 
+_CALM = Expected(table=0, window=NOT_RUNNING, is_calm=True)
+"""The window between the defaults and the first table."""
+
+
 class _Software:
     """Makes the script, and follows what the regulators must make of it."""
 
@@ -174,7 +179,7 @@ class _Software:
         waiting = (cycle - self._first) // self._cycles + 1 if cycle >= self._first else 0
         if cycle == self._tick(waiting):  # written in the last cycle of a window: one window later
             waiting += 1
-        self.expected = [Expected(table=0, window=NOT_RUNNING)] * waiting
+        self.expected = [*[Expected(table=0, window=NOT_RUNNING)] * waiting, _CALM]
 
     def _load(self, cycle: int) -> int:
         for unit in self._tables.units:
@@ -235,7 +240,7 @@ class _Software:
         self._write(start + self._draw.below(self._cycles - 2), FRAME_GO, 0)
         self._write(start + self._cycles, FRAME_REQUEST, begin)
         self._write(start + self._cycles + 1 + self._draw.below(self._cycles - 2), FRAME_GO, 1)
-        self.expected += [Expected(table=table, window=0), Expected(table=0, window=NOT_RUNNING)]
+        self.expected += [Expected(table=table, window=0), Expected(table=0, window=NOT_RUNNING), _CALM]
 
     def _path(self, mode: str, made: set[tuple[str, str]]) -> tuple[str, str] | None:
         """Return the next switch on the shortest way to one that was not made yet; drawn among equals."""
@@ -268,12 +273,15 @@ class _Software:
         end = self._tick(len(self.expected))
         last = self._tick(len(self.expected) - length) + 1
         middle = last + (end - 2 - last) // 2
-        fate = self._draw.below(4) if middle > last else 2
+        fate = self._draw.below(5) if middle > last else 2
         if fate == 0:
             self._write(end - self._draw.below(2), FRAME_REQUEST, request)  # too late: once more
             self._append(table, length)
         elif fate == 2:
             self._write(end - 2, FRAME_REQUEST, request)  # just in time
+        elif fate == 4:
+            self._write(end - 2, FRAME_REQUEST, request)
+            self._write(end - self._draw.below(2), FRAME_REQUEST, table)  # too late, and not wanted any more after it
         else:
             if fate == 1:
                 self._write(last + self._draw.below(middle - last), FRAME_REQUEST, table)  # thought better of

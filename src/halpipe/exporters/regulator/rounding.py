@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.regulator.frames import MODE
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from halpipe.exporters.regulator.frames import Frame, Phase, Row
 
@@ -119,26 +119,25 @@ def totals(bursts: Mapping[Row, Sequence[int]], count: int) -> list[int]:
     return sums
 
 
-def charged(bursts: Mapping[Row, Sequence[int]], count: int, carrying: Iterable[Row]) -> list[int]:
+def charged(bursts: Mapping[Row, Sequence[int]], count: int, before_first: Collection[Row]) -> list[int]:
     """Return what each window may have to carry: its bursts, and those shown in the window before and taken in it.
 
-    AXI forbids to withdraw what was shown. A row of `carrying` that had bursts in the window before may therefore use
-    one in this window, whatever its budget; before the first window any of them may have been served, by another table
-    or by the defaults.
+    AXI forbids to withdraw what was shown. A row that had bursts in the window before may therefore use one in this
+    window, whatever its budget; in the first window that are the rows of `before_first`.
     """
     sums = [0] * count
-    for row in carrying:
+    for row in {**bursts, **dict.fromkeys(before_first)}:
         granted = bursts.get(row) or [0] * count
-        before = [1, *granted[:-1]]
+        before = [row in before_first, *granted[:-1]]
         sums = [total + (n or (1 if p else 0)) for total, n, p in zip(sums, granted, before, strict=True)]
     return sums
 
 
 def overload(
-    bursts: Mapping[Row, Sequence[int]], count: int, room: int, carrying: Collection[Row] = ()
+    bursts: Mapping[Row, Sequence[int]], count: int, room: int, before_first: Collection[Row] | None = None
 ) -> Overload | None:
-    """Return the worst window above `room`, None if there is none; `carrying` as for `charged`."""
-    sums = charged(bursts, count, carrying) if carrying else totals(bursts, count)
+    """Return the worst window above `room`, None if there is none; with `before_first` as for `charged`."""
+    sums = totals(bursts, count) if before_first is None else charged(bursts, count, before_first)
     most = max(sums, default=0)
     return Overload(sums.index(most), most, room) if most > room else None
 
@@ -174,22 +173,25 @@ def controlled(promised: Mapping[Row, Promise], count: int, room: int) -> Bursts
 
 
 def controlled_seams(
-    promised: Mapping[Row, Promise], count: int, room: int, carrying: Collection[Row]
+    promised: Mapping[Row, Promise], count: int, room: int, before_first: Collection[Row]
 ) -> Bursts | Overload:
     """Return bursts by the rule *controlled* that leave room for what is carried over, see `charged`.
 
-    One burst kept for every row of `carrying` is always enough; fewer are tried first.
+    One burst kept for every row that has any is always enough; fewer are tried first.
     """
+    rows = len({*promised, *before_first})
     kept, fault = 0, None
     while kept <= max(0, room):
         found = controlled(promised, count, room - kept)
         if isinstance(found, Overload):
             return fault or found
-        excess = overload(found, count, room, carrying)
+        excess = overload(found, count, room, before_first)
         if excess is None:
             return found
         fault = fault or excess
-        kept = min(len(carrying), 2 * kept or 1)
+        if kept == rows:
+            break
+        kept = min(rows, 2 * kept or 1)
     return fault or Overload(0, 1, room)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from itertools import compress, count, pairwise
@@ -26,6 +26,7 @@ from halpipe.exporters.regulator.rounding import (
     CONTROLLED,
     WHOLE,
     Overload,
+    controlled,
     controlled_seams,
     overload,
     promises,
@@ -184,7 +185,7 @@ class TableBuilder:
         used = {phase.row for frame in frames for phase in frame.phases}
         units = self._units(used)
         self.findings.stop_on_errors()
-        carrying = sorted(used) if self.backend.carries else []
+        carrying = len(used) if self.backend.carries else 0
         tables = self._tables(frames, units, grid, rule, carrying)
         self.findings.stop_on_errors()
         return Tables(
@@ -292,41 +293,36 @@ class TableBuilder:
     # ---- tables
 
     def _tables(
-        self, frames: list[Frame], units: tuple[RegulatedUnit, ...], grid: Grid, rule: str, carrying: list[Row]
+        self, frames: list[Frame], units: tuple[RegulatedUnit, ...], grid: Grid, rule: str, carrying: int
     ) -> tuple[Table, ...]:
         bursts = self.platform.promise / self.platform.burst
         free = room(self.platform, sum(sum(unit.overshoot.values()) for unit in units))
         index = {frame.name: number for number, frame in enumerate(frames)}
+        successors = [n if frame.kind == MODE else index[frame.target] for n, frame in enumerate(frames)]
+        promised = [promises(frame, grid.window, bursts) for frame in frames]
+        plans = [_Plan(frame.span // grid.window, p, rule, free) for frame, p in zip(frames, promised, strict=True)]
+        if carrying:
+            _settle(plans, self._leads(index, successors))
         tables = []
-        for number, frame in enumerate(frames):
-            promised = promises(frame, grid.window, bursts)
-            rounding, found = self._round(frame, grid, promised, free, rule, carrying)
+        for number, (frame, plan) in enumerate(zip(frames, plans, strict=True)):
+            found = plan.found
             if isinstance(found, Overload) and self.backend.rates:  # which checks the sums of its rates
-                rounding, found = WHOLE, whole(promised)
+                plan.rounding, found = WHOLE, whole(plan.promised)
             if isinstance(found, Overload):
-                self.findings.add(self._over_capacity(frame, found, rounding, promised, units, len(carrying)))
+                self.findings.add(self._over_capacity(frame, found, plan.rounding, plan.promised, units, carrying))
                 continue
-            windows = frame.span // grid.window
-            successor = number if frame.kind == MODE else index[frame.target]
-            tables.append(Table(number, frame, windows, successor, rounding, found, promised))
+            tables.append(
+                Table(number, frame, plan.windows, successors[number], plan.rounding, found, promised[number])
+            )
         return tuple(tables)
 
-    def _round(
-        self,
-        frame: Frame,
-        grid: Grid,
-        promised: Mapping[Row, Promise],
-        free: int,
-        rule: str,
-        carrying: list[Row],
-    ) -> tuple[str, Bursts | Overload]:
-        windows = frame.span // grid.window
-        if rule != CONTROLLED:
-            bursts = whole(promised)
-            excess = overload(bursts, windows, free, carrying)
-            if excess is None or rule == WHOLE:
-                return WHOLE, excess or bursts
-        return CONTROLLED, controlled_seams(promised, windows, free, carrying)
+    def _leads(self, index: Mapping[str, int], successors: Sequence[int]) -> list[set[int]]:
+        """Return for every table those after which it may begin."""
+        before = [{n for n, successor in enumerate(successors) if successor == number} for number in index.values()]
+        for t in self.schedule.transitions:
+            request = index.get(f"{t.source}->{t.target}", index[t.target])
+            before[request].add(index[t.source])
+        return before
 
     def _over_capacity(
         self,
@@ -365,6 +361,59 @@ class TableBuilder:
             Switch(t.source, t.target, index.get(f"{t.source}->{t.target}", index[t.target]))
             for t in self.schedule.transitions
         )
+
+
+@dataclass(slots=True)
+class _Plan:
+    """The bursts of a table while they are sought: `before` are the rows that may carry one into the first window.
+
+    None: nothing is ever carried over.
+    """
+
+    windows: int
+    promised: Mapping[Row, Promise]
+    rule: str
+    free: int
+    before: frozenset[Row] | None = None
+    rounding: str = ""
+    found: Bursts | Overload = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.round()
+
+    def round(self) -> None:
+        """Round by the rule, or by what fits."""
+        if self.rule != CONTROLLED:
+            bursts = whole(self.promised)
+            excess = overload(bursts, self.windows, self.free, self.before)
+            if excess is None or self.rule == WHOLE:
+                self.rounding, self.found = WHOLE, excess or bursts
+                return
+        self.rounding = CONTROLLED
+        if self.before is None:
+            self.found = controlled(self.promised, self.windows, self.free)
+        else:
+            self.found = controlled_seams(self.promised, self.windows, self.free, self.before)
+
+    def last(self) -> set[Row]:
+        """Return the rows that have bursts in the last window."""
+        return set() if isinstance(self.found, Overload) else {row for row, n in self.found.items() if n and n[-1]}
+
+
+def _settle(plans: list[_Plan], leads: list[set[int]]) -> None:
+    """Round until every table has room for what the tables that lead to it may carry into its first window."""
+    for plan in plans:
+        plan.before = frozenset()
+        plan.round()
+    stale = True
+    while stale:
+        stale = False
+        for plan, before in zip(plans, leads, strict=True):
+            carried = frozenset[Row]().union(*(plans[n].last() for n in before))
+            if not isinstance(plan.found, Overload) and not carried <= (plan.before or frozenset()):
+                plan.before = carried | (plan.before or frozenset())
+                plan.round()
+                stale = True
 
 
 def reserve_of(platform: Platform, backend: Backend) -> int:

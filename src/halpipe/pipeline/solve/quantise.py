@@ -10,9 +10,9 @@ Why it is safe, where it is not obvious:
 * A version claims of each window the highest sum of its bounds there, so that the original keeps the rule at every
   instant; and at least what the rule *whole* of the export grants it: the bytes promised within the window, read and
   written, rounded up to bursts. Two jobs of a unit share no window, since starts are on the grid.
-* A burst that was shown at the end of a window may pass in the next one, whatever the budget there. So one burst is
-  kept for every row, and a claim counts what it has above that: then the sum over all rows of their bursts, or of one
-  where they have none, has room in every window.
+* A burst that was shown at the end of a window may pass in the next one, whatever the budget there. So a version claims
+  one more window, with a burst, after each stretch of a row. Where that would be after its end, a burst of the row is
+  kept for ever, and claims count what they have above it.
 * The deadline becomes, over the versions, the smallest C' + floor(deadline - C), with C' the rounded WCET: a start on
   the grid keeps it exactly if it keeps the original.
 * A job really ends up to a window before its rounded end, so that windows from the end of a predecessor shrink at the
@@ -86,7 +86,8 @@ def quantise(model: TaskModel, grid: BurstGrid) -> TaskModel:
         findings.add(_no_room(model, grid, resource))
         room = 1
     shrink = {task.name: _shrink(task, grid) for task in model.tasks}
-    tasks = tuple(_Tasks(grid, resource, room, shrink, findings).task(task) for task in model.tasks)
+    ending = _ending(model, grid, resource) if grid.carries else set()
+    tasks = tuple(_Tasks(grid, resource, room, shrink, ending, findings).task(task) for task in model.tasks)
     findings.stop_on_errors()
     return replace(model, tasks=tasks)
 
@@ -148,6 +149,18 @@ def _rows(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bo
     }
 
 
+def _ending(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bool]]:
+    """Return the units and directions that some version uses in its last window, so that a burst outlives it."""
+    return {
+        (unit, grid.writes if access.kind is None else access.kind == AccessKind.WRITE)
+        for task in model.tasks
+        for version in task.versions
+        for access in version.accesses
+        if access.resource == resource and version.wcet is not None and grid.up(access.end) >= grid.up(version.wcet)
+        for unit in version.units
+    }
+
+
 def _kept(model: TaskModel, grid: BurstGrid, resource: str) -> int:
     """Return the bytes of a window that are kept: for overshoot, and for a burst of every row that is carried over."""
     rows = _rows(model, grid, resource)
@@ -156,7 +169,7 @@ def _kept(model: TaskModel, grid: BurstGrid, resource: str) -> int:
         "units": 2 * len({unit for unit, _ in rows}),
         "all": 2 * len(grid.regulated & {unit.name for unit in model.units}),
     }[grid.reserves]
-    return grid.reserve * reserved + (grid.burst * len(rows) if grid.carries else 0)
+    return grid.reserve * reserved + (grid.burst * len(_ending(model, grid, resource)) if grid.carries else 0)
 
 
 def _room(model: TaskModel, grid: BurstGrid, resource: str) -> int:
@@ -213,12 +226,19 @@ class _Tasks:
     """Puts tasks onto the grid, one method for each kind of value."""
 
     def __init__(
-        self, grid: BurstGrid, resource: str, room: int, shrink: dict[str, Duration], findings: Findings
+        self,
+        grid: BurstGrid,
+        resource: str,
+        room: int,
+        shrink: dict[str, Duration],
+        ending: set[tuple[str, bool]],
+        findings: Findings,
     ) -> None:
         self.grid = grid
         self.resource = resource
         self.room = room
         self.shrink = shrink
+        self.ending = ending
         self.findings = findings
 
     def task(self, task: Task) -> Task:
@@ -245,9 +265,12 @@ class _Tasks:
         """Yield phases on whole windows that claim what the version needs of each resource in each window."""
         for resource in dict.fromkeys(access.resource for access in version.accesses):
             accesses = [access for access in version.accesses if access.resource == resource]
-            claims = {edge: self._highest(accesses, edge) for edge in self._edges(accesses)}
+            edges = self._edges(accesses)
+            if resource == self.resource and self.grid.carries and version.wcet is not None:
+                edges = self._with_seams(accesses, edges, self.grid.up(version.wcet))
+            claims = {edge: self._highest(accesses, edge) for edge in edges}
             if resource == self.resource:
-                bursts = {edge: self._bursts(accesses, edge, version.gang) for edge in claims}
+                bursts = {edge: self._bursts(accesses, edge, version) for edge in claims}
                 self._check_bursts(accesses, bursts, path)
                 claims = {edge: max(claims[edge], Fraction(bursts[edge], self.room)) for edge in claims}
             for start, end in pairwise(claims):
@@ -271,19 +294,36 @@ class _Tasks:
         instants = [start, *(a.start for a in accesses if start < a.start < start + self.grid.window)]
         return max(sum((a.bound for a in accesses if a.start <= t < a.end), Fraction(0)) for t in instants)
 
-    def _bursts(self, accesses: list[Access], start: Duration, gang: int) -> int:
-        """Return the bursts of the window at `start` for all units of a gang: reads and writes, each rounded up.
+    def _with_seams(self, accesses: list[Access], edges: list[Duration], end: Duration) -> list[Duration]:
+        """Return the edges with one a window after the end of each phase, up to the end of the version."""
+        after = {self.grid.up(access.end) + self.grid.window for access in accesses}
+        return sorted({*edges, *(edge for edge in after if edge <= end)})
 
-        Without those that are kept for each row anyway.
+    def _bursts(self, accesses: list[Access], start: Duration, version: Version) -> int:
+        """Return the bursts of the window at `start` for all units of a gang, beyond those that are kept for its rows.
+
+        Reads and writes are each rounded up; one that has none may use what the window before has left waiting.
         """
+        total = 0
+        before = self._rounded(accesses, start - self.grid.window, version.gang)
+        for writes, bursts in enumerate(self._rounded(accesses, start, version.gang)):
+            if not self.grid.carries:
+                total += bursts
+            elif all((unit, bool(writes)) in self.ending for unit in version.units):
+                total += max(0, bursts - 1)
+            else:
+                total += bursts or min(1, before[writes])
+        return version.gang * total
+
+    def _rounded(self, accesses: list[Access], start: Duration, gang: int) -> list[int]:
+        """Return the bursts of one unit in the window at `start`: reads, and writes."""
         volumes = [Fraction(0), Fraction(0)]
         for access in accesses:
             overlap = min(access.end, start + self.grid.window) - max(access.start, start)
             if overlap > ZERO:
                 writes = self.grid.writes if access.kind is None else access.kind == AccessKind.WRITE
                 volumes[writes] += access.bound / gang * self.grid.promise * (overlap / self.grid.window)
-        bursts = [ceil(volume / self.grid.burst) for volume in volumes]
-        return gang * sum(max(0, n - 1) if self.grid.carries else n for n in bursts)
+        return [ceil(volume / self.grid.burst) for volume in volumes]
 
     def _check_bursts(self, accesses: list[Access], bursts: dict[Duration, int], path: str) -> None:
         """Report the first window that needs more than there is room for."""

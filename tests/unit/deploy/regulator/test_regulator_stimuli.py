@@ -25,24 +25,31 @@ def tables(tmp_path_factory):
 def follow(tables, run):
     """Which window of which table is played, cycle by cycle, from the orders and the documented rules alone.
 
-    GO counts for the end of a window if it was written before its last cycle, a request two cycles before it.
+    GO counts for the end of a window if it was written before its last cycle, a request two cycles before it. A window
+    without budgets lies before the first table; a request that is late for an end at which another is followed is lost.
     """
     cycles, first = tables.platform.window_cycles, stimuli.first_window(len(tables.units))
     orders = {cycle: (address, value) for cycle, order, address, value in run.script if order == "w"}
-    go, running, table, window, requests, seen = False, False, 0, 0, [], []
+    go, running, calm, table, window, requests, seen = False, False, False, 0, 0, [], []
     for cycle in range(first + cycles * len(run.expected)):
         if cycle >= first and (cycle - first) % cycles == 0:
             seen.append((table, window) if running else (0, NOT_RUNNING))
         if (cycle + 1 - first) % cycles == 0 and cycle + 1 >= first:
             in_time = [request for written, request in requests if written <= cycle - 2]
             ends = not running or window + 1 == tables.tables[table].windows
-            if go and ends:
+            calms = go and not running and not calm
+            if go and ends and in_time and not calms and orders.get(cycle, (None, None))[0] == stimuli.FRAME_REQUEST:
+                del orders[cycle]
+            if calms:
+                pass
+            elif go and ends:
                 table = in_time[-1] if in_time else tables.tables[table].successor if running else 0
-                requests = [(written, request) for written, request in requests if written > cycle - 2]
+                late = [(written, request) for written, request in requests if written > cycle - 2]
+                requests = [] if in_time else late
                 window = 0
             elif go:
                 window += 1
-            running = go
+            running, calm = go and not calms, calms
         address, value = orders.get(cycle, (None, None))
         if address == stimuli.FRAME_GO:
             go = bool(value)
@@ -56,6 +63,7 @@ def follow(tables, run):
 def test_what_is_expected_follows_from_the_script(seed, traffic, tables):
     run = plan(tables, traffic, seed, windows=400)
     assert follow(tables, run) == [(e.table, e.window) for e in run.expected]
+    assert run.expected[[e.running for e in run.expected].index(True) - 1].is_calm
 
 
 def test_the_runs_have_requests_too_late_in_time_and_replaced(tables):

@@ -108,7 +108,7 @@ def execute(case: Case) -> None:
         if script is None:
             continue
         lines = _limits(case, script, ("set -e", FOLDER, *PUT))
-        formers = rates.followers(case, plan.table)
+        formers = case.tables.before(plan.table)
         for former in formers:
             _rise(case, script.name, plan.table, final.get(former.index, {}), lines)
         after = Module(case)

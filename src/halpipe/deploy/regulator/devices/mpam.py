@@ -163,11 +163,9 @@ def _table(
         text = "least and largest share of a partition are not the same"
         case.note(GRANTS_DIFFER, name, text, path=f'table "{plan.table.name}"')
     values = [(f"partition {p}", n) for p, n in _changes(case, writes)]
-    formers = [
-        {f"partition {p}": n for p, n in final.get(t.index, {}).items()} for t in rates.followers(case, plan.table)
-    ]
+    formers = [{f"partition {p}": n for p, n in final.get(t.index, {}).items()} for t in case.tables.before(plan.table)]
     rates.fall_first(case, name, plan.table, values, formers)
-    for before in rates.followers(case, plan.table):
+    for before in case.tables.before(plan.table):
         _rise(case, name, plan.table, {0: 1, **final.get(before.index, {})}, writes)
 
 

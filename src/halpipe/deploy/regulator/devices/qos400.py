@@ -233,7 +233,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
             continue
         state: dict[str, int] = {}
         for (instant, orders), (_, promised) in zip(blocks, expected, strict=True):
-            before = [final.get(t.index, {}) for t in rates.followers(case, table)] if instant == 0 else [dict(state)]
+            before = [final.get(t.index, {}) for t in case.tables.before(table)] if instant == 0 else [dict(state)]
             rates.fall_first(
                 case, name, table, [(owner, value) for owner, what, value in orders if what == "r"], before
             )

@@ -30,8 +30,10 @@ def peaks(case: Case, plan: Planned) -> dict[Row, Fraction]:
 def unit_peaks(case: Case, plan: Planned) -> dict[str, Fraction]:
     """Return for every unit its highest rates of reads and of writes together, in bytes per second."""
     found = {unit.name: ZERO for unit in case.tables.units}
-    for (unit, _), rate in peaks(case, plan).items():
-        found[unit] = found.get(unit, ZERO) + rate
+    for unit in found:
+        phases = [phase for phase in plan.timeline.phases if phase.row[0] == unit]
+        highest = max((rate for _, rate in rate_steps(plan.timeline, phases)), default=ZERO)
+        found[unit] = highest * case.facts.guaranteed
     return found
 
 
@@ -39,13 +41,6 @@ def limit(case: Case) -> Fraction:
     """Return what all may have together, in bytes per second: the capacity less what passes above budgets."""
     reserve = sum(unit.overshoot[d] for unit in case.tables.units for d in ("read", "write"))
     return case.facts.capacity - reserve / case.facts.seconds
-
-
-def followers(case: Case, table: Table) -> list[Table]:
-    """Return the tables that may be in force when `table` begins: that which it follows, or asks for it."""
-    modes = {t.mode: t for t in case.tables.tables if not t.is_transition}
-    asking = [modes[s.source] for s in case.tables.switches if s.request == table.index and s.source in modes]
-    return [t for t in case.tables.tables if t.successor == table.index or t in asking]
 
 
 def compare(

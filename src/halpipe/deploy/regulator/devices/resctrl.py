@@ -86,11 +86,11 @@ def execute(case: Case) -> None:
             continue
         script, system, table = loaded, FileSystem(case), plan.table
         made = _run(case, system, script)
-        formers = [final[t.index] for t in rates.followers(case, table) if t.index in final]
+        formers = [final[t.index] for t in case.tables.before(table) if t.index in final]
         values = [(group, int(line.split(";")[0].partition("=")[2] or 0)) for group, line in made]
         befores = [{g: d.get(system.domain, system.most) for g, d in former.groups.items()} for former in formers]
         rates.fall_first(case, script.name, table, values, befores)
-        for before in rates.followers(case, table):
+        for before in case.tables.before(table):
             _rise(case, final, before.index, script, names, table.index)
         have = {
             names.get(g, g): domains[system.domain] for g, domains in system.groups.items() if system.domain in domains

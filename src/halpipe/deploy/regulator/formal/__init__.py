@@ -81,6 +81,7 @@ PARTS = (
                 for kind, array in (("entry", "entries"), ("header", "headers"))
                 for n in range(4)
             },
+            "is_calm": ("dut.calm",),
             "place": ("dut.entry_now",),
             "length": ("dut.windows",),
             "follower": ("dut.successor",),

@@ -16,7 +16,7 @@ module formal_player (
     .pending_table(pending_table), .next_rd(next_rd), .next_wr(next_wr));
   (* keep *) wire [95:0] entry0, entry1, entry2, entry3;
   (* keep *) wire [63:0] header0, header1, header2, header3;
-  (* keep *) wire [23:0] place;
+  (* keep *) wire is_calm; (* keep *) wire [23:0] place;
   (* keep *) wire [31:0] length, rd_now, wr_now;
   (* keep *) wire [7:0] follower;
   reg first = 1;
@@ -48,7 +48,10 @@ module formal_player (
   wire ends = ~running | (window_now + 32'd1 == length);
   wire [7:0] chosen = asked ? asked_table : running ? follower : 8'd0;
   wire [63:0] head = header(chosen[1:0]);
-  wire plays = go & ~(ends & (head[31:0] == 0));
+  reg calm = 0;                        // this window has no budgets: it lies between the defaults and the first table
+  wire calms = go & ~running & ~calm;
+  always @(posedge clk) if (!rst_n) calm <= 0; else if (tick) calm <= calms;
+  wire plays = go & ~calms & ~(ends & (head[31:0] == 0));
   wire [95:0] ahead = ends ? entry(head[33:32]) : entry(place[1:0] + 2'd1);
   wire changes = ends | (ahead[95:64] == window_now + 32'd1);
 
@@ -77,10 +80,11 @@ module formal_player (
       holds:    assert (running == o_running & table_now == o_table & window_now == o_window);
     end
     if (tick) begin
-      reads:    assert (next_rd == (!plays ? def_rd : changes ? ahead[63:32] : rd));
-      writes:   assert (next_wr == (!plays ? def_wr : changes ? ahead[31:0] : wr));
+      reads:    assert (next_rd == (calms ? 32'd0 : !plays ? def_rd : changes ? ahead[63:32] : rd));
+      writes:   assert (next_wr == (calms ? 32'd0 : !plays ? def_wr : changes ? ahead[31:0] : wr));
     end
     granted:    assert (!running | (rd_now == rd & wr_now == wr));
+    settled:    assert (calm == is_calm);
     idle:       assert (running | window_now == 32'hffffffff);
     inside:     assert (!running | window_now < length);
   end
@@ -88,13 +92,13 @@ module formal_player (
   // Requests: the latest counts; one is forgotten when it is followed, and one that was late for that end with it. A late
   // one stays where none is followed.
   reg m_pending = 0; reg [7:0] m_asked = 0; reg late = 0;
-  wire follows = tick & go & ends & asked;
+  wire follows = tick & go & ~calms & ends & asked;
   always @(posedge clk) begin
     late <= req_valid & rst_n;
     if (!rst_n) begin m_pending <= 0; m_asked <= 0; end
     else if (follows) m_pending <= 0;
     else if (req_valid) begin m_pending <= 1; m_asked <= req_table; end
-    else if (tick & go & ends & ~late) m_pending <= 0;
+    else if (tick & go & ~calms & ends & ~late) m_pending <= 0;
   end
   always @* if (!first) requests: assert (pending == m_pending & (!pending | pending_table == m_asked));
   always @* if (!first & asked) known: assert (asked_table < 4);

@@ -92,10 +92,13 @@ def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: F
 
 def unit_rates(tables: Tables, table: Table) -> dict[str, Fraction]:
     """Return the bytes per second promised to every unit at its most, reads and writes together."""
-    rates = dict.fromkeys((unit.name for unit in tables.units), Fraction(0))
-    for row, bound in peaks(table.frame).items():
-        rates[row.unit] += rate_of(tables, bound)
-    return rates
+    highest = dict.fromkeys((unit.name for unit in tables.units), Fraction(0))
+    for segment in segments(table.frame):
+        bounds: dict[str, Fraction] = defaultdict(Fraction)
+        for row, bound in segment.bounds.items():
+            bounds[row.unit] += bound
+        highest |= {unit: max(bound, highest[unit]) for unit, bound in bounds.items()}
+    return {unit: rate_of(tables, bound) for unit, bound in highest.items()}
 
 
 def rate_of(tables: Tables, bound: Fraction) -> Fraction:

@@ -4,6 +4,9 @@
 // ready when the window ends. A request therefore has to be there two cycles before the last window of a table ends; one
 // that comes later waits for the next end of a table. It is dropped if another request is followed at this end: it was
 // made for the table that ends, and would be followed after another one.
+//
+// Between the default budgets and the first table lies one window without any budget: what was shown before it passes in
+// it, and the first table begins with nothing carried over.
 `default_nettype none
 module halpipe_regulator_player #(
   parameter integer DEPTH   = 1024,  // entries of all tables of the unit, with the terminator; 2 at least
@@ -84,17 +87,19 @@ module halpipe_regulator_player #(
     end
 
   // A table without windows was never written: it gets one window of the default budgets, and then table 0 is next.
-  wire plays = go & ~(entry_begins & (entry_windows == 32'd0));
+  reg  calm;                                         // this is the window without budgets
+  wire calms = go & ~running & ~calm;                // the next one is
+  wire plays = go & ~calms & ~(entry_begins & (entry_windows == 32'd0));
   wire applies = entry_begins | (entry[95:64] == window_now + 32'd1);
-  assign next_rd = !plays ? def_rd : applies ? entry[63:32] : rd_now;
-  assign next_wr = !plays ? def_wr : applies ? entry[31:0]  : wr_now;
+  assign next_rd = calms ? 32'd0 : !plays ? def_rd : applies ? entry[63:32] : rd_now;
+  assign next_wr = calms ? 32'd0 : !plays ? def_wr : applies ? entry[31:0]  : wr_now;
 
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       running <= 1'b0; table_now <= 0; window_now <= 32'hffffffff; entry_now <= 0; windows <= 0; successor <= 0;
-      rd_now <= 0; wr_now <= 0;
+      rd_now <= 0; wr_now <= 0; calm <= 1'b0;
     end else if (tick) begin
-      running <= plays;
+      running <= plays; calm <= calms;
       rd_now <= next_rd; wr_now <= next_wr;
       if (!plays) begin
         table_now <= 0; window_now <= 32'hffffffff;
@@ -110,9 +115,9 @@ module halpipe_regulator_player #(
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       pending <= 1'b0; pending_table <= 0;
-    end else if (tick & go & entry_begins & entry_requested) pending <= 1'b0;
+    end else if (tick & go & ~calms & entry_begins & entry_requested) pending <= 1'b0;
     else if (req_valid) begin
       pending <= 1'b1; pending_table <= req_table;
-    end else if (tick & go & entry_begins & ~requested_late) pending <= 1'b0;
+    end else if (tick & go & ~calms & entry_begins & ~requested_late) pending <= 1'b0;
 endmodule
 `default_nettype wire
