@@ -169,15 +169,16 @@ class TaskBuilder:
         """Limit a task that waits: its first part starts within its slack, and the age of the whole takes the rest.
 
         Half of the time that is not spent working, in whole microseconds, is the slack of the first part, so that the
-        response time of the whole, from activation to the end of the last part, is at most the deadline.
+        response time of the whole, from activation to the end of the last part, is at most the deadline. Of several
+        versions, the longest with which that can be counts.
         """
         assert draft.activation is not None
         name = f"{draft.name}.response"
         if deadline is None:
             chains.append(self._chain(name, whole, draft.task, None, None))
             return _Limits(FREE)
-        longest = [max((v.wcet or ZERO for v in self._state.versions[d]), default=ZERO) for d in whole]
-        spare = _MICROSECOND * (max(ZERO, deadline - sum(longest, ZERO)) / 2 // _MICROSECOND)
+        work = _longest_within(deadline, [[v.wcet or ZERO for v in self._state.versions[d]] for d in whole])
+        spare = _MICROSECOND * (max(ZERO, deadline - work) / 2 // _MICROSECOND)
         chains.append(self._chain(name, whole, draft.task, None, deadline - spare))
         what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
         self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
@@ -245,6 +246,14 @@ class TaskBuilder:
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )
+
+
+def _longest_within(limit: Duration, choices: Sequence[Sequence[Duration]]) -> Duration:
+    """Return the longest sum of one time of each list that is within a limit; the shortest, if none is."""
+    sums = {ZERO}
+    for times in choices:
+        sums = {known + time for known in sums for time in times or (ZERO,)}
+    return max((found for found in sums if found <= limit), default=min(sums))
 
 
 def _high(window: Window) -> Duration:

@@ -172,3 +172,11 @@ def test_what_the_export_says_of_splitting_comes_back(tmp_path):
         assert (other.period, other.distance, other.binding) == (task.period, task.distance, task.binding)
         assert [v.split for v in other.versions] == [v.split for v in task.versions]
     assert [u.interrupts for u in back.units] == [u.interrupts for u in example.units]
+
+
+@pytest.mark.parametrize(("limit", "longest"), [("20ms", "15ms"), ("15ms", "15ms"), ("14ms", "13ms"), ("4ms", "5ms")])
+def test_the_limit_of_a_task_that_waits_counts_the_longest_versions_that_keep_it(limit, longest):
+    from halpipe.importers.amalthea.tasks import _longest_within
+
+    choices = [[ms("3ms")], [ms("10ms"), ms("0ms"), ms("8ms")], [ms("2ms")]]
+    assert _longest_within(ms(limit), choices) == ms(longest)
