@@ -25,6 +25,7 @@ from halpipe.pipeline.checked import validate_model, verify_schedule
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 ARXML = ROOT / "tests" / "unit" / "importers" / "arxml_fixtures" / "findings" / "HAL0541-unmapped.arxml"
+ENGINE = ROOT / "tests" / "unit" / "importers" / "arxml_fixtures" / "preemptive.arxml"
 AMXMI = ROOT / "tests" / "unit" / "importers" / "amalthea" / "amalthea_fixtures" / "camera.amxmi"
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -112,6 +113,7 @@ def workplace(tmp_path, monkeypatch):
     (tmp_path / "w" / "extract" / "pump.arxml").write_text(text[:begin] + text[end:])
     (tmp_path / "w" / "ecuc" / "cores.arxml").write_text(head + text[begin:])
     shutil.copy(AMXMI, tmp_path / "w" / "camera.amxmi")
+    shutil.copy(ENGINE, tmp_path / "w" / "engine.arxml")
     monkeypatch.chdir(tmp_path / "w")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{ROOT}:/usr/bin:/bin")
     return tmp_path / "w"
