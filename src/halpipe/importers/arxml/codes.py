@@ -25,8 +25,9 @@ ADAPTIVE_ONLY = error(
 )
 EB_XDM = error(
     "HAL0504",
-    "EB tresos project data instead of ARXML",
-    "The file is in the vendor's own format (root element datamodel). The tool can export the same content as ARXML.",
+    "EB tresos project data of another module",
+    "Of project data of EB tresos (.xdm), the configurations of Os, Rte and EcuC are read. Components, modules and "
+    "their events stand in ARXML files, which the tool can export.",
 )
 NO_INPUT = error(
     "HAL0505",

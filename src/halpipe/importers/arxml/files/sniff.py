@@ -18,6 +18,7 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
 from halpipe.importers.arxml.files.slim import Slimming
 from halpipe.importers.arxml.files.spelling import report_misspelt
+from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
 from halpipe.importers.inputs import read_inputs
 
 if TYPE_CHECKING:
@@ -105,9 +106,8 @@ def recognise(root: etree._Element, name: str) -> Document:
     if tag == "AUTOSAR" and namespace == NAMESPACE:
         return Document(name, root)
     if tag == "datamodel":
-        raise HalpipeError(
-            codes.EB_XDM("is EB tresos project data (root element datamodel)", at=at, help="export it as ARXML")
-        )
+        _refuse_other_modules(root, at)
+        return Document(name, translate(root, NAMESPACE))
     if tag != "AUTOSAR":
         raise HalpipeError(
             codes.NOT_ARXML(f'has the root element "{tag}", not AUTOSAR', at=at, help="name ARXML files only")
@@ -117,6 +117,14 @@ def recognise(root: etree._Element, name: str) -> Document:
         return Document(name, modernise(root, NAMESPACE), release)
     what = f'is in the namespace "{namespace}"' if namespace else "has no namespace"
     raise HalpipeError(codes.NOT_ARXML(f"{what}, not {NAMESPACE}", at=at, help="export it as AUTOSAR release 4.x"))
+
+
+def _refuse_other_modules(root: etree._Element, at: Location) -> None:
+    found = modules_of(root)
+    if not any(module in MODULES for module in found):
+        what = f"configures {', '.join(found)}" if found else "configures no module"
+        help = f"name those of {', '.join(MODULES)}, and ARXML files for components and modules"
+        raise HalpipeError(codes.EB_XDM(f"is EB tresos project data that {what}", at=at, help=help))
 
 
 def _report_releases(documents: Sequence[Document], findings: Findings) -> None:

@@ -296,6 +296,14 @@ class Ticks:
         counter = self._containers.by_path.get(path or "")
         return (None, ()) if counter is None else (self.of(counter), (counter.place,))
 
+    def of_alarm(self, alarm: Container) -> tuple[Duration | None, tuple[Place, ...]]:
+        """Return what an alarm counts, and the counter's place; EB tresos may count nanoseconds instead of ticks."""
+        for inside in self._containers.below(alarm):
+            unit = inside.value("OsTimeUnit")
+            if unit is not None and unit.text == "NANOSECONDS":
+                return Duration(1), ()
+        return self.counter(alarm, "OsAlarmCounterRef")
+
     def of(self, counter: Container) -> Duration | None:
         """Return the tick of a counter, None if nothing tells it."""
         if counter.node.path not in self._known:
@@ -313,7 +321,7 @@ class Ticks:
         alarms = [alarm for alarm in self._containers.of("OsAlarm") if self._increments(alarm, counter)]
         if len(alarms) == 1 and counter not in self._driven:
             self._driven.append(counter)  # counters that drive each other in a circle have no tick
-            cycle, tick = _cycle(self._containers, alarms[0]), self.counter(alarms[0], "OsAlarmCounterRef")[0]
+            cycle, tick = _cycle(self._containers, alarms[0]), self.of_alarm(alarms[0])[0]
             if cycle and tick:
                 return tick * cycle
         self._containers.tree.findings.add(
@@ -366,7 +374,7 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
     cycle = _cycle(containers, alarm) or (stopped.value("cycle", _ticks) if stopped else None)
     if not cycle:
         return
-    tick, through = ticks.counter(alarm, "OsAlarmCounterRef")
+    tick, through = ticks.of_alarm(alarm)
     if tick is None:
         return
     start = next((n for n in (c.number("OsAlarmAlarmTime") for c in inside) if n), None)

@@ -1,0 +1,147 @@
+"""EB tresos project data (``.xdm``) in the words of AUTOSAR: the ECU configurations of Os, Rte and EcuC.
+
+A list of the type MAP holds the containers of one definition by their names; other lists hold several values of one
+definition. What has ``ENABLE=false`` is not set, whatever value is printed; of a choice only the chosen part exists.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lxml import etree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MODULES = ("Os", "Rte", "EcuC")
+_PATH = "ASPath:"
+_NUMBERS = ("INTEGER", "FLOAT", "BOOLEAN")
+
+
+def modules_of(root: etree._Element) -> list[str]:
+    """Return the names of the modules that a file configures, as their definitions are called."""
+    return [_definition(module).rpartition("/")[2] for _, _, module in _modules(root)]
+
+
+def translate(root: etree._Element, namespace: str) -> etree._Element:
+    """Return the configurations of Os, Rte and EcuC as an AUTOSAR document; every element keeps its line."""
+    return _Translator(namespace).document(root)
+
+
+def _local(element: etree._Element) -> str:
+    return str(element.tag).rpartition("}")[2]
+
+
+def _modules(root: etree._Element) -> Iterator[tuple[etree._Element, etree._Element, etree._Element]]:
+    """Yield the package, the element and the configuration of every module."""
+    for package in root.iter("{*}ctr"):
+        if package.get("type") != "AR-PACKAGE":
+            continue
+        for elements in package.iterchildren("{*}lst"):
+            for choice in elements.iterchildren("{*}chc"):
+                for module in choice.iterchildren("{*}ctr"):
+                    if module.get("type") == "MODULE-CONFIGURATION":
+                        yield package, choice, module
+
+
+def _definition(module: etree._Element) -> str:
+    for attribute in module.iterchildren("{*}a"):
+        if attribute.get("name") == "DEF":
+            return (attribute.get("value") or "").removeprefix(_PATH)
+    return ""
+
+
+def is_set(element: etree._Element) -> bool:
+    """Whether a value or container is set at all."""
+    for attribute in element.iterchildren("{*}a"):
+        if attribute.get("name") == "ENABLE" and (attribute.get("value") or "").lower() == "false":
+            return False
+    return True
+
+
+class _Translator:
+    def __init__(self, namespace: str) -> None:
+        self._namespace = namespace
+        self._ns = f"{{{namespace}}}"
+
+    def document(self, root: etree._Element) -> etree._Element:
+        result = etree.Element(self._ns + "AUTOSAR", nsmap={None: self._namespace})
+        packages = self._add(result, root, "AR-PACKAGES")
+        for package, choice, module in _modules(root):
+            definition = _definition(module)
+            if definition.rpartition("/")[2] not in MODULES:
+                continue
+            holder = self._named(packages, package, "AR-PACKAGE", package.get("name") or "")
+            elements = self._add(holder, package, "ELEMENTS")
+            name = choice.get("name") or definition.rpartition("/")[2]
+            values = self._named(elements, choice, "ECUC-MODULE-CONFIGURATION-VALUES", name)
+            self._add(values, module, "DEFINITION-REF", definition)
+            self._parts(self._add(values, module, "CONTAINERS"), module, definition)
+        return result
+
+    def _add(self, parent: etree._Element, source: etree._Element, tag: str, text: str = "") -> etree._Element:
+        element = etree.SubElement(parent, self._ns + tag)
+        element.sourceline = source.sourceline
+        if text:
+            element.text = text
+        return element
+
+    def _named(self, parent: etree._Element, source: etree._Element, tag: str, name: str) -> etree._Element:
+        element = self._add(parent, source, tag)
+        self._add(element, source, "SHORT-NAME", name)
+        return element
+
+    def _container(self, parent: etree._Element, source: etree._Element, name: str, definition: str) -> None:
+        """Append a container with its values and what is in it; nothing if it is not set."""
+        if not is_set(source):
+            return
+        element = self._named(parent, source, "ECUC-CONTAINER-VALUE", name)
+        self._add(element, source, "DEFINITION-REF", definition)
+        self._values(element, source, definition)
+        inside = self._add(element, source, "SUB-CONTAINERS")
+        if _local(source) == "chc":
+            chosen = source.get("value") or ""
+            for part in source.iterchildren("{*}ctr"):
+                if part.get("name") == chosen:
+                    self._container(inside, part, chosen, f"{definition}/{chosen}")
+        else:
+            self._parts(inside, source, definition)
+
+    def _parts(self, parent: etree._Element, source: etree._Element, definition: str) -> None:
+        """Append the containers inside one: single ones by their definition, those of lists by their names."""
+        for part in source:
+            name = part.get("name") or ""
+            if _local(part) in ("ctr", "chc") and name:
+                self._container(parent, part, name, f"{definition}/{name}")
+            elif _local(part) == "lst" and name:
+                for number, each in enumerate(part):
+                    if _local(each) in ("ctr", "chc"):
+                        self._container(parent, each, each.get("name") or f"{name}_{number}", f"{definition}/{name}")
+
+    def _values(self, element: etree._Element, source: etree._Element, definition: str) -> None:
+        parameters = self._add(element, source, "PARAMETER-VALUES")
+        references = self._add(element, source, "REFERENCE-VALUES")
+        for name, value in _each_value(source):
+            text = value.get("value") or ""
+            if not text or not is_set(value):
+                continue
+            path = f"{definition}/{name}"
+            if _local(value) == "ref":
+                entry = self._add(references, value, "ECUC-REFERENCE-VALUE")
+                self._add(entry, value, "DEFINITION-REF", path)
+                self._add(entry, value, "VALUE-REF", text.removeprefix(_PATH))
+            else:
+                kind = "NUMERICAL" if value.get("type") in _NUMBERS else "TEXTUAL"
+                entry = self._add(parameters, value, f"ECUC-{kind}-PARAM-VALUE")
+                self._add(entry, value, "DEFINITION-REF", path)
+                self._add(entry, value, "VALUE", text)
+
+
+def _each_value(source: etree._Element) -> Iterator[tuple[str, etree._Element]]:
+    """Yield the values of a container with their definition, also those of lists."""
+    for part in source:
+        name = part.get("name") or ""
+        if _local(part) in ("var", "ref"):
+            yield name, part
+        elif _local(part) == "lst":
+            yield from ((name, each) for each in part if _local(each) in ("var", "ref"))

@@ -1,0 +1,156 @@
+"""Project data of EB tresos: lists and choices, what is not set, and modules that are not read."""
+
+import pytest
+from arxml_case import component, composition, every, found, orders, package, periods, read, refusal, write
+
+from halpipe.importers.arxml import codes
+
+HEAD = """<?xml version='1.0'?>
+<datamodel version="7.0" xmlns="http://www.tresos.de/_projects/DataModel2/16/root.xsd"
+    xmlns:a="http://www.tresos.de/_projects/DataModel2/16/attribute.xsd"
+    xmlns:d="http://www.tresos.de/_projects/DataModel2/06/data.xsd">
+ <d:ctr type="AUTOSAR" factory="autosar"><d:lst type="TOP-LEVEL-PACKAGES">
+ <d:ctr name="{name}" type="AR-PACKAGE"><d:lst type="ELEMENTS">
+ <d:chc name="{name}" type="AR-ELEMENT" value="MODULE-CONFIGURATION"><d:ctr type="MODULE-CONFIGURATION">
+ <a:a name="DEF" value="ASPath:/TS_T40D37M6I1R0/{name}"/>
+"""
+TAIL = "\n</d:ctr></d:chc></d:lst></d:ctr></d:lst></d:ctr></datamodel>\n"
+
+
+def xdm(folder, name, *content):
+    path = folder / f"{name}.xdm"
+    path.write_text(HEAD.format(name=name) + "\n".join(content) + TAIL)
+    return path
+
+
+def enable(value):
+    return f'<a:a name="ENABLE" value="{value}"/>' if value is not None else ""
+
+
+def var(name, value, kind="INTEGER", enabled=None):
+    return f'<d:var name="{name}" type="{kind}" value="{value}">{enable(enabled)}</d:var>'
+
+
+def ref(name, value="", enabled=None):
+    stated = f' value="ASPath:{value}"' if value else ""
+    return f'<d:ref name="{name}" type="REFERENCE"{stated}>{enable(enabled)}</d:ref>'
+
+
+def ctr(name, *content, enabled=None):
+    return f'<d:ctr name="{name}" type="IDENTIFIABLE">{enable(enabled)}' + "\n".join(content) + "</d:ctr>"
+
+
+def many(name, *content):
+    return f'<d:lst name="{name}" type="MAP">' + "\n".join(content) + "</d:lst>"
+
+
+def alarm(chosen="OsAlarmActivateTask", *, unit="TICKS", cycle="10", autostart=True):
+    action = "\n".join(
+        [
+            ctr("OsAlarmActivateTask", ref("OsAlarmActivateTaskRef", "/Os/Os/Main")),
+            ctr(
+                "OsAlarmSetEvent", ref("OsAlarmSetEventRef", "/Os/Os/Go"), ref("OsAlarmSetEventTaskRef", "/Os/Os/Other")
+            ),
+        ]
+    )
+    start = ctr(
+        "OsAlarmAutostart",
+        var("OsTimeUnit", unit, "ENUMERATION", "true"),
+        var("OsAlarmAlarmTime", "0"),
+        var("OsAlarmCycleTime", cycle),
+        enabled=autostart if autostart is True else "false",
+    )
+    return many(
+        "OsAlarm",
+        ctr(
+            "Al",
+            ref("OsAlarmCounterRef", "/Os/Os/Ticks"),
+            f'<d:chc name="OsAlarmAction" type="IDENTIFIABLE" value="{chosen}">{action}</d:chc>',
+            start,
+        ),
+    )
+
+
+COUNTER = many("OsCounter", ctr("Ticks", var("OsSecondsPerTick", "0.001", "FLOAT", "true")))
+TASKS = many("OsTask", ctr("Main"), ctr("Other"))
+
+
+def test_alarms_activate_the_chosen_task(tmp_path):
+    assert periods(read(xdm(tmp_path, "Os", COUNTER, TASKS, alarm()))) == {"Main": "10ms"}
+    assert periods(read(xdm(tmp_path, "Os", COUNTER, TASKS, alarm("OsAlarmSetEvent")))) == {"Other": "10ms"}
+
+
+def test_times_may_be_nanoseconds(tmp_path):
+    path = xdm(tmp_path, "Os", COUNTER, TASKS, alarm(unit="NANOSECONDS", cycle="2500000"))
+    assert periods(read(path)) == {"Main": "2.5ms"}
+
+
+def test_what_is_not_enabled_is_not_set(tmp_path):
+    path = xdm(tmp_path, "Os", COUNTER, TASKS, alarm(autostart=False))
+    assert codes.NO_TASKS.id in {d.code for d in refusal(path).diagnostics}
+    off = many("OsCounter", ctr("Ticks", var("OsSecondsPerTick", "0.001", "FLOAT", "FALSE")))
+    path = xdm(tmp_path, "Os", off, TASKS, alarm())
+    assert codes.NO_TICK.id in {d.code for d in refusal(path).diagnostics}
+
+
+def mapping(name, event, position, *, offset_enabled="false"):
+    return ctr(
+        name,
+        ref("RteEventRef", event),
+        ref("RteMappedToTaskRef", "/Os/Os/Main", "TRUE"),
+        ref("RteUsedOsSchTblExpiryPointRef", "", "false"),
+        var("RtePositionInTask", position, enabled="true"),
+        var("RteActivationOffset", "0.002", "FLOAT", offset_enabled),
+    )
+
+
+def project(folder, **options):
+    pump = component("Pump", every("0.01", "A", "Pump/A"), every("0.01", "B", "Pump/B"), runnables="A B")
+    write(folder, package("T", pump, composition("Car", "p:Pump")))
+    xdm(folder, "Os", COUNTER, TASKS)
+    maps = many(
+        "RteEventToTaskMapping",
+        mapping("a", "/T/Pump/B/A", "2", **options),
+        mapping("b", "/T/Pump/B/B", "1", **options),
+    )
+    instance = ctr("p", ref("RteSoftwareComponentInstanceRef", "/T/Car/p"), maps)
+    xdm(folder, "Rte", many("RteSwComponentInstance", instance))
+    cores = many("EcucCoreDefinition", ctr("Core0", var("EcucCoreId", "0")))
+    xdm(folder, "EcuC", many("EcucHardware", ctr("Hw", cores)))
+    return folder
+
+
+@pytest.mark.parametrize(("enabled", "offset"), [("false", "None"), ("true", "2ms")])
+def test_a_project_is_its_configuration_with_the_components_beside_it(tmp_path, enabled, offset):
+    imported = read(project(tmp_path, offset_enabled=enabled))
+    assert orders(imported) == {"p/B > p/A"}
+    assert {str(task.offset) for task in imported.model.tasks} == {offset}
+    assert [unit.name for unit in imported.model.units] == ["Core0"]
+    assert all(read == mapped + ignored for _, read, mapped, ignored in imported.coverage.rows())
+
+
+def test_every_element_keeps_its_line(tmp_path):
+    imported = read(project(tmp_path))
+    lines = (tmp_path / "EcuC.xdm").read_text().splitlines()
+    origin = imported.model.units[0].origin
+    assert (origin.path, "Core0" in lines[origin.line - 1]) == ("/EcuC/EcuC/Hw/Core0", True)
+
+
+def test_a_list_of_references_is_several(tmp_path):
+    refs = "".join(f'<d:ref type="REFERENCE" value="ASPath:/Os/Os/{name}"/>' for name in ("Main", "Other"))
+    application = many(
+        "OsApplication",
+        ctr("App", f'<d:lst name="OsAppTaskRef">{refs}</d:lst>', var("OsApplicationCoreAssignment", "3")),
+    )
+    tasks = many("OsTask", *(ctr(name, var("OsTaskPeriod", "0.01", "FLOAT")) for name in ("Main", "Other")))
+    imported = read(xdm(tmp_path, "Os", tasks, application))
+    assert {task.versions[0].units for task in imported.model.tasks} == {("core3",)}
+
+
+def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
+    path = xdm(tmp_path, "Can", many("CanGeneral"))
+    (told,) = [d for d in refusal(path).diagnostics if d.code == codes.EB_XDM.id]
+    assert "configures Can" in told.message
+    project(tmp_path)
+    (skipped,) = found(read(tmp_path), codes.SKIPPED_FILE)
+    assert "configures Can" in skipped.message
