@@ -10,6 +10,8 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
+from halpipe.deploy.base import CheckOptions
+from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv.check import CYCLES, simulate
 from halpipe.deploy.riscv.cosimulation import CoSimulation
 from halpipe.deploy.riscv.recording import Flag, Kind
@@ -200,3 +202,11 @@ def test_the_fault_says_where(bundle):
     assert abandoned.cause == 7  # store access fault
     assert abandoned.tval == 0x80000000
     assert abandoned.epc in range(image.ispm.base, image.ispm.base + image.ispm.size)
+
+
+def test_faults_in_a_job_whose_image_has_two_parts(bundle):
+    """Code and data are loaded one after the other; a late load is that of the last one."""
+    text = SCALE.replace("void scale", "static volatile uint32_t three = 3;\nvoid scale").replace("* 3;", "* three;")
+    checked = DEPLOYMENT.check(bundle(*single(), scale_c=text), CheckOptions(inject="all"))
+    assert checked.diagnostics == ()
+    assert "injected: 12 faults of 12 kinds into 1 jobs" in checked.lines

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.cosimulation import MAGIC, PROGRAM, Word
+from halpipe.deploy.riscv.machine import RUBBISH
 from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
 
@@ -64,15 +65,28 @@ def play(program: bytes, site: Site, emulator: str, first: int, request: int, ta
         place = Path(folder)
         place.joinpath(PROGRAM).write_bytes(program)
         place.joinpath("control").write_bytes(struct.pack(f"<{len(words)}Q", *words))
-        control = f"loader,file={place / 'control'},addr={site.control:#x},force-raw=on"
         command = [emulator, *_with_memory(site.qemu, place / "memory"), "-bios", "none", "-kernel"]
-        command += [str(place / PROGRAM), "-device", control]
+        command += [str(place / PROGRAM), *_loader(place / "control", site.control), *_rubbish(place, site)]
         if _NEEDS_TREE in site.qemu:
             tree = str(place / "tree")
             start([emulator, _MACHINE, f"sifive_u,dumpdtb={tree}", "-smp", "5", "-display", "none"])
             command += ["-dtb", tree]
         said = start([*command, *_OTHER, *_HOSTING])
         return _read(place / "memory", site, said)
+
+
+def _loader(file: Path, address: int) -> list[str]:
+    return ["-device", f"loader,file={file},addr={address:#x},force-raw=on"]
+
+
+def _rubbish(place: Path, site: Site) -> list[str]:
+    """Return what fills the data scratchpads with what may stand there when the power comes."""
+    found = []
+    for unit in site.units:
+        file = place / f"rubbish-{unit.dspm.size}"
+        file.write_bytes(RUBBISH * unit.dspm.size)
+        found += _loader(file, unit.dspm.base)
+    return found
 
 
 def _with_memory(arguments: tuple[str, ...], file: Path) -> list[str]:

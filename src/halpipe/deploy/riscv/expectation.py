@@ -187,7 +187,7 @@ class Expectation:
         """Yield what a phase moves, in its order: every member of a gang loads and reads all, and writes its part."""
         if access.kind is AccessKind.LOAD:
             for image in members:
-                for segment in image.program.segments:
+                for segment in sorted(image.program.segments, key=lambda part: part.source):
                     if segment.data:
                         yield "its image", image, segment.source, segment.target, len(segment.data)
         writes = access.kind is AccessKind.WRITE
