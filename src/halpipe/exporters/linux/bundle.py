@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from halpipe.exporters.linux import LinuxOptions
+    from halpipe.exporters.linux.tables import Tables
     from halpipe.models import Job, Schedule, TaskModel, Version
 
 FOLDER = Path(__file__).parent
 _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
 _ACCELERATORS = ("gpu", "fpga", "npu", "dla", "dsp", "tpu", "accelerator")
-_RUNTIME = ("dispatch.c", "dispatch.h", "main.c")
+RUNTIME = ("dispatch.c", "dispatch.h", "record.c")
 _DUMMY = "src/dummy.c"
 
 
@@ -71,10 +72,10 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     """Return the files of the bundle, sealed; raise `HalpipeError` with everything that prevents it."""
     findings = Findings()
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
-    cpus = _cpus(model, schedule, options, findings)
+    cpus = cpus_for(model, schedule, options, findings)
     buffers = _buffers(model)
     programs, numbers = _programs(model, schedule, list(buffers), options, tree)
-    _check_texts(model, schedule, buffers, findings)
+    check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
     levels = levels_of(model, schedule)
     tables = tables_of(model, schedule, cpus, levels, numbers, findings)
@@ -82,19 +83,9 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
     used = sorted({worker.cpu for worker in tables.workers})
     values: dict[str, Any] = {
-        "model": model.name,
         "name": name,
-        "programs": programs,
         "compiled": [_quoted(p) for p in programs if not p.is_ready],
         "ready": [p for p in programs if p.is_ready],
-        "buffers": [{"name": key, "size": size} for key, size in buffers.items()],
-        "tables": tables.tables,
-        "switches": tables.switches,
-        "workers": tables.workers,
-        "all_parts": tables.all_parts,
-        "parts": tables.parts,
-        "modes": len(schedule.modes),
-        "levels": max(levels.values(), default=0) + 1,
         "priority": options.priority,
         "cpus": used,
         "places": [(unit, cpus[unit]) for unit in cpus if unit in {worker.unit for worker in tables.workers}],
@@ -102,10 +93,11 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     }
     files = {
         **paired(model, schedule),
+        "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels),
         **_rendered(values, options),
         **tree.files,
     }
-    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in _RUNTIME}
+    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, "main.c")}
     facts = {
         "model": model.name,
         "cpus": dict(cpus),
@@ -115,17 +107,46 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     return seal("linux", files, facts)
 
 
-def _rendered(values: dict[str, Any], options: LinuxOptions) -> dict[str, bytes]:
+def rendered_tables(
+    model: TaskModel,
+    schedule: Schedule,
+    tables: Tables,
+    programs: list[Program],
+    buffers: Mapping[str, int],
+    levels: Mapping[str, int],
+) -> bytes:
+    """Return the tables as C."""
+    values = {
+        "model": model.name,
+        "programs": programs,
+        "buffers": [{"name": key, "size": size} for key, size in buffers.items()],
+        "tables": tables.tables,
+        "switches": tables.switches,
+        "workers": tables.workers,
+        "all_parts": tables.all_parts,
+        "parts": tables.parts,
+        "modes": len(schedule.modes),
+        "levels": max(levels.values(), default=0) + 1,
+    }
+    text: str = _environment().get_template("tables.c").render(**values)
+    return text.encode()
+
+
+def _environment() -> Any:
     import jinja2
 
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER / "templates"),
         undefined=jinja2.StrictUndefined,
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    names = ["tables.c", "Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
+
+
+def _rendered(values: dict[str, Any], options: LinuxOptions) -> dict[str, bytes]:
+    environment = _environment()
+    names = ["Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
     files = {name: environment.get_template(name).render(**values).encode() for name in names}
     if options.busy:
         files[_DUMMY] = (FOLDER / "templates" / "dummy.c").read_bytes()
@@ -138,14 +159,15 @@ def _quoted(program: Program) -> dict[str, Any]:
     return {**plain, "defines": defines, "plain_defines": program.plain_defines}
 
 
-def _jobs(schedule: Schedule) -> Iterable[Job]:
+def jobs_of(schedule: Schedule) -> Iterable[Job]:
+    """Yield the jobs of all tables."""
     yield from (job for mode in schedule.modes for job in mode.jobs)
     yield from (job for table in schedule.transitions for job in table.jobs)
 
 
-def _cpus(model: TaskModel, schedule: Schedule, options: LinuxOptions, findings: Findings) -> dict[str, int]:
+def cpus_for(model: TaskModel, schedule: Schedule, options: LinuxOptions, findings: Findings) -> dict[str, int]:
     """Return the CPU of each unit; report units with jobs that have none."""
-    used = {unit for job in _jobs(schedule) for unit in job.units}
+    used = {unit for job in jobs_of(schedule) for unit in job.units}
     cpus = placed(model, options.cpus)
     for unit in model.units:
         is_other = any(word in unit.type.lower() for word in _ACCELERATORS)
@@ -170,7 +192,7 @@ def _buffers(model: TaskModel) -> dict[str, int]:
 def _programs(
     model: TaskModel, schedule: Schedule, buffers: list[str], options: LinuxOptions, tree: SourceTree
 ) -> tuple[list[Program], dict[tuple[str, str], int]]:
-    used = {(job.task, job.version) for job in _jobs(schedule)}
+    used = {(job.task, job.version) for job in jobs_of(schedule)}
     programs: list[Program] = []
     numbers: dict[tuple[str, str], int] = {}
     for task in model.tasks:
@@ -205,7 +227,7 @@ def _program(
     return Program(name, target, entries, files, source.defines, tuple(moves[False]), tuple(moves[True]), ready)
 
 
-def _check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], findings: Findings) -> None:
+def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], findings: Findings) -> None:
     """Report names that would not be what they are in a C string or a CSV file."""
     names = [("task", task.name, task.at) for task in model.tasks]
     names += [("unit", unit.name, unit.at) for unit in model.units]

@@ -11,6 +11,7 @@ from halpipe.extent import Extent
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from halpipe.exporters.ros.packaging import Binding
     from halpipe.models import Schedule, TaskModel
     from halpipe.settings import Fields
 
@@ -22,11 +23,14 @@ WITHOUT_GAPS = "export the linux format, whose threads are interrupted, or sched
 class RosOptions(ExportOptions):
     """`cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 99.
 
-    The title is not used. Units that `cpus` does not name get no affinity.
+    The title is not used. Units that `cpus` does not name get no affinity. With `package` an ament package is written
+    instead of the YAML file; `bindings` has the callback of each task for it.
     """
 
     cpus: Mapping[str, int] | None = None
     priority: int = PRIORITY
+    package: bool = False
+    bindings: Mapping[str, Binding] | None = None
 
 
 class RosExporter:
@@ -76,7 +80,16 @@ class RosExporter:
 
         chosen = select(model, schedule, options.mode, self.name)
         refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
-        return {"": format_executors(model, chosen, specific(RosOptions, options))}
+        own = specific(RosOptions, options)
+        if own.package:
+            from dataclasses import replace
+
+            from halpipe.exporters.ros.packaging import build
+
+            if options.mode:  # the package is a system of its own, that knows no other mode
+                model = replace(model, modes=(model.mode(options.mode),), transitions=())
+            return build(model, chosen, own)
+        return {"": format_executors(model, chosen, own)}
 
 
 FORMAT = RosExporter()

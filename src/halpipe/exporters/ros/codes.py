@@ -1,4 +1,4 @@
-"""The diagnostics of the ROS export: HAL0897 to HAL0899."""
+"""The diagnostics of the ROS export: HAL0897 to HAL0899, HAL0816 and HAL0817."""
 
 from halpipe.diagnostics import error, warning
 
@@ -19,4 +19,15 @@ TOO_FINE = error(
     "Schedule does not repeat within whole nanoseconds",
     "ROS timers count whole nanoseconds. A hyperperiod that is no whole number of them is repeated until it is; this "
     "one would need too many timers.",
+)
+UNBOUND = error(
+    "HAL0816",
+    "Callback of a task is not known",
+    "The executor of a package finds each callback by its node and its topic or timer. The graph or trace that --graph "
+    "names says which one a task is.",
+)
+SPLIT_CALLBACK = error(
+    "HAL0817",
+    "Callback cannot be held at split points",
+    "A callback is one function, which the executor can start, but not hold where a part ends.",
 )

@@ -7,6 +7,9 @@
 #define DISPATCH_H
 #include <stddef.h>
 #include <stdint.h>
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 typedef struct {          /* a part of a job: it runs the functions [first, last) of its program */
   int64_t start;          /* ns after the beginning of the table */
@@ -101,4 +104,11 @@ int64_t dispatch_origin(void);
 uint64_t dispatch_refused(void);              /* requests without a table between the modes */
 dispatch_record dispatch_recorded(int worker);
 extern char dispatch_reason[256];
+
+/* Instead of dispatch_load: what runs a program, for hosts whose tasks are no shared objects. */
+void dispatch_hook(void (*run)(int program));
+int dispatch_write(const char *file);         /* the recording as CSV; 0, or an errno */
+#ifdef __cplusplus
+}
+#endif
 #endif

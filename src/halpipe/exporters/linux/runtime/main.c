@@ -311,23 +311,9 @@ static int ascending(const void *a, const void *b) {
 }
 
 static int write_record(void) {
-  char name[4096];
-  snprintf(name, sizeof name, "%s.part", cfg.record);
-  FILE *file = fopen(name, "w");
-  if (!file) return say("%s cannot be written: %s", name, strerror(errno)), 1;
-  fprintf(file, "task,job,mode,cycle,start,end,units,busy,planned\n");
-  for (int w = 0; w < plan.n_workers; w++) {
-    const dispatch_record record = dispatch_recorded(w);
-    for (size_t i = 0; i < record.n_events; i++) {
-      const dispatch_event *e = &record.events[i];
-      fprintf(file, "%s,%u,%s,%llu,%lld,%lld,%s,%lld,%lld\n", plan.workers[w].task, e->job, plan.tables[e->table].name,
-              (unsigned long long)e->cycle, (long long)(e->began - dispatch_origin()), (long long)(e->ended - dispatch_origin()),
-              plan.workers[w].units, (long long)e->busy, (long long)(e->planned - dispatch_origin()));
-    }
-  }
-  const int failed = fflush(file) || fsync(fileno(file));
-  if (fclose(file) || failed || rename(name, cfg.record)) return say("%s cannot be written: %s", cfg.record, strerror(errno)), 1;
-  return 0;
+  const int error = dispatch_write(cfg.record);
+  if (error) say("%s cannot be written: %s", cfg.record, strerror(error));
+  return error;
 }
 
 static int summarise(void) {

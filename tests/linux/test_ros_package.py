@@ -1,0 +1,152 @@
+"""The ament package: it compiles against declarations of Humble and Jazzy, and says what is not bound."""
+
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import yaml
+
+from ctf_writer import ros_trace
+from halpipe.bundles import seal
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.linux.codes import BAD_TEXT
+from halpipe.exporters.ros import FORMAT, RosOptions, codes
+from halpipe.exporters.ros.packaging import Binding
+from halpipe.importers.ros.callbacks import Bound, callbacks_of
+from halpipe.models import Split
+from support import job, model, ms, schedule, task, version
+
+STUBS = Path(__file__).with_name("ros_stubs")
+HUMBLE, JAZZY = 16, 28
+BINDINGS = {
+    "/source": Binding(node="/source", kind="timer", period=10_000_000),
+    "/sink": Binding(node="/sink", kind="subscription", topic="/a"),
+}
+needs_compiler = pytest.mark.skipif(not shutil.which("g++"), reason="the declarations are checked by g++")
+
+
+def system():
+    tasks = [task(name, 10, version("v", "1ms", "u1")) for name in BINDINGS]
+    owner = model(*tasks, units="u1", name="Demo 1".replace(" ", "-"))
+    return owner, schedule(owner, 10, job(owner, "/source", 0, 0, "u1"), job(owner, "/sink", 0, 2, "u1"))
+
+
+def package(bindings=None, owner=None, tables=None):
+    if owner is None:
+        owner, tables = system()
+    options = RosOptions(package=True, bindings=BINDINGS if bindings is None else bindings, cpus={"u1": 0})
+    return {name: content.decode() for name, content in FORMAT.write(owner, tables, options).items()}
+
+
+def refusal(**options):
+    with pytest.raises(HalpipeError) as caught:
+        package(**options)
+    return {d.code for d in caught.value.diagnostics}
+
+
+def compiled(folder, files, distribution):
+    """Check the syntax and types of the container; return what the compiler says."""
+    for name, content in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+    command = ["g++", "-std=c++17", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", f"-DSTUB_RCLCPP={distribution}"]
+    command += [
+        "-DPRIORITY=80",
+        f"-I{STUBS}",
+        f"-I{folder}/src",
+        f"-I{folder}/runtime",
+        str(folder / "src/container.cpp"),
+    ]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stderr
+
+
+@needs_compiler
+@pytest.mark.parametrize("distribution", [HUMBLE, JAZZY])
+def test_the_container_compiles(tmp_path, distribution):
+    assert compiled(tmp_path, package(), distribution) == ""
+
+
+@needs_compiler
+@pytest.mark.parametrize(("distribution", "condition"), [(HUMBLE, "1"), (JAZZY, "0")])
+def test_the_timer_of_the_other_distribution_does_not_compile(tmp_path, distribution, condition):
+    files = package()
+    files["src/table_executor.hpp"] = files["src/table_executor.hpp"].replace("RCLCPP_VERSION_GTE(28, 0, 0)", condition)
+    assert "execute_timer" in compiled(tmp_path, files, distribution)
+
+
+SIGNATURES = {
+    "rclcpp/rclcpp.hpp": [
+        "virtual void spin() = 0",
+        "explicit Executor(const ExecutorOptions & options = ExecutorOptions())",
+        "static void execute_subscription(SubscriptionBase::SharedPtr subscription)",
+        "static void execute_timer(TimerBase::SharedPtr timer)",
+        "static void execute_timer(TimerBase::SharedPtr timer, const std::shared_ptr<void> & data_ptr)",
+        "virtual bool call() = 0",
+        "virtual std::shared_ptr<void> call() = 0",
+        "virtual void execute_callback() = 0",
+        "virtual void execute_callback(const std::shared_ptr<void> & data) = 0",
+        "bool take_type_erased(void * message_out, MessageInfo & message_info_out)",
+        "virtual void handle_message(std::shared_ptr<void> & message, const MessageInfo & message_info) = 0",
+        "virtual void return_message(std::shared_ptr<void> & message) = 0",
+        "virtual std::shared_ptr<void> create_message() = 0",
+        "Waitable::SharedPtr get_intra_process_waitable() const",
+        "DeliveredMessageKind get_delivered_message_kind() const",
+        "virtual const char * get_fully_qualified_name() const = 0",
+        "virtual void for_each_callback_group(const std::function<void(CallbackGroup::SharedPtr)> & func) = 0",
+        "virtual std::shared_ptr<void> take_data() = 0",
+    ],
+    "rclcpp_components/component_manager.hpp": [
+        "virtual void add_node_to_executor(uint64_t node_id)",
+        "virtual void remove_node_from_executor(uint64_t node_id)",
+        "virtual rclcpp::NodeOptions create_node_options(const std::shared_ptr<LoadNode::Request> request)",
+    ],
+    "rcl/timer.h": ["rcl_ret_t rcl_timer_get_period(const rcl_timer_t * timer, int64_t * period)"],
+}
+"""The public API as both distributions document it; the stubs are to say the same."""
+
+
+@pytest.mark.parametrize("file", SIGNATURES)
+def test_the_stubs_declare_what_the_distributions_do(file):
+    text = re.sub(r"\s+", " ", (STUBS / file).read_text())
+    assert [signature for signature in SIGNATURES[file] if f"{signature};" not in text] == []
+
+
+def test_each_program_is_bound_to_one_callback():
+    files = package()
+    assert '{"/source", "/source", "timer", "", 10000000, 0},' in files["src/bindings.hpp"]
+    assert '{"/sink", "/sink", "subscription", "/a", 0, 0},' in files["src/bindings.hpp"]
+    assert ".run" not in files["tables.c"]
+    stated = yaml.safe_load(files["config/components.yaml"])
+    assert [one["node"] for one in stated["components"]] == ["/sink", "/source"]
+    assert "<name>demo_1</name>" in files["package.xml"]
+    compile(files["launch/tables.launch.py"], "tables.launch.py", "exec")
+    assert "parameter services" in files["README.md"]
+    assert seal("ros-package", {"a": b""}, {})
+
+
+def test_tasks_without_a_callback_are_named():
+    assert refusal(bindings={"/source": BINDINGS["/source"]}) == {codes.UNBOUND.id}
+
+
+def test_names_that_are_none_of_ros_are_refused():
+    wrong = {**BINDINGS, "/sink": Binding(node='/si"nk', kind="subscription", topic="/a")}
+    assert refusal(bindings=wrong) == {BAD_TEXT.id}
+
+
+def test_a_callback_is_not_held_at_split_points():
+    owner, tables = system()
+    split = Split(points=(ms("0.5ms"),))
+    tasks = tuple(replace(t, versions=tuple(replace(v, split=split) for v in t.versions)) for t in owner.tasks)
+    assert refusal(owner=replace(owner, tasks=tasks), tables=tables) == {codes.SPLIT_CALLBACK.id}
+
+
+def test_a_trace_says_which_callbacks_the_tasks_are(tmp_path):
+    found = callbacks_of([str(ros_trace(3).write(tmp_path))])
+    assert found == {
+        "/source": Bound("/source", "timer", "", 10_000_000, 0),
+        "/sink/callback_0": Bound("/sink", "timer", "", 20_000_000, 0),
+        "/sink/callback_1": Bound("/sink", "subscription", "/a", 0, 0),
+    }
