@@ -11,6 +11,7 @@ import verify_mutants
 import verify_oracle as oracle
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from test_verify_mutations import RULE_OF as OF_WHOLE_JOBS
 
 from halpipe.diagnostics import render_text
 from halpipe.models import Binding
@@ -121,3 +122,39 @@ def test_mutants_at_length():
         seed += 1
     assert found[True] > MUTANTS // 4
     assert found[False] > MUTANTS // 50
+
+
+RULE_OF = {
+    **OF_WHOLE_JOBS,
+    codes.PARTS_DIFFER.id: "parts",
+    codes.WRONG_GAP.id: "parts",
+    codes.WRONG_LENGTH.id: "parts",
+    codes.NO_LENGTH.id: "parts",
+    codes.NOT_NESTED.id: "nested",
+    codes.NOT_BOUND.id: "binding",
+    codes.ARRIVAL_LATE.id: "deadline",
+}
+
+
+def same_rules(mutant, what):
+    """Whether anything is broken; verify must name the rules that the oracle names."""
+    expected = {rule for rule, where in oracle.broken(*mutant) if not isinstance(where, tuple)}
+    if expected & {"file", "parts", "version"}:  # then the other rules have nothing certain to look at
+        return agrees(mutant, what)
+    found = [d for d in errors(*mutant) if not d.path.startswith("transition")]
+    rules = {RULE_OF.get(d.code, "file") for d in found}
+    loose = {"deadline"} if "periodic" in expected else set()  # without a phase deadlines have no single meaning
+    assert rules - loose == expected - loose, f"{what}\n{told(found)}"
+    return bool(expected)
+
+
+@pytest.mark.parametrize("seeds", [4, pytest.param(100, marks=pytest.mark.slow)])
+def test_the_same_rules_are_broken(seeds):
+    found = Counter()
+    for name in OPERATORS:
+        for seed in range(seeds):
+            rng = random.Random(f"{name} {seed}")
+            mutant = OPERATORS[name](rng, *systems.valid_system(rng))
+            if mutant is not None:
+                found[same_rules(mutant, f"{name} {seed}")] += 1
+    assert found[True] > found[False] > 0
