@@ -81,6 +81,7 @@ def rows() -> Iterator[Row]:
     yield Row("schedule of 60 tasks, Table III", 1, lambda folder: _table3(folder, 60))
     yield Row("schedule of 120 tasks, Table III", 1, lambda folder: _table3(folder, 120))
     yield Row("verify of 10 000 jobs", 1, _many_jobs)
+    yield Row("verify of 20 000 parts", 1, _many_parts)
     yield Row("export regulator, 120 tasks, 8 units, 4 modes, 12 switches", 2, _regulator)
     yield Row("export riscv, 120 tasks, 4 cores, zig", 15, lambda folder: _bundle(folder, "zig"))
     yield Row(
@@ -120,6 +121,17 @@ def _many_jobs(folder: Path) -> list[str]:
     run(["generate", "--units", "2", "--unit-types", "1", "--resources", "1", *chosen, "-o", "rates.xml"], folder)
     run(["schedule", "rates.xml", "-o", "rates.schedule.xml"], folder)
     return ["verify", "rates.xml", "rates.schedule.xml"]
+
+
+def _many_parts(folder: Path) -> list[str]:
+    from test_verify_speed import many_parts
+
+    from halpipe.exporters.native import format_model, format_schedule
+
+    system, plan = many_parts()
+    (folder / "parts.xml").write_bytes(format_model(system))
+    (folder / "parts.schedule.xml").write_bytes(format_schedule(plan))
+    return ["verify", "parts.xml", "parts.schedule.xml"]
 
 
 def _regulator(folder: Path) -> list[str]:
