@@ -41,9 +41,9 @@ def schedule(model: TaskModel, *, seed: int = 1, budget: int | None = None) -> S
     """Return a verified schedule of every mode; raise `HalpipeError` if none is found in `budget` moves per task."""
     from halpipe.diagnostics import Exit, HalpipeError
     from halpipe.pipeline.checked import explain_failure, schedule_model
-    from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
-    options = SearchOptions(seed=seed, budget=budget or DEFAULT_BUDGET)
+    options = SearchOptions(seed=seed, budget=budget)
     scheduled = schedule_model(model, options, lambda *progress: True)
     if not scheduled.is_complete:
         raise HalpipeError(*explain_failure(model, scheduled, interrupted=False), exit=Exit.NOT_FOUND)

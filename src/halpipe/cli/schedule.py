@@ -38,7 +38,14 @@ def schedule(
     model: ModelFile,
     output_file: Output,
     seed: Seed = 1,
-    budget: Annotated[int, typer.Option(min=1, help="Moves per task before the search gives up.")] = 20_000,
+    budget: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Moves per task before the search gives up.",
+            show_default="20000, and a million in all; with a --time-limit, none",
+        ),
+    ] = None,
     time_limit: Annotated[
         float,
         typer.Option(min=0, help="Seconds before it gives up (0: none); the outcome then depends on the machine."),
@@ -76,7 +83,7 @@ def schedule(
     """
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.solve.schedule import Quality, SearchOptions
+    from halpipe.pipeline.solve.schedule import UNBOUNDED, Quality, SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)
@@ -86,7 +93,7 @@ def schedule(
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
     options = replace(options, portfolio=portfolio, workers=workers_of(workers, options.engine))
     if time_limit:
-        options = replace(options, effort=None)  # the clock alone ends the exact engine
+        options = replace(options, effort=None, budget=budget or UNBOUNDED)  # the clock alone ends the search
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
     if quantise:

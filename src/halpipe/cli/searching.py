@@ -66,7 +66,7 @@ class Watch:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from halpipe.pipeline.solve.schedule import CONSTRUCTING, SWITCHES
+        from halpipe.pipeline.solve.schedule import CONSTRUCTING, SWITCHES, UNBOUNDED
 
         if self._progress is None:
             columns = (
@@ -78,8 +78,9 @@ class Watch:
             self._progress = Progress(*columns, console=Console(stderr=True), transient=True)
             self._progress.start()
         if mode not in self._bars:
+            total = budget if budget < UNBOUNDED else None
             what = mode if mode == SWITCHES else f"mode {printable(mode)}"
-            self._bars[mode] = self._progress.add_task(what, total=budget, state="")
+            self._bars[mode] = self._progress.add_task(what, total=total, state="")
         if mode == SWITCHES:
             state = f"{moves} of {budget} mode pairs"
         else:

@@ -16,7 +16,7 @@ from halpipe.exporters.base import ExportOptions
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter
 from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
-from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.quantities import parse_rational
 from halpipe.settings import Fields
 
@@ -137,7 +137,7 @@ class _Reader:
     def _search(self, f: Fields) -> SearchOptions:
         return SearchOptions(
             seed=f.value("seed", _whole(0), 1),
-            budget=f.value("budget", _whole(1), DEFAULT_BUDGET),
+            budget=f.value("budget", _whole(1), None),
             tick=f.value("tick", _grid, None),
             grid=self._grid(f.value("quantise", self._path, "")),
         )

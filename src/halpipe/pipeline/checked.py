@@ -76,7 +76,7 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         if best is None or len(scheduled.schedule.transitions) > len(best.schedule.transitions):
             best = scheduled
         jobs = sum(len(mode.jobs) for mode in scheduled.schedule.modes)
-        is_spent = moves > options.budget * len(model.tasks) or (attempt + 1) * jobs > ATTEMPTED_JOBS
+        is_spent = moves > options.moves(len(model.tasks)) or (attempt + 1) * jobs > ATTEMPTED_JOBS
         if not scheduled.is_complete or scheduled.unimproved or not switched.failed or is_spent:
             break
     assert best is not None, "there is at least one attempt"

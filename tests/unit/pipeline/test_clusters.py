@@ -1,5 +1,7 @@
 """Tightly linked tasks move together: who belongs to a cluster, and that a move keeps the windows inside it."""
 
+import random
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.kernel.kernel import anneal, gather_cluster, move_cluster, total_cost
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
-from halpipe.pipeline.solve.kernel.state import CLUSTER, COST, FROZEN_HINT, INSERTED, new_state
+from halpipe.pipeline.solve.kernel.state import ALL_PARTS, BEST, CLUSTER, COST, FROZEN_HINT, INSERTED, Part, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from profiles import examples
 from support import access, after, chain, model, task, version
@@ -66,10 +68,64 @@ def test_what_is_frozen_is_not_moved_with_others():
     assert cluster(arrays, state, numbers, "a") == set()
 
 
-def test_more_tasks_than_fit_into_a_move_are_not_moved_together():
+def test_of_more_tasks_than_fit_into_a_move_the_nearest_move_together():
     tasks = [first("t0"), *(follows(f"t{n}", f"t{n - 1}", "2ms") for n in range(1, CLUSTER + 1))]
     assert cluster(*constructed(*tasks[:CLUSTER]), "t0") == {f"t{n}" for n in range(CLUSTER)}
-    assert cluster(*constructed(*tasks), "t0") == set()
+    made = constructed(*tasks)
+    assert cluster(*made, "t0") == {f"t{n}" for n in range(CLUSTER)}
+    assert cluster(*made, f"t{CLUSTER}") == {f"t{n}" for n in range(1, CLUSTER + 1)}
+
+
+RIGID = "0.3125ms"
+"""The widest window that makes one body of two tasks with a period of 40 ms: a 128th of it."""
+
+
+def test_a_body_moves_as_a_whole_however_many_tasks_it_has():
+    tasks = [first("t0"), *(follows(f"t{n}", f"t{n - 1}", RIGID) for n in range(1, 2 * CLUSTER))]
+    made = constructed(*tasks)
+    for name in ("t0", f"t{CLUSTER}", f"t{2 * CLUSTER - 1}"):
+        assert cluster(*made, name) == {f"t{n}" for n in range(2 * CLUSTER)}
+
+
+def test_what_is_tightly_linked_joins_only_with_its_whole_body():
+    """Of two bodies of five tasks with a short window between them, one moves: both are more than a move may take."""
+    left = [first("a0"), *(follows(f"a{n}", f"a{n - 1}", RIGID) for n in range(1, 5))]
+    right = [follows("b0", "a4", "2ms"), *(follows(f"b{n}", f"b{n - 1}", RIGID) for n in range(1, 5))]
+    made = constructed(*left, *right, follows("c", "a0", "2ms"))
+    assert cluster(*made, "a2") == {*(f"a{n}" for n in range(5)), "c"}
+    assert cluster(*made, "b0") == {f"b{n}" for n in range(5)}
+
+
+def test_a_wider_window_makes_no_body():
+    tasks = [first("t0"), *(follows(f"t{n}", f"t{n - 1}", "0.32ms") for n in range(1, 2 * CLUSTER))]
+    assert len(cluster(*constructed(*tasks), "t0")) == CLUSTER
+
+
+def rigid_chains(seed, width):
+    """Three chains of nine tasks, laid out one after the other with gaps; each window is as wide as `width` ticks."""
+    rng = random.Random(seed)
+    order = [number for number in range(3) for _ in range(9)]
+    rng.shuffle(order)
+    tasks, starts, time = [], {}, 0
+    for which in order:
+        before, wcet = starts.setdefault(which, []), rng.randint(8, 20)
+        time += rng.randint(5, 18)
+        rows = [after(f"c{which}_{len(before) - 1}", time - last, time - last + width) for last in before[-1:]]
+        tasks.append(task(f"c{which}_{len(before)}", 1000, version("v", wcet, "u1", *rows)))
+        before.append(time)
+        time += wcet
+    return model(*sorted(tasks, key=lambda made: made.name), units="u1")
+
+
+@pytest.mark.parametrize("width", [0, 3])
+@pytest.mark.parametrize("seed", range(6))
+def test_rigid_chains_find_their_places_between_each_other(seed, width):
+    system = rigid_chains(seed, width)
+    problem = build_problem(expand(system, system.modes[0]), system.units, [])
+    for parts, is_solved in ((ALL_PARTS, True), (ALL_PARTS & ~Part.MOVE_CLUSTER, False)):
+        state = new_state(problem.arrays, 1, problem.mean_wcet, parts)
+        anneal(problem.arrays, state, NOISE, 5000)
+        assert (state.register[BEST] == 0) is is_solved
 
 
 def at(values, places):

@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.flow.plan import NOT_A_PIPELINE, read_plan
-from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, SearchOptions
+from halpipe.pipeline.solve.schedule import SearchOptions
 from support import ms
 
 FIXTURES = sorted((Path(__file__).parents[2] / "fixtures" / "pipeline").glob("*.yaml"))
@@ -64,7 +64,7 @@ def test_the_smallest_pipeline_has_the_defaults_of_the_command_line(tmp_path):
     plan = written(tmp_path, SMALLEST)
     assert plan.imports is None
     assert plan.exports == ()
-    assert plan.search == SearchOptions(seed=1, budget=DEFAULT_BUDGET, tick=None)
+    assert plan.search == SearchOptions(seed=1, tick=None)
     assert (plan.model, plan.schedule) == (str(tmp_path / "m.xml"), str(tmp_path / "s.xml"))
 
 

@@ -43,7 +43,13 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.quantise import BurstGrid
 
 DEFAULT_BUDGET = 20_000
-"""Moves per task before the search gives up."""
+"""Moves per task before the search gives up, where no budget is stated."""
+
+UNBOUNDED = 10**12
+"""A budget that no search comes to the end of."""
+
+LEAST_MOVES = 1_000_000
+"""Moves that a mode gets at least, where no budget is stated: small sets may be as hard as larger ones."""
 
 DEFAULT_PORTFOLIO = 4
 """Searches of a mode that take turns."""
@@ -85,7 +91,8 @@ EXACT = "exact"
 class SearchOptions:
     """What the user may choose: the outcome depends on the model and on these alone.
 
-    - `budget` counts moves per task; `tick` replaces the natural tick; `modes` are those to schedule (none: all).
+    - `budget` counts moves per task; without it there are `DEFAULT_BUDGET`, and `LEAST_MOVES` in all.
+    - `tick` replaces the natural tick; `modes` are those to schedule (none: all).
     - `attempt` gives other placements for the same seed, between which switches may exist that the first do not allow.
     - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
     - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
@@ -99,7 +106,7 @@ class SearchOptions:
     """
 
     seed: int = 1
-    budget: int = DEFAULT_BUDGET
+    budget: int | None = None
     tick: Duration | None = None
     modes: tuple[str, ...] = ()
     attempt: int = 0
@@ -112,6 +119,12 @@ class SearchOptions:
     portfolio: int = DEFAULT_PORTFOLIO
     keeper: Keeper | None = field(default=None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
+
+    def moves(self, tasks: int) -> int:
+        """Return how many moves the search of a mode with so many tasks may make."""
+        if self.budget is not None:
+            return self.budget * max(1, tasks)
+        return max(LEAST_MOVES, DEFAULT_BUDGET * tasks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +249,7 @@ def _schedule_mode(
     tick = options.tick or _grid(expansion, shipped)
     pinned = _pinned(expansion, earlier)
     problem = _problem(model, expansion, tick, every_chain=every_chain, pinned=pinned)
-    budget = options.budget * max(1, len(expansion.tasks))
+    budget = options.moves(len(expansion.tasks))
     outcome = search(
         problem,
         lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain, pinned=pinned),
@@ -280,7 +293,7 @@ def _schedule_parts(
         expansion, [active.name for active, work in zip(expansion.tasks, mode.works, strict=True) if not work.ways]
     )
     tasks = max(1, len(expansion.tasks))
-    budget = options.budget * tasks
+    budget = (options.budget or DEFAULT_BUDGET) * tasks
     polish = _polish(model, expansion, options, number)
     found = search(
         mode,

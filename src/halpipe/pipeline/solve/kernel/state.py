@@ -34,7 +34,7 @@ START_HEAT, START_HEAT_WITH_WINDOWS = 24, 40
 """T at the start of a full cycle, in thousandths of the cost of a mean WCET's distance from a window."""
 
 CLUSTER = 8
-"""Tasks that may move together."""
+"""Tasks that may move together, unless they are one body, which moves as a whole."""
 
 FROZEN_HINT = -2
 """Mark of an entry that never moves."""
@@ -125,7 +125,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PAR
         best_option=filled(jobs),
         old=filled(3 * jobs),
         kept=filled(3 * jobs),
-        cluster=filled(CLUSTER),
+        cluster=filled(max(CLUSTER, len(arrays.task_period))),
         register=register,
         random=seeded(seed),
         max_rects=max_rects,

@@ -152,7 +152,7 @@ static inline bool is_on(const State *s, Part part) { return (s->enabled & part)
 /* Mark of an entry that never moves (State.hint). */
 #define FROZEN_HINT (-2)
 
-/* Tasks that may move together (length of State.cluster). */
+/* Tasks that may move together, unless they are one body; State.cluster has room for all tasks. */
 #define CLUSTER 8
 
 /* Entries of the table of noise, and the fraction bits of one times a temperature: 10 each. */

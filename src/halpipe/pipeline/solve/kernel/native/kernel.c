@@ -16,7 +16,8 @@
 #include "move_cluster.h"
 #include "move_entry.h"
 
-/* One move in so many of a task that is coupled with others takes along what is tightly linked to it. */
+/* One move in so many of a task that is coupled with others takes along what is tightly linked to it; of one that is in a
+ * body, all but one in so many: alone, it can only break the body apart. */
 enum { CLUSTERS = 4 };
 
 /* Remember the current placement if it is complete and the best so far. */
@@ -36,8 +37,12 @@ static void move(const Arrays *p, State *s, const int64_t *noise) {
     Pick next = pick(p, s);
     int64_t task = p->job_task[p->entry_job[next.entry]], size = 1;
     bool may_be_joint = s->registers->inserted == p->entries && p->task_coupled[task] == 1;
-    if (may_be_joint && draw(s, CLUSTERS) == 0 && is_on(s, MOVE_CLUSTER))
-        size = gather_cluster(p, s, task);
+    if (may_be_joint) {
+        int64_t chance = draw(s, CLUSTERS);
+        bool is_joint = is_in_body(p, task) ? chance > 0 : chance == 0;
+        if (is_joint && is_on(s, MOVE_CLUSTER))
+            size = gather_cluster(p, s, task);
+    }
     if (size > 1)
         move_cluster(p, s, noise, size);
     else

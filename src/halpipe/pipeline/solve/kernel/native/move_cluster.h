@@ -14,6 +14,8 @@ enum {
     CANDIDATES_OF_CLUSTERS = 16,
     /* Windows of at most this part of a task's period link it tightly. */
     TIGHT = 8,
+    /* Windows of at most this part of it link it rigidly: such tasks are one body, however many they are. */
+    RIGID = 128,
 };
 
 static bool is_listed(const State *s, int64_t size, int64_t task) {
@@ -36,21 +38,46 @@ static bool may_shift(const Arrays *p, const State *s, int64_t task) {
     return p->entry_offset[entry] < 0 && s->hint[entry] != FROZEN_HINT;
 }
 
-/* List `task` and all that is tightly linked to it in `cluster`; return how many, 0 if they cannot be moved. */
+static inline bool is_rigid(const Arrays *p, int64_t task, const Partner *w) { return w->room * RIGID <= p->task_period[task]; }
+
+/* Whether a task is in a body of several. */
+static bool is_in_body(const Arrays *p, int64_t task) {
+    for (int64_t index = p->partner_first[task]; index < p->partner_first[task + 1]; index++)
+        if (is_rigid(p, task, &p->partner[index]))
+            return true;
+    return false;
+}
+
+/* List a body, `task` and all that is rigidly linked to it, from `size` on; return where it ends. */
+static int64_t list_body(const Arrays *p, State *s, int64_t size, int64_t task) {
+    int64_t end = size;
+    s->cluster[end++] = task;
+    for (int64_t place = size; place < end; place++) {
+        int64_t member = s->cluster[place];
+        for (int64_t index = p->partner_first[member]; index < p->partner_first[member + 1]; index++) {
+            const Partner *w = &p->partner[index];
+            if (is_rigid(p, member, w) && !is_listed(s, end, w->task))
+                s->cluster[end++] = w->task;
+        }
+    }
+    return end;
+}
+
+/* List the body of `task` and, up to the size of a cluster, the bodies that are tightly linked to it, in `cluster`; return
+ * how many tasks these are, 0 if they cannot be moved. */
 static int64_t gather_cluster(const Arrays *p, State *s, int64_t task) {
-    s->cluster[0] = task;
-    int64_t size = 1;
+    int64_t size = list_body(p, s, 0, task);
     for (int64_t place = 0; place < size; place++) {
         int64_t member = s->cluster[place];
         if (!may_shift(p, s, member))
             return 0;
         for (int64_t index = p->partner_first[member]; index < p->partner_first[member + 1]; index++) {
             const Partner *w = &p->partner[index];
-            if (w->room * TIGHT > p->task_period[member] || is_listed(s, size, w->task))
+            if (size >= CLUSTER || w->room * TIGHT > p->task_period[member] || is_listed(s, size, w->task))
                 continue;
-            if (size == CLUSTER)
-                return 0;
-            s->cluster[size++] = w->task;
+            int64_t end = list_body(p, s, size, w->task);
+            if (end <= CLUSTER)
+                size = end;
         }
     }
     return size;
