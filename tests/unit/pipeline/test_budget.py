@@ -1,0 +1,42 @@
+"""How much work a search may do: by moves, or by the clock."""
+
+import pytest
+
+from halpipe.cli import searching
+from halpipe.pipeline.solve.schedule import DEFAULT_BUDGET, LEAST_MOVES, UNBOUNDED, SearchOptions
+
+
+@pytest.mark.parametrize(
+    ("budget", "tasks", "moves"),
+    [
+        (None, 0, LEAST_MOVES),
+        (None, 3, LEAST_MOVES),
+        (None, LEAST_MOVES // DEFAULT_BUDGET, LEAST_MOVES),
+        (None, 200, 200 * DEFAULT_BUDGET),
+        (10, 3, 30),
+        (10, 0, 10),
+    ],
+)
+def test_small_sets_get_as_much_work_as_larger_ones_unless_a_budget_is_stated(budget, tasks, moves):
+    assert SearchOptions(budget=budget).moves(tasks) == moves
+
+
+@pytest.mark.parametrize(
+    ("stated", "budget", "effort"),
+    [
+        ([], None, SearchOptions().effort),
+        (["--time-limit", "30"], UNBOUNDED, None),
+        (["--time-limit", "30", "--budget", "7"], 7, None),
+        (["--budget", "7"], 7, SearchOptions().effort),
+    ],
+)
+def test_a_time_limit_is_used_to_its_end_unless_a_budget_is_stated(tmp_path, monkeypatch, stated, budget, effort):
+    from command_line import run_here
+    from halpipe.exporters.native import format_model
+    from support import model, task, version
+
+    (tmp_path / "model.xml").write_bytes(format_model(model(task("t", 10, version("v", 1)))))
+    asked = []
+    monkeypatch.setattr(searching, "find_schedule", lambda system, options, *rest, **named: asked.append(options) or 0)
+    assert run_here(tmp_path, "schedule", "model.xml", "-o", "s.xml", *stated).returncode == 0
+    assert [(options.budget, options.effort) for options in asked] == [(budget, effort)]
