@@ -30,9 +30,13 @@ class Duration:
     ns: Final[int | Fraction]
     """The value in nanoseconds, exact."""
 
-    def __init__(self, ns: int | Fraction) -> None:
-        if type(ns) is not int and ns.denominator == 1:  # asking for the type first: most values are integers
-            ns = ns.numerator
+    def __init__(self, ns: int | Fraction | str) -> None:
+        """Take nanoseconds, or a text such as ``5ms``: what `repr` prints reads back."""
+        if type(ns) is not int:  # asking for the type first: most values are integers
+            if isinstance(ns, str):
+                ns = Duration.parse(ns).ns
+            if ns.denominator == 1:
+                ns = ns.numerator
         self.ns = ns
 
     @staticmethod

@@ -42,8 +42,7 @@ def random_model(seed: int, grain: int = 1) -> TaskModel:
         tasks=tuple(tasks),
         chains=tuple(_chains(rng, tasks, total)),
         modes=(mode("one", tasks),),
-        digest="0" * 64,
-    )
+    ).read_from("0" * 64)
 
 
 def _fine(rng: random.Random, whole: int, grain: int) -> Duration:

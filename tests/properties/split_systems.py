@@ -223,8 +223,7 @@ def valid_system(rng):
         tasks=tasks,
         chains=chains,
         modes=(mode("one", tasks),),
-        digest="0" * 64,
-    )
+    ).read_from("0" * 64)
     return system, one_mode(system, jobs, builder.total)
 
 

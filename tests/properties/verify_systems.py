@@ -223,8 +223,7 @@ def valid_system(rng):
         tasks=tasks,
         chains=chains,
         modes=(mode("one", tasks),),
-        digest="0" * 64,
-    )
+    ).read_from("0" * 64)
     return system, one_mode(system, jobs, builder.total)
 
 
@@ -294,8 +293,7 @@ def wild_system(rng):
         tasks=tasks,
         chains=(chain("c", steps, *limits),),
         modes=(mode("one", tasks),),
-        digest="0" * 64,
-    )
+    ).read_from("0" * 64)
     scope = oracle.tasks_of(system, "one")
     total = oracle.hyperperiod(scope)
     counts, _ = oracle.counts_and_demands(scope, total)

@@ -3,12 +3,19 @@
 import subprocess
 import sys
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
+from hypothesis import given
 
 import halpipe
 from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.durations import Duration
 from halpipe.exporters.native import format_model
+from halpipe.models import Binding, Task, Version
+from halpipe.pipeline.generate import SetParameters, generate
+from profiles import examples
+from strategies import task_models
 from support import model, task, version
 
 
@@ -49,3 +56,92 @@ def test_importing_the_package_is_cheap():
     program = "import halpipe, sys; print(sorted(m for m in ('lxml', 'numpy', 'typer') if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+# ------------------------------------------------------------------------------------------------ values
+
+
+def test_fields_take_what_people_write():
+    made = Task(name="a", period="10ms", slack="0.5", binding="system", versions=[Version(name="v", wcet="5ms")])
+    assert made.period == Duration.parse("10ms")
+    assert made.slack == Fraction(1, 2)
+    assert made.binding is Binding.SYSTEM
+    assert made.versions == (Version(name="v", wcet=Duration.parse("5ms")),)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("period", 5, 'Task.period: 5 is a int; give a duration such as "5ms"'),
+        ("period", "5 parsecs", "Task.period: '5 parsecs' is not a duration"),
+        ("slack", 0.5, "Task.slack: 0.5 is a float; give an exact number"),
+        ("versions", "v", "Task.versions: 'v' is a str; give a list, of which each is a Version"),
+        ("versions", [3], "Task.versions: 3 is a int; give a list, of which each is a Version"),
+        ("binding", "firm", "Task.binding: 'firm' is not a valid Binding"),
+    ],
+)
+def test_a_wrong_type_names_its_field(field, value, said):
+    with pytest.raises((TypeError, ValueError)) as failure:
+        Task(**{"name": "a", field: value})
+    assert str(failure.value).startswith(said)
+
+
+@given(model=task_models)
+@examples(60)
+def test_what_repr_prints_reads_back(model):
+    names = {**vars(halpipe.models), "Duration": Duration, "Fraction": Fraction}
+    assert eval(repr(model), names) == model
+
+
+def test_a_changed_model_is_no_longer_that_of_its_file(tmp_path):
+    model = halpipe.save(small(), str(tmp_path / "model.xml"))
+    assert model.digest == halpipe.load(str(tmp_path / "model.xml")).digest != ""
+    changed = replace(model, name="other")
+    assert changed.digest == ""
+    plan = halpipe.schedule(changed)
+    saved = halpipe.save(changed, str(tmp_path / "changed.xml"))
+    assert halpipe.verify(saved, plan) == []
+
+
+# ------------------------------------------------------------------------------------------------ functions
+
+
+def test_progress_ends_a_search():
+    with pytest.raises(HalpipeError) as failure:
+        halpipe.schedule(generate(SetParameters(tasks=48, units=2, utilisation=Fraction(1)), 1), progress=lambda *done: False)
+    assert failure.value.exit is Exit.INTERRUPTED
+
+
+def test_an_unknown_option_of_an_import_is_named():
+    with pytest.raises(TypeError, match="did you mean"):
+        halpipe.import_model("arxml", "x.arxml", granularty="event")
+
+
+def test_export_takes_the_settings_of_pipeline_files(tmp_path):
+    with pytest.raises(HalpipeError) as failure:
+        halpipe.export("regulator", small(), halpipe.schedule(small()), backend="tabel", platform="none.yaml")
+    assert any("tabel" in d.message for d in failure.value.diagnostics)
+
+
+def test_tables_are_plain_rows():
+    plan = halpipe.schedule(small())
+    rows = halpipe.jobs(plan)
+    assert [row["task"] for row in rows] == [job.task for job in plan.modes[0].jobs]
+    assert rows[0]["end_ms"] - rows[0]["start_ms"] in (3, 4)
+    assert {row["name"] for row in halpipe.loads(plan)} == {"u1"}
+    assert halpipe.latencies(plan) == []
+
+
+def test_changes_and_limits():
+    system = small()
+    plan = halpipe.schedule(system)
+    assert halpipe.diff(plan, plan).is_same
+    assert halpipe.diff(system, replace(system, name="other"))
+    assert {row.task for row in halpipe.sensitivity(system, plan)} == {"a", "b"}
+    assert halpipe.size(system).found >= 1
+    with pytest.raises(TypeError):
+        halpipe.diff(system, plan)
+
+
+def test_a_notebook_shows_a_table():
+    assert halpipe.schedule(small())._repr_html_().count("<tr>") == 2

@@ -55,12 +55,14 @@ MAY_IMPORT = {
     "flow": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
     # A benchmark is the whole chain from file to file, with a watch in its hand.
     "bench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow"},
+    # The tool from Python does what the command line does.
+    "api": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow"},
     "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench"},
 }
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"cli", "pipeline.solve.run", "bench", "deploy"},
+    "time": {"api", "cli", "pipeline.solve.run", "bench", "deploy"},
     "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
     "random": {"pipeline.generate", "bench"},

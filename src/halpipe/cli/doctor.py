@@ -8,6 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 from halpipe import __version__
 from halpipe.cli import output
+from halpipe.cli.answers import AnswerFormat, Answers, print_json
 from halpipe.diagnostics import Exit
 
 PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz")
@@ -29,10 +30,25 @@ PROGRAMS = {
 }
 
 
-def doctor() -> int:
+def doctor(format: Answers = AnswerFormat.TEXT) -> int:
     """Say what is installed, what is missing, and how to get it."""
     from halpipe.flow.formats import DEPLOYMENTS, EXPORTERS, IMPORTERS, formats
 
+    if format is AnswerFormat.JSON:
+        packages = {name: _version(name) or None for name in (*PACKAGES, *EXTRAS)}
+        print_json(
+            {
+                "halpipe": __version__,
+                "python": platform.python_version(),
+                "system": f"{platform.system()} {platform.machine()}",
+                "packages": packages,
+                "programs": {name: shutil.which(name) is not None for name in PROGRAMS},
+                "importers": formats(IMPORTERS),
+                "exporters": formats(EXPORTERS),
+                "bundles": formats(DEPLOYMENTS),
+            }
+        )
+        return Exit.OK if all(packages[name] for name in PACKAGES) else Exit.FINDINGS
     output.result(
         f"halpipe {__version__}, Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, ScheduleFile, Verbose
+from halpipe.cli.parameters import Quiet, ScheduleFile, Verbose
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
@@ -19,11 +21,21 @@ if TYPE_CHECKING:
 MOST_JOBS = 200
 
 
+class Form(StrEnum):
+    """The forms of a schedule that is shown; diagnostics are JSON where it is."""
+
+    TEXT = "text"
+    JSON = "json"
+    CSV = "csv"
+
+
 def show(
     schedule: ScheduleFile,
     mode: Annotated[str, typer.Option(help="This mode only; otherwise all, and the switches.")] = "",
     jobs: Annotated[bool, typer.Option(help=f"List every job, also where there are more than {MOST_JOBS}.")] = False,
-    format: DiagnosticFormat = None,
+    format: Annotated[
+        Form, typer.Option(help="text; json: jobs, loads, latencies, switches; csv: a row for each part of a job.")
+    ] = Form.TEXT,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
@@ -32,15 +44,20 @@ def show(
     from halpipe.cli.gantt import letters_of
     from halpipe.importers.native import read_schedule
 
-    output.choose(format, quiet=quiet, verbose=verbose)
+    output.choose(output.Format.JSON if format is Form.JSON else None, quiet=quiet, verbose=verbose)
     tables = read_schedule(schedule)
     if mode:
         check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
+        tables = replace(tables, modes=(tables.mode(mode),), transitions=())
+    if format is not Form.TEXT:
+        from halpipe.flow.rows import as_csv, as_json
+
+        output.text((as_json if format is Form.JSON else as_csv)(tables))
+        return Exit.OK
     letters = letters_of(tables.modes, tables.transitions)
     for table in tables.modes:
-        if mode in ("", table.name):
-            _show_mode(table, letters, every=jobs)
-    if tables.transitions and not mode:
+        _show_mode(table, letters, every=jobs)
+    if tables.transitions:
         _show_switches(tables, letters)
     return Exit.OK
 

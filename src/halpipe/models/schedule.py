@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import StrEnum
+from html import escape
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
+from halpipe.models.system import Word
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
 
 
-class Status(StrEnum):
+class Status(Word):
     """What the author of a table claims of it; only verify decides."""
 
     VALID = "valid"
@@ -114,6 +115,10 @@ class ModeSchedule:
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
+def _latencies(mode: ModeSchedule) -> str:
+    return "; ".join(f"{c.name}: {c.reaction or 'never'}, {c.age or 'never'}" for c in mode.chains)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TransitionTable:
     """The jobs started between the last hyperperiod of `source` and the first of `target` (MODEL 5)."""
@@ -140,6 +145,19 @@ class Schedule:
     modes: tuple[ModeSchedule, ...] = ()
     transitions: tuple[TransitionTable, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the modes with their jobs and chains, and the switches."""
+        rows = [
+            (mode.name, str(mode.hyperperiod), str(len(mode.jobs)), _latencies(mode), str(mode.status))
+            for mode in self.modes
+        ]
+        rows += [
+            (f"{t.source} to {t.target}", str(t.length), str(len(t.jobs)), "", str(t.status)) for t in self.transitions
+        ]
+        head = ("mode", "length", "jobs", "chains: reaction, age", "claimed")
+        lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+        return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{lines}</table>"
 
     def mode(self, name: str) -> ModeSchedule:
         """Return the schedule of the mode called `name`; raise ``KeyError`` if there is none."""

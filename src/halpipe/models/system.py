@@ -12,12 +12,26 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
-from halpipe.durations import ZERO
+from halpipe.durations import ZERO, Duration
+from halpipe.models.coercion import Coercion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.durations import Duration
+_COERCIONS: dict[type, Coercion] = {}
+
+
+class Element:
+    """What is made of fields; they take what people write for them (see `halpipe.models.coercion`)."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Turn what was given for the fields into their types."""
+        kind = type(self)
+        if kind not in _COERCIONS:
+            _COERCIONS[kind] = Coercion(kind, globals())
+        _COERCIONS[kind](self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +48,14 @@ class Origin:
         return Location(self.file, self.line)
 
 
-class AccessKind(StrEnum):
+class Word(StrEnum):
+    """One of a few words; its `repr` reads back."""
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}.{self.name}"
+
+
+class AccessKind(Word):
     """What an access phase does on its resource."""
 
     LOAD = "load"
@@ -42,14 +63,14 @@ class AccessKind(StrEnum):
     WRITE = "write"
 
 
-class Anchor(StrEnum):
+class Anchor(Word):
     """The instant of the predecessor job from which a precedence window counts."""
 
     START = "start"
     END = "end"
 
 
-class Binding(StrEnum):
+class Binding(Word):
     """How firmly the jobs of a task keep to one set of units (MODEL 8.1)."""
 
     JOB = "job"
@@ -61,7 +82,7 @@ class Binding(StrEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interrupt:
+class Interrupt(Element):
     """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
 
     name: str
@@ -72,7 +93,7 @@ class Interrupt:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Unit:
+class Unit(Element):
     """An execution unit u of U, with the interrupts that it serves besides the table."""
 
     name: str
@@ -83,7 +104,7 @@ class Unit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Resource:
+class Resource(Element):
     """A shared resource r of R; `bandwidth` is its peak in bytes per second, for the exporters."""
 
     name: str
@@ -93,7 +114,7 @@ class Resource:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transfer:
+class Transfer(Element):
     """Data moved in an access phase between a buffer in main memory and a symbol of the task; `size` in bytes."""
 
     buffer: str
@@ -103,7 +124,7 @@ class Transfer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Access:
+class Access(Element):
     """An access phase of A_i^v with its bound B_i^v: in force on [start, end) from the job's start."""
 
     resource: str
@@ -116,7 +137,7 @@ class Access:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Precedence:
+class Precedence(Element):
     """A constraint of P_i^v: some job of `task` starts (or ends) between `min` and `max` before this job starts."""
 
     task: str
@@ -128,7 +149,7 @@ class Precedence:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class Source(Element):
     """The C sources of a version, for deployment: files, entry function, preprocessor definitions."""
 
     files: tuple[str, ...]
@@ -138,7 +159,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Split:
+class Split(Element):
     """Where the jobs of a version may be interrupted, in execution time: 0 is their start, C their end (MODEL 8.1).
 
     `points` is the list of split points; `anywhere` allows every instant of (0, C) not strictly inside an access
@@ -169,7 +190,7 @@ WHOLE = Split()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Version:
+class Version(Element):
     """A version v of a task: WCET C, valid units U, gang size, access phases, precedence constraints, sources.
 
     `wcet` is None while no source has stated it: an imported model may be stored so, but not scheduled.
@@ -188,7 +209,7 @@ class Version:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Element):
     """A task tau of T: period D (None: on demand), slack gamma, optional offset and deadline, versions.
 
     With `distance` it serves sporadic arrivals at least so far apart: its period is that of polling, and its deadline
@@ -215,7 +236,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Chain:
+class Chain(Element):
     """A cause-effect chain: tasks in order, with optional limits on reaction time and data age."""
 
     name: str
@@ -227,7 +248,7 @@ class Chain:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class Run(Element):
     """A task that runs in a mode, with the versions available there."""
 
     task: str
@@ -236,7 +257,7 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Mode:
+class Mode(Element):
     """An execution mode M_n; a task without a run is not scheduled in it."""
 
     name: str
@@ -246,7 +267,7 @@ class Mode:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Transition:
+class Transition(Element):
     """An ordered pair of modes that may be switched, optionally within a maximum length of the table."""
 
     source: str
@@ -257,8 +278,11 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TaskModel:
-    """A whole system. `digest` is the SHA-256 of the file it was read from (hexadecimal, empty if none)."""
+class TaskModel(Element):
+    """A whole system. `digest` is the SHA-256 of the file it was read from (hexadecimal, empty if none).
+
+    A model that is changed, as by ``dataclasses.replace``, has none: it is no longer that of the file.
+    """
 
     name: str
     units: tuple[Unit, ...] = ()
@@ -268,8 +292,14 @@ class TaskModel:
     modes: tuple[Mode, ...] = ()
     transitions: tuple[Transition, ...] = ()
     origin: Origin | None = None
-    digest: str = field(default="", compare=False, repr=False)
+    digest: str = field(default="", init=False, compare=False, repr=False)
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    def read_from(self, digest: str) -> TaskModel:
+        """Return the model with the hash of the file that it was read from."""
+        model = replace(self)
+        object.__setattr__(model, "digest", digest)
+        return model
 
     def task(self, name: str) -> Task:
         """Return the task called `name`; raise ``KeyError`` if there is none."""

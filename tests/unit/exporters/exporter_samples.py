@@ -58,7 +58,7 @@ CHAIN = chain("lidar-to-steering", "particle_filter opponent_detection path_plan
 
 def roboracer():
     """The stack of the paper: 24 + 13 + 24 + 2 = 63 ms of work every 25 ms, pipelined round the hyperperiod."""
-    system = replace(model(*STACK, units=CORES, resources=MEMORY, chains=[CHAIN], name="roboracer"), digest="9f2c" * 16)
+    system = model(*STACK, units=CORES, resources=MEMORY, chains=[CHAIN], name="roboracer").read_from("9f2c" * 16)
     planned = schedule(system, 25, *_race_jobs(system), mode_name="all")
     return system, replace(planned, **_provenance(), modes=(_with_metrics(planned.modes[0]),))
 

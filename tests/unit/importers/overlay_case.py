@@ -92,7 +92,6 @@ def bare(system):
         system,
         name="",
         origin=None,
-        digest="",
         units=tuple(replace(u, origin=None) for u in system.units),
         resources=tuple(replace(r, origin=None) for r in system.resources),
         tasks=tuple(replace(t, origin=None, versions=_bare_versions(t)) for t in system.tasks),

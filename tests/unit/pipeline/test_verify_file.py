@@ -30,7 +30,7 @@ def test_schedule_of_another_model():
 
 
 def test_hash_counts_only_where_both_sides_have_one():
-    hashed = replace(simple(), digest="a" * 64)
+    hashed = simple().read_from("a" * 64)
     assert "b" * 64 in only(hashed, plan(hashed, model_sha256="b" * 64), codes.MODEL_CHANGED)
     assert not errors(hashed, plan(hashed, model_sha256=""))
     assert not errors(simple(), plan(simple(), model_sha256="b" * 64))

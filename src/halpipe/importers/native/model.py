@@ -75,9 +75,8 @@ class _ModelBinder(Binder):
             modes=tuple(map(self.mode, self.section(sections, "modes").get("mode", ()))),
             transitions=tuple(map(self.transition, self.section(sections, "transitions").get("transition", ()))),
             origin=self.origin(sections),
-            digest=digest,
             at=self.at(root),
-        )
+        ).read_from(digest)
 
     def section(self, sections: Children, name: str) -> Children:
         found = only(sections, name)

@@ -1,0 +1,115 @@
+"""Schedules as plain tables: rows of names, whole numbers and exact milliseconds, for notebooks, JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from halpipe.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from halpipe.durations import Duration
+    from halpipe.models import Job, Schedule
+
+Row = dict[str, Any]
+
+JOB_COLUMNS = ("table", "task", "job", "version", "units", "part", "start_ms", "end_ms")
+LOAD_COLUMNS = ("table", "kind", "name", "busy_ms", "share", "peak")
+LATENCY_COLUMNS = ("table", "chain", "reaction_ms", "age_ms")
+SWITCH_COLUMNS = ("source", "target", "length_ms", "worst_latency_ms", "jobs", "status")
+
+
+def job_rows(schedule: Schedule) -> list[Row]:
+    """Return one row for each job, or for each part of a job with gaps; tables of switches are called ``a->b``."""
+    return [row for name, table in _tables(schedule) for job in table for row in _rows_of(name, job)]
+
+
+def _tables(schedule: Schedule) -> Iterator[tuple[str, Sequence[Job]]]:
+    yield from ((mode.name, mode.jobs) for mode in schedule.modes)
+    yield from ((f"{table.source}->{table.target}", table.jobs) for table in schedule.transitions)
+
+
+def _rows_of(table: str, job: Job) -> Iterator[Row]:
+    for part, (start, end) in enumerate(job.occupations()):
+        values = (table, job.task, job.index, job.version, " ".join(job.units), part, _ms(start), _ms(end))
+        yield dict(zip(JOB_COLUMNS, values, strict=True))
+
+
+def load_rows(schedule: Schedule) -> list[Row]:
+    """Return one row for each unit and resource of each mode; of a unit, the share is that of its busy time."""
+    rows = []
+    for mode in schedule.modes:
+        found: list[tuple[Any, ...]]
+        found = [(mode.name, "unit", u.unit, _ms(u.busy), u.share, None) for u in mode.unit_loads]
+        found += [(mode.name, "resource", r.resource, None, r.mean, r.peak) for r in mode.resource_loads]
+        rows += [dict(zip(LOAD_COLUMNS, values, strict=True)) for values in found]
+    return rows
+
+
+def latency_rows(schedule: Schedule) -> list[Row]:
+    """Return one row for each chain of each mode; None where no instance ever gets through."""
+    return [
+        dict(zip(LATENCY_COLUMNS, (mode.name, chain.name, _ms(chain.reaction), _ms(chain.age)), strict=True))
+        for mode in schedule.modes
+        for chain in mode.chains
+    ]
+
+
+def switch_rows(schedule: Schedule) -> list[Row]:
+    """Return one row for each transition table."""
+    return [
+        dict(
+            zip(
+                SWITCH_COLUMNS,
+                (t.source, t.target, _ms(t.length), _ms(t.worst_latency), len(t.jobs), str(t.status)),
+                strict=True,
+            )
+        )
+        for t in schedule.transitions
+    ]
+
+
+def _ms(time: Duration | None) -> Fraction | None:
+    return None if time is None else time.in_unit("ms")
+
+
+# ------------------------------------------------------------------------------------------------ as text
+
+
+def as_json(schedule: Schedule) -> str:
+    """Return everything as JSON (see the schema ``show-1.schema.json``); exact numbers are texts, such as ``100/3``."""
+    document = {
+        "halpipe-show": 1,
+        "model": schedule.model,
+        "modes": [
+            {"name": mode.name, "hyperperiod_ms": _plain(_ms(mode.hyperperiod)), "status": str(mode.status)}
+            for mode in schedule.modes
+        ],
+        "jobs": _all_plain(job_rows(schedule)),
+        "loads": _all_plain(load_rows(schedule)),
+        "latencies": _all_plain(latency_rows(schedule)),
+        "switches": _all_plain(switch_rows(schedule)),
+    }
+    return json.dumps(document, indent=1, ensure_ascii=True) + "\n"
+
+
+def as_csv(schedule: Schedule) -> str:
+    """Return the jobs as CSV with a line of names; exact numbers as in JSON."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(JOB_COLUMNS)
+    writer.writerows([_plain(row[name]) for name in JOB_COLUMNS] for row in job_rows(schedule))
+    return text.getvalue()
+
+
+def _all_plain(rows: Iterable[Mapping[str, Any]]) -> list[Row]:
+    return [{name: _plain(value) for name, value in row.items()} for row in rows]
+
+
+def _plain(value: Any) -> Any:
+    return format_rational(value) if isinstance(value, Fraction) else value

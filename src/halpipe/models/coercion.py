@@ -1,0 +1,111 @@
+"""What people write in Python for the fields of a model: ``"5ms"`` for a duration, lists for tuples, names for enums.
+
+Fields that already have their type, as all that readers make do, are only looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from enum import Enum
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from halpipe.durations import Duration
+from halpipe.quantities import parse_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_EXAMPLES = {
+    "Duration": 'a duration such as "5ms"',
+    "Fraction": 'an exact number such as 1, Fraction(1, 3) or "0.35"',
+    "int": "a whole number",
+    "bool": "True or False",
+    "str": "a text",
+}
+
+
+class Coercion:
+    """Turns the fields of one dataclass into their types when a value of it is made."""
+
+    def __init__(self, kind: type, namespace: dict[str, Any]) -> None:
+        self._name = kind.__name__
+        self._readers = []
+        for field in fields(kind):
+            optional = field.type.endswith(" | None")
+            stated = field.type.removesuffix(" | None")
+            types, read = _reader(stated, namespace)
+            self._readers.append((field.name, (*types, type(None)) if optional else types, read, stated))
+
+    def __call__(self, value: object) -> None:
+        """Coerce the fields of a new value; raise ``TypeError`` or ``ValueError`` that names the field."""
+        for name, types, read, stated in self._readers:
+            given = getattr(value, name)
+            if type(given) in types and not (types[0] is tuple and given):
+                continue
+            try:
+                made = read(given)
+            except TypeError as wrong:
+                detail = str(wrong) or f"{given!r} is a {type(given).__name__}"
+                raise TypeError(f"{self._name}.{name}: {detail}; give {_wanted(stated)}") from None
+            except ValueError as wrong:
+                raise ValueError(f"{self._name}.{name}: {wrong}") from None
+            if made is not given:
+                object.__setattr__(value, name, made)
+
+
+def _wanted(stated: str) -> str:
+    if stated.startswith("tuple["):
+        return f"a list, of which each is {_wanted(stated[6:].removesuffix(', ...]'))}"
+    return _EXAMPLES.get(stated, f"a {stated}")
+
+
+def _reader(stated: str, namespace: dict[str, Any]) -> tuple[tuple[type, ...], Callable[[Any], Any]]:
+    """Return the types that a field may have as they are, and what makes its type of other values."""
+    if stated.startswith("tuple["):
+        types, read = _reader(stated[6:].removesuffix(", ...]"), namespace)
+        return (tuple,), lambda given: _tuple(given, types, read)
+    plain: dict[str, tuple[type, Callable[[Any], Any]]] = {
+        "Duration": (Duration, _duration),
+        "Fraction": (Fraction, _fraction),
+        "str": (str, lambda given: _same(given, str)),
+        "bool": (bool, lambda given: _same(given, bool)),
+        "int": (int, _whole),
+    }
+    if stated in plain:
+        kind, read = plain[stated]
+        return (kind,), read
+    kind = namespace[stated]
+    return (kind,), kind if issubclass(kind, Enum) else lambda given: _same(given, kind)
+
+
+def _tuple(given: Any, types: tuple[type, ...], read: Callable[[Any], Any]) -> tuple[Any, ...]:
+    if isinstance(given, str | bytes) or not hasattr(given, "__iter__"):
+        raise TypeError
+    if type(given) is tuple and all(type(item) in types for item in given):
+        return given
+    return tuple(read(item) for item in given)
+
+
+def _same(given: Any, kind: type) -> Any:
+    if not isinstance(given, kind):
+        raise TypeError(f"{given!r} is a {type(given).__name__}")
+    return given
+
+
+def _duration(given: Any) -> Duration:
+    if not isinstance(given, str):
+        raise TypeError(f"{given!r} is a {type(given).__name__}")
+    return Duration.parse(given)
+
+
+def _fraction(given: Any) -> Fraction:
+    if isinstance(given, bool) or not isinstance(given, int | str):
+        raise TypeError(f"{given!r} is a {type(given).__name__}")
+    return Fraction(given) if isinstance(given, int) else parse_rational(given)
+
+
+def _whole(given: Any) -> int:
+    if isinstance(given, bool) or not isinstance(given, int):
+        raise TypeError(f"{given!r} is a {type(given).__name__}")
+    return given
