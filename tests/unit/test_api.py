@@ -107,8 +107,9 @@ def test_a_changed_model_is_no_longer_that_of_its_file(tmp_path):
 
 
 def test_progress_ends_a_search():
+    hopeless = generate(SetParameters(tasks=48, units=2, utilisation=Fraction(1)), 1)
     with pytest.raises(HalpipeError) as failure:
-        halpipe.schedule(generate(SetParameters(tasks=48, units=2, utilisation=Fraction(1)), 1), progress=lambda *done: False)
+        halpipe.schedule(hopeless, progress=lambda *done: False)
     assert failure.value.exit is Exit.INTERRUPTED
 
 
