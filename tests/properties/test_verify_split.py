@@ -6,6 +6,7 @@ from collections import Counter
 
 import pytest
 import split_mutants
+import split_oracle
 import split_systems as systems
 import verify_mutants
 import verify_oracle as oracle
@@ -14,10 +15,13 @@ from hypothesis import strategies as st
 from test_verify_mutations import RULE_OF as OF_WHOLE_JOBS
 
 from halpipe.diagnostics import render_text
+from halpipe.durations import milliseconds
 from halpipe.models import Binding
 from halpipe.pipeline.explain.witnesses import find_witnesses
+from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import codes, verify
+from halpipe.pipeline.verify.reserved import Service
 from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)
@@ -158,3 +162,17 @@ def test_the_same_rules_are_broken(seeds):
             if mutant is not None:
                 found[same_rules(mutant, f"{name} {seed}")] += 1
     assert found[True] > found[False] > 0
+
+
+@given(st.integers(1, 20), st.lists(st.tuples(st.integers(2, 12), st.integers(1, 6)), max_size=3).map(tuple))
+def test_reserved_lengths_are_those_of_the_worst_case_served_tick_by_tick(work, rows):
+    expected = split_oracle.finish(work, rows)
+    assert Service(rows).length(work) == expected
+    times = tuple((milliseconds(distance), milliseconds(c)) for distance, c in rows)
+    if expected is None:
+        for service in (rows, times):
+            with pytest.raises(ValueError, match="interrupts fill"):
+                reserved_length(work if service is rows else milliseconds(work), service)
+    else:
+        assert reserved_length(work, rows) == expected
+        assert reserved_length(milliseconds(work), times) == milliseconds(expected)

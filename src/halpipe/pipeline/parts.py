@@ -57,9 +57,10 @@ def reserved_length(work: T, service: Service[T]) -> T:
     """
     if not service or not work:
         return work
-    if interrupt_load(service) >= 1:
+    load = interrupt_load(service)
+    if load >= 1:
         raise ValueError("interrupts fill the unit: no length is enough for any work")
-    length = work
+    length = work if load < Fraction(1, 2) else _at_least(work, load)
     for _ in range(MAX_STEPS):
         longer = work
         for distance, time in service:
@@ -68,6 +69,11 @@ def reserved_length(work: T, service: Service[T]) -> T:
             return length
         length = longer
     raise ValueError("interrupts leave a sliver of the unit: no length is found")
+
+
+def _at_least(work: T, load: Fraction) -> T:
+    """Return a length that no reserved one is below: what is left of it beside the interrupts is the work."""
+    return work * (1 / (1 - load)) if isinstance(work, Duration) else int(work / (1 - load))
 
 
 def pieces(version: Version) -> tuple[Duration, ...]:

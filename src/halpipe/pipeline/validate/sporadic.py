@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Task, Unit, Version
+    from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import Context
 
 
@@ -40,6 +42,16 @@ def _length(unit: Unit | None, work: Duration) -> Duration | None:
     if unit is None or not unit.interrupts:
         return work
     service = tuple((i.distance, i.wcet) for i in unit.interrupts if i.distance > ZERO and i.wcet > ZERO)
+    return None if _is_full(service) else _reserved(work, service)
+
+
+@lru_cache(maxsize=4096)
+def _is_full(service: Service[Duration]) -> bool:
+    """Tell whether interrupts leave nothing; known once, since it takes long to see that they leave next to nothing."""
+    return _reserved(Duration(1), service) is None
+
+
+def _reserved(work: Duration, service: Service[Duration]) -> Duration | None:
     try:
         return reserved_length(work, service)
     except ValueError:
