@@ -3,7 +3,12 @@
 import pytest
 from arxml_case import component, composition, every, found, orders, package, periods, read, refusal, write
 
+from halpipe.diagnostics import HalpipeError
+from halpipe.flow.formats import import_model
+from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
+from halpipe.importers.base import ImportOptions
+from support import job, schedule
 
 HEAD = """<?xml version='1.0'?>
 <datamodel version="7.0" xmlns="http://www.tresos.de/_projects/DataModel2/16/root.xsd"
@@ -154,3 +159,77 @@ def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
     project(tmp_path)
     (skipped,) = found(read(tmp_path), codes.SKIPPED_FILE)
     assert "configures Can" in skipped.message
+
+
+# --------------------------------------------------------------------------------------- schedules put onto projects
+
+
+def model_of(folder):
+    overlay = folder.parent / "wcet.yaml"
+    overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
+    return import_model("arxml", [str(folder)], [str(overlay)], ImportOptions()).model
+
+
+def put(folder, model):
+    jobs = [job(model, "p/B", 0, "0ms", "Core0"), job(model, "p/A", 0, "2ms", "Core0")]
+    lone = [job(model, task.name, 0, "4ms", "Core0") for task in model.tasks if task.name == "Other"]
+    return export_onto(model, schedule(model, 10, *jobs, *lone, mode_name="default"), str(folder), ImportOptions())
+
+
+def whole(folder):
+    """A project with an OsApplication, an empty list of schedule tables, and an OsTask that an alarm activates."""
+    project(folder)
+    application = ctr(
+        "App",
+        '<d:lst name="OsAppTaskRef"><d:ref type="REFERENCE" value="ASPath:/Os/Os/Main"/>'
+        '<d:ref type="REFERENCE" value="ASPath:/Os/Os/Other"/></d:lst>',
+        '<d:lst name="OsAppScheduleTableRef"/>',
+        var("OsApplicationCoreAssignment", "0", enabled="true"),
+    )
+    other = alarm().replace("/Os/Os/Main", "/Os/Os/Other")
+    modes = many("OsAppMode", ctr("OSDEFAULTAPPMODE"))
+    empty = '<d:lst name="OsScheduleTable" type="MAP"/>'
+    xdm(folder, "Os", COUNTER, TASKS, other, many("OsApplication", application), modes, empty)
+    return folder
+
+
+def test_a_schedule_goes_into_the_files_of_the_project(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(whole(folder))
+    onto = put(folder, model)
+    assert sorted(onto.files) == ["changed/Os.xdm", "changed/Rte.xdm", "changes.json", "manifest.json"]
+    os, rte = (onto.files[f"changed/{name}.xdm"].decode() for name in ("Os", "Rte"))
+    assert '<d:lst name="OsScheduleTable" type="MAP"><d:ctr name="Halpipe_default_Core0"' in os
+    assert '<d:lst name="OsAppScheduleTableRef"><d:ref type="REFERENCE"' in os
+    assert (
+        '<d:ref name="RteUsedOsSchTblExpiryPointRef" type="REFERENCE" '
+        'value="ASPath:/Os/Os/Halpipe_default_Core0/At_2"><a:a name="ENABLE" value="true"/></d:ref>'
+    ) in rte
+    assert {change.file for change in onto.changes} == {"Os.xdm", "Rte.xdm"}
+    stopped = os[os.index('name="OsAlarmAutostart"') :]
+    assert stopped.index('name="ENABLE" value="false"') < stopped.index("OsTimeUnit")
+    original = (folder / "Rte.xdm").read_text()
+    assert original.splitlines()[:8] == rte.splitlines()[:8]
+    assert len(original.splitlines()) == len(rte.splitlines())
+
+
+def test_the_changed_project_is_the_same_model(tmp_path):
+    folder = tmp_path / "p"
+    folder.mkdir()
+    model = model_of(whole(folder))
+    onto = put(folder, model)
+    for name in ("Os.xdm", "Rte.xdm"):
+        (folder / name).write_bytes(onto.files[f"changed/{name}"])
+    again = model_of(folder)
+
+    def facts(system):
+        return [
+            (t.name, t.period, t.offset, t.versions[0].units, [p.task for p in t.versions[0].precedences])
+            for t in system.tasks
+        ]
+
+    assert facts(again) == facts(model)
+    with pytest.raises(HalpipeError) as refused:
+        put(folder, model)
+    assert {d.code for d in refused.value.diagnostics if d.is_error} == {"HAL0884"}

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
-_GENERATED = "DV:RTE"
+_GENERATED = ("DV:RTE", "@CALC")
 _LONGEST_TICK = seconds(1)
 
 
@@ -365,4 +365,4 @@ def _in(path: str, holder: str) -> bool:
 def _is_generated(element: object) -> bool:
     """Whether the vendor's generator owns a container or value, by its annotations."""
     origins = element.iterfind(f"{NS}ANNOTATIONS/{NS}ANNOTATION/{NS}ANNOTATION-ORIGIN")  # type: ignore[attr-defined]
-    return any((origin.text or "").strip() == _GENERATED for origin in origins)
+    return any((origin.text or "").strip() in _GENERATED for origin in origins)

@@ -11,7 +11,7 @@ from halpipe.exporters.arxml.document import NAMESPACE, add, group, named, ref, 
 from halpipe.exporters.arxml.onto import DELTA, Change
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator, Mapping
 
     from halpipe.models.project import Project, ProjectAlarm
 
@@ -94,13 +94,19 @@ class Delta:
 
     # ------------------------------------------------------------------------------------------------ writing
 
-    def write(self) -> bytes:
-        """Return the file, with the release of the project."""
+    def modules(self) -> dict[str, Box]:
+        """Return the module configurations (paths) that something is added to."""
+        return dict(self._modules)
+
+    def write(self, left_out: Collection[str] = ()) -> bytes:
+        """Return the file, with the release of the project, without some of the modules."""
         root = etree.Element(f"{{{NAMESPACE}}}AUTOSAR", nsmap={None: NAMESPACE, "xsi": _XSI})
         if self._project.schema:
             root.set(f"{{{_XSI}}}schemaLocation", self._project.schema)
         packages: dict[str, etree._Element] = {"": root}
         for path, module in self._modules.items():
+            if path in left_out:
+                continue
             elements = _child(self._package(packages, path.rpartition("/")[0]), "ELEMENTS")
             self._write(elements, _MODULE, module)
         return serialise(root)
@@ -131,21 +137,21 @@ class Delta:
 
     # ------------------------------------------------------------------------------------------------- changes
 
-    def changes(self) -> Iterator[Change]:
-        """Yield all that is added, in the order of the file."""
-        for module in self._modules.values():
-            yield from _changes(module)
+    def changes(self, files: Mapping[str, str]) -> Iterator[Change]:
+        """Yield all that is added, in the order of the file; `files` has those of modules that are changed in place."""
+        for path, module in self._modules.items():
+            yield from _changes(module, files.get(path, DELTA))
 
 
-def _changes(box: Box) -> Iterator[Change]:
+def _changes(box: Box, file: str) -> Iterator[Change]:
     if box.is_new:
-        yield Change(DELTA, box.path, "", None, box.definition.rpartition("/")[2])
+        yield Change(file, box.path, "", None, box.definition.rpartition("/")[2])
     for _, _, name, text in box.values:
-        yield Change(DELTA, box.path, name, None, text)
+        yield Change(file, box.path, name, None, text)
     for name, path in box.refs:
-        yield Change(DELTA, box.path, name, None, path)
+        yield Change(file, box.path, name, None, path)
     for inner in box.inside.values():
-        yield from _changes(inner)
+        yield from _changes(inner, file)
 
 
 def _child(element: etree._Element, tag: str) -> etree._Element:

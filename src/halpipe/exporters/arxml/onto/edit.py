@@ -99,7 +99,7 @@ class _Finder:
     def _end(self, _: str) -> None:
         element = self._stack.pop()
         at = self._parser.CurrentByteIndex
-        stop = _tag_end(self._data, at) if self._data.startswith(b"</", at) else at  # after <a/> it is at its end
+        stop = tag_end(self._data, at) if self._data.startswith(b"</", at) else at  # after <a/> it is at its end
         holder = self._stack[-1] if self._stack else None
         text = "".join(element.text.split())
         if element.tag == "SHORT-NAME" and holder is not None and not holder.name:
@@ -108,7 +108,7 @@ class _Finder:
         elif element.tag == "DEFINITION-REF" and holder is not None:
             holder.definition = text.rpartition("/")[2]
         elif element.tag == "VALUE-REF" and holder is not None:
-            opened = _tag_end(self._data, element.start)
+            opened = tag_end(self._data, element.start)
             holder.value = (element.start, stop, opened, at, text)
         elif element.tag == "ECUC-REFERENCE-VALUE" and element.value is not None:
             self._note_value(element)
@@ -126,7 +126,7 @@ class _Finder:
             self._found.setdefault(edit, (start, stop) if edit.new is None else (opened, closed))
 
 
-def _tag_end(data: bytes, start: int) -> int:
+def tag_end(data: bytes, start: int) -> int:
     """Return the place after the `>` that ends a tag; one inside an attribute does not."""
     match = _TAG.match(data, start)
     assert match is not None

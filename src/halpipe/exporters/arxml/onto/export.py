@@ -12,6 +12,7 @@ from halpipe.exporters.arxml.onto.codes import ALARM_LEFT, IN_THE_WAY
 from halpipe.exporters.arxml.onto.delta import Delta
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
+from halpipe.exporters.arxml.onto.tresos import apply_to_xdm
 from halpipe.exporters.arxml.osconfig import point_name
 from halpipe.files import MANIFEST, MANIFEST_KEY, sha256
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
     from halpipe.models.project import Call, Project, ProjectAlarm, ProjectCounter
 
+XDM = ".xdm"
 _POINT = "OsScheduleTableExpiryPoint"
 
 
@@ -39,12 +41,19 @@ def put_onto(model: TaskModel, schedule: Schedule, project: Project, files: Mapp
     by_file: dict[str, list[Edit]] = {}
     for edit in writer.edits:
         by_file.setdefault(edit.file, []).append(edit)
-    contents = {DELTA: writer.delta.write()}
-    for file, edits in sorted(by_file.items()):
+    modules = writer.delta.modules()
+    in_place = {path: file for path in modules if (file := project.items[path].at.file).endswith(XDM)}
+    contents = {DELTA: writer.delta.write(in_place)} if len(in_place) < len(modules) else {}
+    for file in sorted({*by_file, *in_place.values()}):
         name, data = files[file]
-        contents[f"changed/{name}"] = apply_edits(data, name, edits)
+        edits = by_file.get(file, [])
+        if not file.endswith(XDM):
+            contents[f"changed/{name}"] = apply_edits(data, name, edits)
+            continue
+        module = next((modules[path] for path in in_place if in_place[path] == file), None)
+        contents[f"changed/{name}"] = apply_to_xdm(data, name, module, edits)
     changes = [Change(files[e.file][0], e.path, e.name, e.old or "container", e.new) for e in writer.edits]
-    changes += writer.delta.changes()
+    changes += writer.delta.changes({path: files[file][0] for path, file in in_place.items()})
     contents[CHANGES] = (json.dumps([_as_json(c) for c in changes], indent=1, ensure_ascii=True) + "\n").encode()
     manifest = {
         MANIFEST_KEY: 1,

@@ -6,6 +6,7 @@ definition. What has ``ENABLE=false`` is not set, whatever value is printed; of 
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 from lxml import etree
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 MODULES = ("Os", "Rte", "EcuC")
 _PATH = "ASPath:"
+_MARK = re.compile(r"halpipe\((.*)\)")
 _NUMBERS = ("INTEGER", "FLOAT", "BOOLEAN")
 
 
@@ -59,6 +61,14 @@ def is_set(element: etree._Element) -> bool:
     return True
 
 
+def _importer(element: etree._Element) -> str:
+    """Return which step of the tool wrote a value, or a container; empty if somebody did by hand."""
+    for attribute in element.iterchildren("{*}a"):
+        if attribute.get("name") == "IMPORTER_INFO":
+            return attribute.get("value") or ""
+    return ""
+
+
 class _Translator:
     def __init__(self, namespace: str) -> None:
         self._namespace = namespace
@@ -96,6 +106,7 @@ class _Translator:
         if not is_set(source):
             return
         element = self._named(parent, source, "ECUC-CONTAINER-VALUE", name)
+        self._mark(element, source)
         self._add(element, source, "DEFINITION-REF", definition)
         self._values(element, source, definition)
         inside = self._add(element, source, "SUB-CONTAINERS")
@@ -106,6 +117,22 @@ class _Translator:
                     self._container(inside, part, chosen, f"{definition}/{chosen}")
         else:
             self._parts(inside, source, definition)
+
+    def _mark(self, element: etree._Element, source: etree._Element) -> None:
+        """Say of a container that an export of halpipe put it there, as in ARXML, with the alarms that it stopped."""
+        match = _MARK.fullmatch(_importer(source))
+        if match is None:
+            return
+        data = self._add(self._add(self._add(element, source, "ADMIN-DATA"), source, "SDGS"), source, "SDG")
+        data.set("GID", "halpipe:delta")
+        for entry in filter(None, match[1].split(";")):
+            path, _, times = entry.partition(",")
+            cycle, _, start = times.partition(",")
+            inner = self._add(data, source, "SDG")
+            inner.set("GID", "halpipe:stopped")
+            for key, text in (("cycle", cycle), ("start", start)):
+                self._add(inner, source, "SD", text).set("GID", key)
+            self._add(inner, source, "SDX-REF", path).set("DEST", "ECUC-CONTAINER-VALUE")
 
     def _parts(self, parent: etree._Element, source: etree._Element, definition: str) -> None:
         """Append the containers inside one: single ones by their definition, those of lists by their names."""
@@ -129,6 +156,9 @@ class _Translator:
             if _local(value) == "ref":
                 entry = self._add(references, value, "ECUC-REFERENCE-VALUE")
                 self._add(entry, value, "DEFINITION-REF", path)
+                if _importer(value).startswith("@CALC"):
+                    notes = self._add(self._add(entry, value, "ANNOTATIONS"), value, "ANNOTATION")
+                    self._add(notes, value, "ANNOTATION-ORIGIN", "@CALC")
                 self._add(entry, value, "VALUE-REF", text.removeprefix(_PATH))
             else:
                 kind = "NUMERICAL" if value.get("type") in _NUMBERS else "TEXTUAL"
