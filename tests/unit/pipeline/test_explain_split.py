@@ -136,3 +136,11 @@ def test_the_split_that_was_found_sufficient_is_named():
     assert any(text.startswith('"long" cut into pieces of at most 2ms (split) (found suff') for text in remedies), (
         remedies
     )
+
+
+def test_a_split_list_gets_the_points_that_it_lacks():
+    long = split(task("long", 12, version("v", 5), slack=1), points=(ms("0.5ms"),))
+    found = explain(model(task("short", 4, version("v", 1)), long), budget=50)
+    assert [d.code for d in found.diagnostics if d.is_error] == ["HAL0431"]
+    remedies = [d.message for d in found.diagnostics if d.code == "HAL0436"]
+    assert any(text.startswith('"long" cut into pieces of at most 2.5ms (split)') for text in remedies), remedies

@@ -54,14 +54,15 @@ def with_wcet(model: TaskModel, tasks: Collection[str], factor: Fraction) -> Tas
 
 
 def with_pieces(model: TaskModel, tasks: Collection[str], count: int) -> TaskModel:
-    """Split tasks that run in one piece into `count` pieces, as equal as their access phases allow."""
+    """Split tasks into `count` pieces, as equal as their access phases allow, beside the split points they have."""
 
     def cut(version: Version) -> Version:
-        if version.split.is_allowed or version.wcet is None:
+        if version.split.anywhere or version.wcet is None:
             return version
         points = (version.wcet * Fraction(number, count) for number in range(1, count))
-        free = (p for p in points if not any(a.start < p < a.end for a in version.accesses))
-        return replace(version, split=replace(version.split, points=tuple(free)))
+        free = {p for p in points if not any(a.start < p < a.end for a in version.accesses)}
+        split = replace(version.split, points=tuple(sorted({*version.split.points, *free})), max_gaps=None)
+        return replace(version, split=split)
 
     return _each_version(model, tasks, cut)
 

@@ -192,7 +192,7 @@ def _usable(
             continue
         wcet = _scaled(version.wcet, scale)
         served = [services.get(unit, ()) for unit in version.units] if services else [()]
-        lengths = [reserved_length(wcet, service) for service in served]
+        lengths = [_length(wcet, service) for service in served]
         least, piece = min(lengths), longest_piece(version, wcet, scale)
         late, span = 0, max(lengths)
         if task.period is not None:
@@ -204,8 +204,16 @@ def _usable(
         if late >= 0:
             if version.units not in sets:
                 sets[version.units] = frozenset(version.units)
-            piece = min(reserved_length(piece, service) for service in served)
+            piece = min(_length(piece, service) for service in served)
             yield Usable(version, least, late, sets[version.units], piece, span)
+
+
+def _length(work: int, service: Service[int]) -> int:
+    """Return the time reserved for some work; where it is not found, the work itself, which is less."""
+    try:
+        return reserved_length(work, service)
+    except ValueError:
+        return work
 
 
 def _deadline(task: Task) -> Duration | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
@@ -213,8 +214,8 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
 
 def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
     """Split the tasks one by one, into as few pieces as possible; only those that do not fit beside another."""
-    whole = [t for t in tasks if not any(v.split.is_allowed for v in t.versions) and trials.is_blocked(model, t.name)]
-    for task in whole[:MAX_TASKS]:
+    blocked = (t for t in tasks if not any(v.split.anywhere for v in t.versions) and trials.is_blocked(model, t.name))
+    for task in islice(blocked, MAX_TASKS):
 
         def cut(step: int, name: str = task.name) -> TaskModel:
             return changes.with_pieces(model, [name], step + 1)
