@@ -81,6 +81,7 @@ def check(
             show_default=False,
         ),
     ] = None,
+    margin: Annotated[bool, typer.Option("--margin", help="Find out how many cycles an instruction may take.")] = False,
     seed: Seed = 1,
     trace: Annotated[str, typer.Option(metavar="FILE", help="Write the executions that were seen (CSV).")] = "",
     format: DiagnosticFormat = None,
@@ -94,7 +95,7 @@ def check(
     output.choose(format, quiet=quiet, verbose=verbose)
     execution = "modelled" if modelled else "real"
     faults = {None: "some", True: "all", False: "none"}[inject]
-    options = CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution, inject=faults)
+    options = CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution, inject=faults, margin=margin)
     checked = check_bundle(bundle, options)
     for line in checked.lines:
         output.result(line)

@@ -19,7 +19,7 @@ class CheckOptions:
 
     `cycles` is the number of hyperperiods of every mode, 0 for what the engine thinks enough. `execution` is ``real``,
     or ``modelled``: every job lasts as long as its schedule says, whatever it computes. `inject` says into how many
-    jobs faults are put on purpose: ``none``, ``some`` or ``all``.
+    jobs faults are put on purpose: ``none``, ``some`` or ``all``. `margin` asks how much slower the cores may be.
     """
 
     engine: str = "auto"
@@ -27,6 +27,7 @@ class CheckOptions:
     cycles: int = 0
     execution: str = "real"
     inject: str = "some"
+    margin: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from fractions import Fraction
 
 import pytest
 from tampering import COPY, RUN, STOP, resealed, tampered
@@ -9,6 +10,8 @@ from tampering import COPY, RUN, STOP, resealed, tampered
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, check
 from halpipe.deploy.riscv import codes as declared
+from halpipe.deploy.riscv.machine import Timing
+from halpipe.deploy.riscv.sequence import tours
 from halpipe.exporters.riscv import bundle
 
 # file, what stands there, what stands there instead; the code that the check must find
@@ -201,3 +204,20 @@ def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sou
     found = check.static_findings(tampered(sound, tmp_path / "b", change))
     assert {d.code for d in found} == {declared.WRONG_OPERATIONS.id}
     assert check.static_findings(sound) == []
+
+
+@pytest.mark.slow  # seven runs; test_a_unit_of_time_for_slow_cores has the arithmetic
+def test_the_margin_is_found_to_a_tenth(sound):
+    lines = DEPLOYMENT.check(sound, CheckOptions(inject="none", margin=True)).lines
+    most = next(line for line in lines if line.startswith("works up to ")).split()[3]
+    tour = tours(sound.schedule, check.CYCLES)[0]
+    tenth = Fraction(1, 10)
+    assert [d for d in check.simulate(sound, tour, cpi=Fraction(most)).findings if d.is_error] == []
+    assert [d for d in check.simulate(sound, tour, cpi=Fraction(most) + tenth).findings if d.is_error]
+
+
+@pytest.mark.parametrize("cycles", [1, 2, Fraction(19, 10), Fraction(7, 3)])
+def test_a_unit_of_time_for_slow_cores(cycles):
+    timing = Timing.of(100_000_000, 1_000_000, cycles)
+    assert Fraction(timing.cycle, timing.rate) == Fraction(cycles) / 100_000_000
+    assert Fraction(timing.tick, timing.rate) == Fraction(1, 1_000_000)

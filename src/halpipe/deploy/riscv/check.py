@@ -25,7 +25,7 @@ from halpipe.durations import ZERO, Duration, milliseconds, seconds
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.base import CheckOptions, Target
     from halpipe.deploy.riscv.comparison import Seen
@@ -56,6 +56,9 @@ SPARE_TRAPS, SPARE_CALLS = 2_000, 1_000_000
 
 BRIEF, ALL = 200_000_000, 800_000_000
 """Instructions that runs with faults may take for each mode, in a check of every day and with --inject."""
+
+MOST_CYCLES = 8
+"""Cycles of an instruction up to which the margin is sought."""
 
 SWITCHES = 12
 """Transitions into whose tables faults are put."""
@@ -113,6 +116,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         injected = inject(target, totals, everything=options.inject == "all")
         findings = tuple(sort_diagnostics([*findings, *injected.findings]))
         lines += injected.lines()
+    if options.margin and sound:
+        lines += margin_lines(target)
     if not any(found.is_error for found in findings):
         lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
     traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
@@ -130,6 +135,24 @@ def static_findings(target: Target) -> list[Diagnostic]:
     if not found.has_errors:
         found.extend(wrong_operations(target.bundle, site, program, target.schedule, expectation, images))
     return found.items
+
+
+def margin_lines(target: Target) -> Iterator[str]:
+    """Yield up to how many cycles an instruction may take, in tenths, found by halving: each is a run of its own."""
+    tour = tours(target.schedule, CYCLES)[0]
+    good, bad = 10, 10 * MOST_CYCLES + 1
+    broken: list[Diagnostic] = []
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        found = [d for d in simulate(target, tour, cpi=Fraction(middle, 10)).findings if d.is_error]
+        if found:
+            bad, broken = middle, found
+        else:
+            good = middle
+    yield f"works up to {good // 10}.{good % 10} cycles an instruction, management core included"
+    if broken:
+        first = broken[0]
+        yield f"with {bad // 10}.{bad % 10}: {first.code} {first.path}: {first.message}"
 
 
 def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
@@ -169,6 +192,7 @@ def simulate(
     *,
     execution: str = "real",
     bandwidth: int | None = None,
+    cpi: Fraction | int = 1,
     injections: Sequence[Injection] = (),
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan."""
@@ -184,6 +208,7 @@ def simulate(
         first=tour.first,
         execution=execution,
         bandwidth=bandwidth,
+        cpi=cpi,
         saboteur=Saboteur(site, jobs, injections) if injections else None,
     )
     longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))

@@ -131,7 +131,7 @@ class CoSimulation:
         first: str = "",
         execution: str = "real",
         bandwidth: int | None = None,
-        cpi: int = 1,
+        cpi: Fraction | int = 1,
         budget: Budget | None = None,
         saboteur: Saboteur | None = None,
     ) -> None:
@@ -173,7 +173,7 @@ class CoSimulation:
         rates = {r.name: min(r.bandwidth or most, most) for r in self._target.model.resources}
         return {channel: stated or rates.get(name, most) for name, channel in self.site.channels.items()}
 
-    def _refuse_nonsense(self, cpi: int) -> None:
+    def _refuse_nonsense(self, cpi: Fraction | int) -> None:
         findings = Findings()
         for mode in [self._first, *(request.mode for request in self._requests)]:
             self._check_mode(mode, findings)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from heapq import heappop, heappush
 from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
@@ -43,10 +44,11 @@ class Timing:
     tick: int
 
     @staticmethod
-    def of(clock: int, timebase: int, cycles_per_instruction: int = 1) -> Timing:
+    def of(clock: int, timebase: int, cycles_per_instruction: Fraction | int = 1) -> Timing:
         """Return the coarsest unit, but at most a nanosecond, for a core clock and a timebase in Hz."""
-        rate = math.lcm(clock, timebase, 10**9)
-        return Timing(rate, rate // clock * cycles_per_instruction, rate // timebase)
+        cycles = Fraction(cycles_per_instruction)
+        rate = math.lcm(clock, timebase, 10**9) * cycles.denominator
+        return Timing(rate, int(rate // clock * cycles), rate // timebase)
 
 
 @dataclass(slots=True)
@@ -96,7 +98,7 @@ class Machine(DmaWork):
         observer: Observer,
         *,
         bandwidths: Mapping[int, int],
-        cpi: int,
+        cpi: Fraction | int,
         budget: Budget | None = None,
     ) -> None:
         self.site = site

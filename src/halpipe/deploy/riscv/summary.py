@@ -47,7 +47,22 @@ def summary_lines(target: Target, outcomes: Sequence[Outcome], tolerance: Durati
         f"{_short(lasted)} of the board's time"
     )
     lines.append(f"starts may be late by {tolerance}, the time that the management core has for its operations")
+    lines += _margins(outcomes)
     return tuple(lines)
+
+
+def _margins(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Yield how many cycles an instruction may take until executions no longer fit in their time."""
+    shares = [(figures.share, name) for name, figures in figures_of(outcomes).items() if figures.share]
+    if shares and not any(outcome.run.is_modelled for outcome in outcomes):
+        share, name = max(shares)
+        most = _rounded(1 / share)
+        yield f'with this data, executions fit up to {most} cycles an instruction ("{name}" is the first)'
+
+
+def _rounded(number: Fraction) -> str:
+    """Return a number with two decimals, rounded down."""
+    return format_rational(Fraction(int(number * 100), 100))
 
 
 def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Figures]:
