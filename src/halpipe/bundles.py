@@ -98,7 +98,7 @@ def _manifest(folder: str) -> dict[str, Any]:
 
 
 def _no_bundle(name: str, message: str) -> Diagnostic:
-    help = "name a folder that `halpipe export regulator` or `halpipe export riscv` wrote"
+    help = "name a folder that `halpipe export` regulator, riscv or linux wrote"
     return NOT_A_BUNDLE(message, at=Location(name), help=help)
 
 

@@ -50,7 +50,7 @@ static loaded_program *programs;
 static buffer_head **buffers;
 static turn ring[RING];
 static uint64_t published;        /* turns in the ring so far */
-static pthread_mutex_t gate = PTHREAD_MUTEX_INITIALIZER;
+static pthread_mutex_t gate;      /* held for a few instructions, with priority inheritance */
 static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
 static atomic_int wanted = -1, stopping, ended;
 static _Atomic uint64_t refused;
@@ -314,8 +314,16 @@ static int create(pthread_t *thread, void *(*body)(void *), void *argument, int 
   return error;
 }
 
+static int make_gate(void) {
+  pthread_mutexattr_t attributes;
+  int error = pthread_mutexattr_init(&attributes);
+  if (!error) error = pthread_mutexattr_setprotocol(&attributes, PTHREAD_PRIO_INHERIT);
+  return error ? error : pthread_mutex_init(&gate, &attributes);
+}
+
 int dispatch_start(const dispatch_options *options) {
   now_ = *options;
+  if (make_gate()) return fail(ENOMEM, "no lock with priority inheritance", NULL);
   workers = calloc((size_t)plan.n_workers, sizeof *workers);
   if (!workers) return fail(ENOMEM, "no memory for the threads", NULL);
   for (int i = 0; i < plan.n_workers; i++) {
