@@ -61,7 +61,7 @@ def test_a_gang_has_an_option_for_every_split_over_the_groups():
 
 def test_a_gang_over_many_unlike_units_is_cut_and_says_so(monkeypatch):
     monkeypatch.setattr(problem, "MAX_OPTIONS_PER_VERSION", 2)
-    monkeypatch.setattr("halpipe.pipeline.solve.schedule.MAX_OPTIONS_PER_VERSION", 2)
+    monkeypatch.setattr("halpipe.pipeline.solve.limits.MAX_OPTIONS_PER_VERSION", 2)
     lone = [task(f"t{n}", 10, version("v", 1, f"u{n}")) for n in (1, 2, 3)]
     system = model(task("a", 10, version("v", 1, "u1 u2 u3", gang=2)), *lone, units="u1 u2 u3")
     assert len(options_of(build(system))) == 2

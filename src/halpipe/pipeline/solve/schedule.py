@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
+from halpipe.diagnostics import Diagnostic, HalpipeError
 from halpipe.durations import greatest_common_divisor
 from halpipe.models import Binding, Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
-from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
-    EXACT_INFEASIBLE,
-    EXACT_TICK,
-    EXACT_WHOLE,
     FREEZE_WHOLE,
-    INTERRUPTED,
     NO_OPTION,
-    NOT_FOUND,
-    OPTIONS_CUT,
     TICK_DOES_NOT_DIVIDE,
-    TOO_LARGE,
 )
 from halpipe.pipeline.solve.exact import DEFAULT_WORK
-from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem
+from halpipe.pipeline.solve.limits import check_range, cut_options, too_large
+from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
@@ -39,6 +32,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.solve.kernel.quality import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
+    from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.quantise import BurstGrid
 
@@ -82,9 +76,10 @@ OnProgress = Callable[[str, int, int, int], bool]
 It is called from several threads.
 """
 
-LARGEST = 2**62
-
 EXACT = "exact"
+
+EXACT_JOBS = 200
+"""Jobs of a mode up to which the exact engine is asked, where it is installed, for what a search has not found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,6 +115,11 @@ class SearchOptions:
     keeper: Keeper | None = field(default=None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
 
+    @property
+    def is_open(self) -> bool:
+        """Whether no budget is stated, so that whatever helps may be tried."""
+        return self.budget in (None, UNBOUNDED)
+
     def moves(self, tasks: int) -> int:
         """Return how many moves the search of a mode with so many tasks may make."""
         if self.budget is not None:
@@ -153,6 +153,7 @@ class _Found:
     moves: int = 0
     stopped: bool = False
     unimproved: bool = False
+    engine: str = "anneal"
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
@@ -165,7 +166,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         model=model.name,
         model_sha256=model.digest,
         generator=f"halpipe {__version__}",
-        solver=options.engine,
+        solver=", ".join(sorted({options.engine, *(each.engine for each in found)})),
         seed=options.seed,
         tick=options.tick or _common_tick(expansions),
         modes=tuple(each.table for each in found),
@@ -249,23 +250,36 @@ def _schedule_mode(
     tick = options.tick or _grid(expansion, shipped)
     pinned = _pinned(expansion, earlier)
     problem = _problem(model, expansion, tick, every_chain=every_chain, pinned=pinned)
-    budget = options.moves(len(expansion.tasks))
-    outcome = search(
-        problem,
-        lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain, pinned=pinned),
-        _mode_seed(options.seed, number, options.attempt),
-        budget,
-        lambda moves, best: on_progress(name, moves, budget, best),
-        earlier,
-        _polish(model, expansion, options, number),
-        shipped,
-        None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
-        Effort(options.portfolio, options.workers),
-    )
+    budget, tasks = options.moves(len(expansion.tasks)), len(expansion.tasks)
+    asks_exact = options.is_open and tick is None and expansion.job_count <= EXACT_JOBS
+
+    def look(moves: int) -> Outcome:
+        return search(
+            problem,
+            lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain, pinned=pinned),
+            _mode_seed(options.seed, number, options.attempt),
+            moves,
+            lambda made, best: on_progress(name, made, budget, best),
+            earlier,
+            _polish(model, expansion, options, number),
+            shipped,
+            None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
+            Effort(options.portfolio, options.workers),
+        )
+
+    outcome = look(replace(options, budget=None).moves(tasks) if asks_exact else budget)
+    notes = cut_options(problem) + _changed(expansion, outcome.changed)
+    if asks_exact and outcome.cost and not outcome.stopped:
+        from halpipe.pipeline.solve.exact_member import solve_after
+
+        seed = _mode_seed(options.seed, number, options.attempt) % 2**31
+        jobs = solve_after(model, expansion, seed, lambda: on_progress(name, outcome.moves, budget, outcome.cost))
+        if jobs is not None:
+            return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=EXACT)
+        outcome = look(budget) if outcome.moves < budget else outcome
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)
-    notes = _notes(problem) + _changed(expansion, outcome.changed)
     return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved)
 
 
@@ -341,33 +355,17 @@ def _changed(expansion: Expansion, tasks: tuple[str, ...]) -> list[Diagnostic]:
 def _solve_mode(
     model: TaskModel, expansion: Expansion, options: SearchOptions, number: int, on_progress: OnProgress
 ) -> _Found:
-    """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
-    from halpipe.pipeline.solve.exact import Answer, Effort, solve_exact
+    from halpipe.pipeline.solve.exact import Effort
+    from halpipe.pipeline.solve.exact_member import solve_alone
 
-    mode = expansion.mode
-    path = f'mode "{mode.name}"'
-    if not has_whole_jobs(model):
-        raise HalpipeError(EXACT_WHOLE("cannot schedule this model", at=mode.at, path=path, help="use --engine anneal"))
-    if options.tick is not None:
-        raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))
-    seed = _mode_seed(options.seed, number, options.attempt) % 2**31
     effort = Effort(
         work=options.effort,
         workers=options.workers.count,
-        seed=seed,
-        go_on=lambda: on_progress(mode.name, 0, 1, CONSTRUCTING),
+        seed=_mode_seed(options.seed, number, options.attempt) % 2**31,
+        go_on=lambda: on_progress(expansion.mode.name, 0, 1, CONSTRUCTING),
     )
-    result = solve_exact(model, mode, effort)
-    if result.status is Answer.FEASIBLE:
-        return _Found(mode_report(model, expansion, result.jobs, Status.VALID), [])
-    if result.status is Answer.INFEASIBLE:
-        text, help = "the exact engine finds that it has no schedule", "ask `halpipe explain` for the conflict"
-        raise HalpipeError(EXACT_INFEASIBLE(text, at=mode.at, path=path, help=help), exit=Exit.NOT_FOUND)
-    if result.stopped:
-        text, help = "the exact engine was stopped; it has no placement to save", "run it again, or use --engine anneal"
-        raise HalpipeError(INTERRUPTED(text, at=mode.at, path=path, help=help), exit=Exit.INTERRUPTED)
-    text = "the exact engine found no schedule within its effort, and no proof that there is none"
-    raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
+    jobs = solve_alone(model, expansion, options.tick, effort)
+    return _Found(mode_report(model, expansion, jobs, Status.VALID), [], engine=EXACT)
 
 
 def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
@@ -414,9 +412,9 @@ def _problem(
             pinned=pinned,
         )
     except OverflowError:
-        raise HalpipeError(_too_large(expansion, tick or natural_tick(expansion))) from None
+        raise HalpipeError(too_large(expansion, tick or natural_tick(expansion))) from None
     _check_options(problem)
-    _check_range(problem)
+    check_range(problem)
     return problem
 
 
@@ -461,45 +459,6 @@ def _refuse_stuck(expansion: Expansion, names: list[str]) -> None:
     ]
     if stuck:
         raise HalpipeError(*stuck)
-
-
-def _check_range(problem: Problem) -> None:
-    """Refuse a mode whose cost could overflow: a bound on the cost of the worst placement, in exact integers."""
-    arrays = problem.arrays
-    hyperperiod, jobs = arrays.hyperperiod, len(arrays.job_task)
-    heaviest = max((height * arrays.lane_weight[lane] for lane, _, _, height in arrays.rect), default=1)
-    sides = 1 + arrays.row_first[-1] + len(arrays.chain_limit)
-    worst = hyperperiod * heaviest * max(1, jobs) * max(1, arrays.rect_first[-1])
-    worst += hyperperiod * arrays.unit_weight * max(1, jobs) * sides
-    hottest = 512 * 10_000 * problem.mean_wcet * arrays.unit_weight
-    stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat])
-    if max(worst, hottest, stated) >= LARGEST:
-        raise HalpipeError(_too_large(problem.expansion, problem.tick))
-
-
-def _too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
-    return TOO_LARGE(
-        f"the hyperperiod has {expansion.hyperperiod // tick} ticks of {tick} and {expansion.job_count} jobs",
-        at=expansion.mode.at,
-        path=f'mode "{expansion.mode.name}"',
-        help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
-    )
-
-
-def _notes(problem: Problem) -> list[Diagnostic]:
-    """Say which gangs have more unit sets than are tried."""
-    counts: dict[tuple[str, str], int] = {}
-    for number, active in enumerate(problem.expansion.tasks):
-        first, last = problem.arrays.task_option[number], problem.arrays.task_option[number + 1]
-        for option in problem.options[first:last]:
-            if option.version is not None:
-                key = (active.name, option.version.name)
-                counts[key] = counts.get(key, 0) + 1
-    return [
-        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=f'task "{task}" version "{version}"')
-        for (task, version), count in counts.items()
-        if count >= MAX_OPTIONS_PER_VERSION
-    ]
 
 
 def _common_tick(expansions: list[Expansion]) -> Duration | None:

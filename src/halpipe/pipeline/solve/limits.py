@@ -1,0 +1,56 @@
+"""What the kernel cannot hold is refused, and what it does not try is told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import Diagnostic, HalpipeError
+from halpipe.pipeline.solve.codes import OPTIONS_CUT, TOO_LARGE
+from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem
+
+if TYPE_CHECKING:
+    from halpipe.durations import Duration
+    from halpipe.pipeline.jobs import Expansion
+
+LARGEST = 2**62
+"""Costs and times stay below this."""
+
+
+def check_range(problem: Problem) -> None:
+    """Refuse a mode whose cost could overflow: a bound on the cost of the worst placement, in exact integers."""
+    arrays = problem.arrays
+    hyperperiod, jobs = arrays.hyperperiod, len(arrays.job_task)
+    heaviest = max((height * arrays.lane_weight[lane] for lane, _, _, height in arrays.rect), default=1)
+    sides = 1 + arrays.row_first[-1] + len(arrays.chain_limit)
+    worst = hyperperiod * heaviest * max(1, jobs) * max(1, arrays.rect_first[-1])
+    worst += hyperperiod * arrays.unit_weight * max(1, jobs) * sides
+    hottest = 512 * 10_000 * problem.mean_wcet * arrays.unit_weight
+    stated = max([0, *arrays.row.column(1), *arrays.chain_limit.flat])
+    if max(worst, hottest, stated) >= LARGEST:
+        raise HalpipeError(too_large(problem.expansion, problem.tick))
+
+
+def too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
+    """Return the error of a mode that the integers of the kernel cannot hold."""
+    return TOO_LARGE(
+        f"the hyperperiod has {expansion.hyperperiod // tick} ticks of {tick} and {expansion.job_count} jobs",
+        at=expansion.mode.at,
+        path=f'mode "{expansion.mode.name}"',
+        help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
+    )
+
+
+def cut_options(problem: Problem) -> list[Diagnostic]:
+    """Say which gangs have more unit sets than are tried."""
+    counts: dict[tuple[str, str], int] = {}
+    for number, active in enumerate(problem.expansion.tasks):
+        first, last = problem.arrays.task_option[number], problem.arrays.task_option[number + 1]
+        for option in problem.options[first:last]:
+            if option.version is not None:
+                key = (active.name, option.version.name)
+                counts[key] = counts.get(key, 0) + 1
+    return [
+        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=f'task "{task}" version "{version}"')
+        for (task, version), count in counts.items()
+        if count >= MAX_OPTIONS_PER_VERSION
+    ]
