@@ -64,6 +64,9 @@ def schedule(
     freeze: Annotated[
         str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
     ] = "",
+    near: Annotated[
+        str, typer.Option(metavar="FILE", help="Earlier schedule: as many jobs as can keep start, version and units.")
+    ] = "",
     workers: WorkerCount = None,
     portfolio: Annotated[
         int, typer.Option(min=1, help="Searches of a mode that take turns when the first is not quick.")
@@ -96,6 +99,8 @@ def schedule(
         options = replace(options, effort=None, budget=budget or UNBOUNDED)  # the clock alone ends the search
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
+    if near:
+        options = replace(options, near=read_schedule(near))
     if quantise:
         from halpipe.flow.formats import burst_grid
 

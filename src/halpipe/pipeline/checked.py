@@ -48,7 +48,12 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     refuse_hopeless(model, options.modes)
     if options.grid is not None:
         return _schedule_on_grid(model, options, options.grid, on_progress)
-    best = _search(model, options, on_progress)
+    if options.near is not None:
+        from halpipe.pipeline.stable import schedule_near
+
+        best = schedule_near(model, options, options.near, lambda chosen: _search(model, chosen, on_progress))
+    else:
+        best = _search(model, options, on_progress)
     return replace(best, diagnostics=(*findings.items, *best.diagnostics))
 
 

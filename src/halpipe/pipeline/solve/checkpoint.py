@@ -50,7 +50,7 @@ SECONDS = 5
 
 def fingerprint(model: TaskModel, options: SearchOptions, version: str) -> str:
     """Return what a checkpoint belongs to: everything that decides the outcome, but for the budget."""
-    shipped = options.shipped.model_sha256 if options.shipped is not None else ""
+    shipped = "" if options.shipped is None and options.near is None else repr((options.shipped, options.near))
     parts = (
         version, model.digest, options.seed, options.tick, options.modes, options.quality, options.target, shipped,
         options.portfolio, options.grid,

@@ -92,7 +92,7 @@ class SearchOptions:
     - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
     - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
     - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
-    - The jobs of a `shipped` schedule stay where they are.
+    - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - `keeper` saves the search on its way, or goes on with one that was saved.
@@ -110,6 +110,7 @@ class SearchOptions:
     engine: str = "anneal"
     effort: float | None = DEFAULT_WORK
     shipped: Schedule | None = None
+    near: Schedule | None = None
     grid: BurstGrid | None = None
     portfolio: int = DEFAULT_PORTFOLIO
     keeper: Keeper | None = field(default=None, compare=False)

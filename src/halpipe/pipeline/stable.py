@@ -1,0 +1,124 @@
+"""A schedule near an earlier one: as many jobs as possible stay at their start, on their units, in their version.
+
+First all jobs stay. Where the model no longer allows that, the tasks that have changed are placed anew, then those that
+share most with them as well, twice as many each time; at last everything is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError, note
+from halpipe.durations import ZERO
+from halpipe.pipeline.parts import reserved_length, service_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Job, Schedule, Task, TaskModel
+    from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
+
+NEAR = note(
+    "HAL0414",
+    "Jobs beside those of an earlier schedule",
+    "With --near, jobs stay where an earlier schedule has them, as far as the model allows: at the same start, on the "
+    "same units, in the same version. The others are listed by task; `halpipe diff` shows each.",
+)
+
+BUDGET = 400
+"""Moves per task for the tasks that are free, before more of them are."""
+
+MOST_NAMED = 12
+"""Tasks that are named in the note."""
+
+
+def schedule_near(
+    model: TaskModel, options: SearchOptions, earlier: Schedule, solve: Callable[[SearchOptions], Scheduled]
+) -> Scheduled:
+    """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
+    found: Scheduled | None = None
+    for free in _growing(model, earlier):
+        kept = _without(earlier, free)
+        try:
+            found = solve(replace(options, shipped=kept, near=None, budget=BUDGET))
+        except HalpipeError:  # what cannot be frozen is searched for as a whole
+            found = None
+            break
+        if found.is_complete or found.stopped:
+            break
+    if found is None or not (found.is_complete or found.stopped):
+        found = solve(replace(options, near=None))
+    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule)))
+
+
+def _growing(model: TaskModel, earlier: Schedule) -> Iterator[frozenset[str]]:
+    """Yield sets of tasks to place anew: those changed, then the nearest of the others as well, more each time."""
+    changed = frozenset(task.name for task in model.tasks if _has_changed(model, task, earlier))
+    yield changed
+    nearest = sorted((task.name for task in model.tasks if task.name not in changed), key=_distance(model, changed))
+    count = 2
+    while count < len(nearest):
+        yield changed | frozenset(nearest[:count])
+        count *= 2
+
+
+def _has_changed(model: TaskModel, task: Task, earlier: Schedule) -> bool:
+    """Return whether a task is new, or some job of it cannot be what it was: another length, other units or version."""
+    jobs = [job for mode in earlier.modes for job in mode.jobs if job.task == task.name]
+    return not jobs or any(not _can_be(model, task, job) for job in jobs)
+
+
+def _can_be(model: TaskModel, task: Task, job: Job) -> bool:
+    version = next((v for v in task.versions if v.name == job.version), None)
+    units = {unit.name: unit for unit in model.units}
+    if version is None or version.wcet is None or not set(job.units) <= set(version.units) & set(units):
+        return False
+    service = service_of(units, job.units)
+    work = sum((end - start for start, end in job.occupations()), ZERO)
+    return len(job.units) == version.gang and (bool(job.parts) or work == reserved_length(version.wcet, service))
+
+
+def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tuple[int, str]]:
+    """Return how little a task shares with those that have changed: windows, chains, units, resources."""
+    tasks = {task.name: task for task in model.tasks}
+    touched = [tasks[name] for name in sorted(changed)]
+    units = {unit for task in touched for version in task.versions for unit in version.units}
+    resources = {access.resource for task in touched for version in task.versions for access in version.accesses}
+    linked = {row.task for task in touched for version in task.versions for row in version.precedences}
+    chained = {name for chain in model.chains if changed & set(chain.tasks) for name in chain.tasks}
+
+    def shared(name: str) -> tuple[int, str]:
+        versions = tasks[name].versions
+        links = name in linked or any(row.task in changed for v in versions for row in v.precedences)
+        score = 4 * links + 2 * (name in chained)
+        score += any(access.resource in resources for v in versions for access in v.accesses)
+        score += any(unit in units for v in versions for unit in v.units)
+        return -score, name
+
+    return shared
+
+
+def _without(earlier: Schedule, free: frozenset[str]) -> Schedule:
+    modes = (replace(mode, jobs=tuple(job for job in mode.jobs if job.task not in free)) for mode in earlier.modes)
+    return replace(earlier, modes=tuple(modes), transitions=())
+
+
+def _told(earlier: Schedule, found: Schedule) -> list[Diagnostic]:
+    """Say for each mode how many jobs stay, and which tasks have others."""
+    notes = []
+    before = {mode.name: {(job.task, job.index): _place(job) for job in mode.jobs} for mode in earlier.modes}
+    for mode in found.modes:
+        places = before.get(mode.name, {})
+        moved = [job for job in mode.jobs if places.get((job.task, job.index)) != _place(job)]
+        names = sorted({job.task for job in moved})
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        others = f"; of others: {', '.join(names[:MOST_NAMED])}{more}" if names else ""
+        text = f"{len(mode.jobs) - len(moved)} of {len(mode.jobs)} jobs stay where they were{others}"
+        notes.append(NEAR(text, path=f'mode "{mode.name}"', help="" if not names else "see `halpipe diff`"))
+    return notes
+
+
+def _place(job: Job) -> tuple[object, ...]:
+    return job.start, job.version, frozenset(job.units), job.parts

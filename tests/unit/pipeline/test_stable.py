@@ -1,0 +1,75 @@
+"""Schedules near an earlier one: who stays, who moves, and what is said of it."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from halpipe.durations import milliseconds
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.generate import SetParameters, generate
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.stable import NEAR
+from halpipe.pipeline.verify import verify
+from support import model, task, version
+
+
+def scheduled(owner, near=None):
+    found = schedule_model(owner, SearchOptions(near=near), lambda *_: True)
+    assert found.is_complete
+    assert not [d for d in verify(owner, found.schedule) if d.is_error]
+    return found
+
+
+def moved(before, after):
+    places = {(j.task, j.index): (j.start, j.units, j.version) for j in before.modes[0].jobs}
+    return sum(places.get((j.task, j.index)) != (j.start, j.units, j.version) for j in after.modes[0].jobs)
+
+
+def with_longer(owner, name, factor):
+    """The model with the first version of a task longer."""
+    old = owner.task(name)
+    first = replace(old.versions[0], wcet=old.versions[0].wcet * factor)
+    changed = replace(old, versions=(first, *old.versions[1:]))
+    return replace(owner, tasks=tuple(changed if t.name == name else t for t in owner.tasks))
+
+
+def test_what_may_stay_stays():
+    owner = generate(SetParameters(tasks=40, units=6), 3)
+    first = scheduled(owner).schedule
+    assert moved(first, scheduled(owner, near=first).schedule) == 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_one_task_that_takes_a_little_longer_moves_few(seed):
+    owner = generate(SetParameters(tasks=60, units=6), seed)
+    first = scheduled(owner).schedule
+    longer = with_longer(owner, owner.tasks[7].name, Fraction(101, 100))
+    near = scheduled(longer, near=first).schedule
+    assert moved(first, near) * 20 <= len(near.modes[0].jobs)
+    assert moved(first, scheduled(longer).schedule) > moved(first, near)
+
+
+def test_how_many_stay_is_said():
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, version("v", 4)))
+    first = scheduled(owner).schedule
+    found = scheduled(with_longer(owner, "b", 1), near=first)
+    [note] = [d for d in found.diagnostics if d.code == NEAR.id]
+    assert note.message == "2 of 2 jobs stay where they were"
+
+
+def test_a_new_task_finds_its_place_among_the_others():
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, version("v", 4)))
+    first = scheduled(owner).schedule
+    more = model(*owner.tasks, task("c", 10, version("v", 2)))
+    found = scheduled(more, near=first)
+    assert moved(first, found.schedule) == 1
+    [note] = [d for d in found.diagnostics if d.code == NEAR.id]
+    assert note.message == "2 of 3 jobs stay where they were; of others: c"
+
+
+def test_where_nothing_can_stay_everything_moves():
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, version("v", 4)))
+    first = scheduled(owner).schedule
+    slower = model(task("a", 20, version("v", 9)), task("b", 20, version("v", 10)))
+    assert all(job.end - job.start >= milliseconds(9) for job in scheduled(slower, near=first).schedule.modes[0].jobs)
