@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
 
 VERSION = "1"
+LEAST_CYCLES = 4
+"""Cycles of the shortest window that a regulator can play."""
+
 READ, WRITE = "read", "write"
 DIRECTIONS = (READ, WRITE)
 
@@ -160,8 +163,9 @@ class _Reader:
         clock = top.value("clock", read_frequency, 0)
         bus, burst = top.value("bus", _bus, 0), top.value("burst", _positive_size, 0)
         guaranteed = top.value("guaranteed", _positive_bandwidth, 0)
-        cycles = top.value("window", lambda text: _window(text, clock), 0)
         capacity = top.value("capacity", _positive_bandwidth, guaranteed)
+        least = max(LEAST_CYCLES, -(-burst * clock // capacity)) if capacity else LEAST_CYCLES  # carry a burst
+        cycles = top.value("window", lambda text: _window(text, clock, least), 0)
         units = self._units()
         settings = {name: self._settings(name) for name in BACKENDS}
         found = Platform(
@@ -264,8 +268,8 @@ def read_frequency(text: str) -> int:
     return hertz.numerator
 
 
-def _window(text: str, clock: int) -> int:
-    """Read cycles, or a duration that is whole cycles."""
+def _window(text: str, clock: int, least: int) -> int:
+    """Read cycles, or a duration that is whole cycles; what is named instead has `least` cycles or more."""
     if text.strip().isascii() and text.strip().isdigit():
         cycles = Fraction(int(text.strip()[:20]))
     else:
@@ -273,7 +277,7 @@ def _window(text: str, clock: int) -> int:
     if not clock:
         return 0
     if cycles.denominator != 1 or cycles <= 0:
-        below = max(1, cycles.numerator // cycles.denominator)
+        below = max(least, cycles.numerator // cycles.denominator)
         near = " or ".join(f"{n} cycles ({seconds(Fraction(n, clock))})" for n in (below, below + 1))
         raise ValueError(f"{quoted(text)} is not a whole number of cycles above zero; use {near}")
     return cycles.numerator
@@ -373,7 +377,7 @@ def _frequency_text(text: str) -> str:
 
 
 _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
-    ("table", "depth"): _at_least(2, 2**16 - 1),
+    ("table", "depth"): _at_least(2, 65280),  # as many as the registers have addresses for
     ("axi-realm", "managers"): _at_least(1, 32),
     ("axi-realm", "regions"): _at_least(1, 16),
     ("axi-realm", "base"): _address,

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, divisors, greatest_common_divisor, seconds
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, WINDOW_DOES_NOT_DIVIDE
+from halpipe.exporters.regulator.platform import LEAST_CYCLES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.models import Schedule
 
@@ -29,13 +30,12 @@ def check_windows(schedule: Schedule, platform: Platform) -> list[Diagnostic]:
         ratio = span / window
         stated = f"window of {platform.cycles} cycles ({window})"
         if ratio.denominator != 1:
-            message = f"{what} {span} is {cut(ratio)} windows; the {stated} does not divide it"
+            message = f"{what} {span} is {_shown(ratio)} windows; the {stated} does not divide it"
             help = nearest_help(platform, [length for _, _, length, _ in spans])
             found.append(WINDOW_DOES_NOT_DIVIDE(message, at=at, path=path, help=help))
         elif ratio > MAX_WINDOWS:
             message = f"{what} {span} has {ratio} windows; at most {MAX_WINDOWS} can be exported"
-            least = -(-span.in_unit("s") * platform.clock // MAX_WINDOWS)
-            found.append(DOES_NOT_FIT(message, at=at, path=path, help=f"use a window of at least {least} cycles"))
+            found.append(DOES_NOT_FIT(message, at=at, path=path, help=_longer_help(platform, spans)))
     return found
 
 
@@ -43,6 +43,23 @@ def cut(value: Fraction) -> str:
     """Return a number with two decimals, cut, for people."""
     hundredths = value.numerator * 100 // value.denominator
     return f"{hundredths // 100}.{hundredths % 100:02d}"
+
+
+def _shown(value: Fraction) -> str:
+    """Return a number with two decimals; one that would look whole, exactly."""
+    whole, part = divmod(value.numerator, value.denominator)
+    is_near = part * 100 < value.denominator
+    return f"{whole} and {part}/{value.denominator}" if is_near else cut(value)
+
+
+def _longer_help(platform: Platform, spans: Sequence[tuple[str, str, Duration, Location]]) -> str:
+    """Name the shortest window that divides all spans and gives none of them too many windows."""
+    lengths = [span for _, _, span, _ in spans if span]
+    cycle = seconds(Fraction(1, platform.clock))
+    for window in divisors(greatest_common_divisor(lengths), cycle):
+        if max(lengths) / window <= MAX_WINDOWS and window / cycle >= LEAST_CYCLES:
+            return f"use a window of at least {window / cycle} cycles"
+    return "use another clock, period or transition length: no window divides them all and is long enough"
 
 
 def nearest_help(platform: Platform, spans: Iterable[Duration]) -> str:
@@ -67,7 +84,7 @@ def nearest_windows(platform: Platform, spans: Iterable[Duration]) -> list[int]:
     """
     cycle = seconds(Fraction(1, platform.clock))
     counts = [int(window / cycle) for window in divisors(greatest_common_divisor(spans), cycle)]
-    fitting = [n for n in counts if platform.capacity * n >= platform.burst * platform.clock]
+    fitting = [n for n in counts if n >= LEAST_CYCLES and platform.capacity * n >= platform.burst * platform.clock]
     whole = [n for n in fitting if (platform.capacity * n) % (platform.burst * platform.clock) == 0]
     chosen = whole or fitting
     return [n for n in chosen if n < platform.cycles][-1:] + [n for n in chosen if n > platform.cycles][:1]

@@ -71,7 +71,7 @@ def test_defaults(tmp_path):
 def test_a_window_may_be_a_duration(tmp_path):
     assert platform(tmp_path, window="2ms").cycles == 2000
     (found,) = refusal(platform_file(tmp_path, window="1.5us"))
-    assert "1 cycles (1us) or 2 cycles (2us)" in found.help
+    assert "10 cycles (10us) or 11 cycles (11us)" in found.help
 
 
 @pytest.mark.parametrize(

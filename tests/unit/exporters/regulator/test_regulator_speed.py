@@ -17,7 +17,7 @@ bus: 128bit
 burst: 256B
 window: 4000
 guaranteed: 3.2GB/s
-table: {depth: 65535}
+table: {depth: 65280}
 units:
 """ + "".join(f"  {unit}: {{manager: {n}}}\n" for n, unit in enumerate(UNITS))
 

@@ -120,7 +120,13 @@ def test_windows_are_counted_before_they_are_made(tmp_path):
     (found,) = refusal(tmp_path, system, schedule)
     assert (found.code, "1100000 windows" in found.message) == (codes.DOES_NOT_FIT.id, True)
     least = int(found.help.split()[-2])
-    assert Fraction(1100 * 10**6, least) <= 2**20 < Fraction(1100 * 10**6, least - 1)
+    assert (1100 * 10**6 % least, 1100 * 10**6 // least <= 2**20) == (0, True)
+    assert not any(1100 * 10**6 % n == 0 for n in range(1050, least))  # the first that is long enough and divides
+
+
+def test_a_window_that_nearly_divides_is_shown_exactly(tmp_path):
+    found = refusal(tmp_path, *one_phase(0, 1), window="9999")
+    assert "is 1 and 1/9999 windows" in found[0].message
 
 
 def test_numbers_for_people_are_cut():

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.exporters.regulator.backends.base import identifiers, render
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
-from halpipe.exporters.regulator.platform import READ, WRITE
+from halpipe.exporters.regulator.platform import LEAST_CYCLES, READ, WRITE
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 MAGIC = b"HBWT"
 FORMAT_VERSION = 1
-LEAST_CYCLES = 4
 MOST_UNITS = 63
 """What the Verilog that comes with the tables can do."""
 
