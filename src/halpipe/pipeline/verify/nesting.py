@@ -38,7 +38,7 @@ def check_nested(table: ModeTable) -> Iterator[Diagnostic]:
 
 def check_nested_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Look along the line of a switch, for jobs of different parts of it; those of one mode are that mode's matter."""
-    open_jobs = [p for p in switch.before(2) if p.end > 0] + switch.jobs
+    open_jobs = switch.in_progress() + switch.jobs
     horizon = max((p.end for p in open_jobs), default=0)
     line = open_jobs + [p for p in switch.after(switch.cycles_of(open_jobs)) if p.start < horizon]
     for unit, jobs in _split_units(line).items():

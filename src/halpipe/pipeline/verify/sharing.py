@@ -130,7 +130,7 @@ def _meeting(switch: Switch) -> list[Placed]:
     Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode m
     that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
     """
-    meeting = [p for p in switch.before(2) if p.end > 0] + switch.jobs
+    meeting = switch.in_progress() + switch.jobs
     horizon = max((p.end for p in meeting), default=0)
     return meeting + [p for p in switch.after(switch.cycles_of(meeting)) if p.start < horizon]
 

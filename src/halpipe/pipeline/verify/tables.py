@@ -207,6 +207,11 @@ class Switch:
         period, where = self.source.period, f' of mode "{self.source.name}"'
         return [p.moved(q * period, where) for q in range(-turns, 0) for p in self.source.jobs]
 
+    def in_progress(self) -> list[Placed]:
+        """Return the jobs of the last two cycles of mode n that end after the switch."""
+        period, where = self.source.period, f' of mode "{self.source.name}"'
+        return [p.moved(q * period, where) for q in (-2, -1) for p in self.source.jobs if p.end + q * period > 0]
+
     def after(self, turns: int) -> list[Placed]:
         """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
         period, where = self.target.period, f' of mode "{self.target.name}"'

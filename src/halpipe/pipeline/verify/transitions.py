@@ -40,7 +40,7 @@ def check_length(switch: Switch) -> Iterator[Diagnostic]:
     if given.worst_latency * switch.clock.scale != Duration(worst):
         text = f"worst latency {given.worst_latency}; hyperperiod and length make {switch.clock.text(worst)}"
         yield codes.WRONG_FIGURE(text, at=given.at, path=path, help="have the report made again from the jobs")
-    open_jobs = [p for p in switch.before(2) if p.end > 0] + switch.jobs
+    open_jobs = switch.in_progress() + switch.jobs
     if switch.cycles_needed(open_jobs) > switch.cycles_of(open_jobs):
         text = f"a job in progress lasts over {switch.cycles_needed(open_jobs)} cycles of the mode to come"
         yield codes.TOO_LONG(text, at=given.at, path=path, help="split the job less, so that it ends earlier")
