@@ -98,3 +98,19 @@ def test_bsw_events_that_no_os_task_calls_are_named():
     (told,) = [diagnostic for diagnostic in found if diagnostic.code == "HAL0571"]
     assert "BSW/Can/Can_MainFunction_BusOff" in told.message
     assert "BSW/Rte/Rte_ComSendSignalProxyPeriodic" in told.message
+
+
+def test_calls_of_another_generator_are_found_and_the_rest_is_accounted_for():
+    hello = SHARED / "arxml" / "sys_arccore_helloworld"
+    calls = json.loads((PROJECTS / "rte_oracles" / "arccore_helloworld.json").read_text())["tasks"]["OsRteTask"][
+        "calls"
+    ]
+    imported = FORMAT.read([str(hello)], ImportOptions())
+    periods = {task.name: task.period.in_unit("ms") for task in imported.model.tasks if "/" in task.name}
+    assert periods == {f"{c['component']}/{c['function']}": c["cycle_ms"] for c in calls if c["cycle_ms"]}
+    told = " ".join(d.message for d in imported.diagnostics if d.code == "HAL0530")
+    assert "5 SWC-MODE-SWITCH-EVENT" in told
+    assert "1 DATA-RECEIVED-EVENT" in told
+    assert sum(not c["cycle_ms"] for c in calls) == 6
+    unordered = [d.message for d in imported.diagnostics if d.code == "HAL0574"]
+    assert any("SwcReader/SwcReaderRunnable, SwcWriter/SwcWriterRunnable" in message for message in unordered)

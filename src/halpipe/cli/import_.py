@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from halpipe.cli import output
+from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Output, Quiet, Verbose
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from halpipe.importers.base import Coverage, Imported
 
 T = TypeVar("T")
 SHOWN_REASONS = 12
+_LARGE = 32 * 2**20
+"""Bytes of an input from which on its progress is shown."""
 
 
 def import_(
@@ -101,7 +106,8 @@ def import_(
         groups=_read(groups, group_rule, "--groups"),
         strict=strict,
     )
-    imported = import_model(source, paths, overlay or [], options)
+    with _progress() as on_progress:
+        imported = import_model(source, paths, overlay or [], replace(options, on_progress=on_progress))
     refuse_inputs(*filter(None, (output_file, report)))
     write_output(output_file, format_model(imported.model))
     if report:
@@ -109,6 +115,25 @@ def import_(
     output.report(imported.diagnostics)
     summarise(imported, output_file, every=coverage)
     return Exit.OK
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[int, int], None] | None]:
+    """Show how many bytes of a large input have been read, to people who look."""
+    if output.Settings.quiet or not streams.is_terminal(sys.stderr):
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("reading"), BarColumn(), DownloadColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task("", total=None, visible=False)
+
+        def show(done: int, total: int) -> None:
+            progress.update(bar, completed=done, total=total, visible=total > _LARGE)
+
+        yield show
 
 
 def _read(text: str, read: Callable[[str], T], option: str) -> T:

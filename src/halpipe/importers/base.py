@@ -59,13 +59,14 @@ class Supplement(Protocol):
 class ImportOptions:
     """What the user may choose: `overlay` adds what the source lacks.
 
-    `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the variant
-    of a product line, and values of system constants and criteria (``NAME=VALUE``). `wcet`, `memory` and `mapping`
-    are for AMALTHEA only: which statistic of an execution time counts, whether it contains the accesses to memory, and
-    whether the stated mapping binds tasks. `pieces` is the longest piece of a runnable of a preemptive task of ARXML or
-    AMALTHEA (0: as long as it is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations,
-    which of them is the WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually
-    exclusive callback groups are ignored or become resources.
+    `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the
+    variant of a product line, and values of system constants and criteria (``NAME=VALUE``); `on_progress` is told
+    the bytes read so far, and all bytes. `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of
+    an execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds
+    tasks. `pieces` is the longest piece of a runnable of a preemptive task of ARXML or AMALTHEA (0: as long as it
+    is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the
+    WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback
+    groups are ignored or become resources.
     """
 
     name: str = ""
@@ -74,6 +75,7 @@ class ImportOptions:
     ecu: str = ""
     variant: str = ""
     conditions: tuple[str, ...] = ()
+    on_progress: Callable[[int, int], None] | None = field(default=None, compare=False)
     wcet: str = "upper"
     memory: str = "within"
     mapping: str = "stated"

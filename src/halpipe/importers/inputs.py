@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import find_inputs
+from halpipe.files import find_inputs, input_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,14 +22,21 @@ def read_inputs(
     skipped: Code,
     no_input: Code,
     findings: Findings,
+    on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Document]:
     """Read every file of `paths`, and in directories those with one of `suffixes`; the first is the usual one.
 
     `read` raises `HalpipeError` for a file of another kind: that is an error if the file was named directly, and a
-    note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left.
+    note of the code `skipped` if it was found in a directory. `no_input` reports that no file is left. `on_progress` is
+    told the bytes of the files that have been read, and of all.
     """
     documents = []
-    for name in dict.fromkeys(find_inputs(paths, suffixes)):
+    names = list(dict.fromkeys(find_inputs(paths, suffixes)))
+    total, done = sum(map(input_size, names)) if on_progress else 0, 0
+    for name in names:
+        if on_progress:
+            on_progress(done, total)
+            done += input_size(name)
         try:
             documents.append(read(name))
         except HalpipeError as failure:

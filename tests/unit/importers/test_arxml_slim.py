@@ -116,3 +116,22 @@ def test_own_data_are_kept(tmp_path, monkeypatch):
     whole = read(again).model
     monkeypatch.setattr(sniff, "LARGE_INPUT", 0)
     assert read(again).model == whole
+
+
+def test_progress_is_told_in_bytes(tmp_path):
+    path = system(tmp_path)
+    second = write(tmp_path, package("U"), name="second.arxml")
+    told = []
+    read(tmp_path, on_progress=lambda done, total: told.append((done, total)))
+    sizes = {p: p.stat().st_size for p in (path, second)}
+    assert told == [(0, sum(sizes.values())), (sizes[second], sum(sizes.values()))]
+
+
+def test_only_large_inputs_are_slimmed():
+    assert sniff.LARGE_INPUT == 32 * 2**20
+
+
+@pytest.mark.usefixtures("large")
+def test_a_long_text_drops_no_file_of_a_large_input(tmp_path):
+    content = package("T", PUMP).replace("<ELEMENTS>", el("DESC", "x" * 10_100_000) + "<ELEMENTS>", 1)
+    assert [task.name for task in read(write(tmp_path, content)).model.tasks] == ["Pump/Step"]

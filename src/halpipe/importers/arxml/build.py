@@ -65,7 +65,7 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
 
 
 def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
-    tree = read_tree(paths, findings, Choice(options.variant, options.conditions))
+    tree = read_tree(paths, findings, Choice(options.variant, options.conditions), on_progress=options.on_progress)
     package = find_carried(tree)
     if package is not None:
         return read_carried(tree, package, options)

@@ -13,7 +13,16 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import STDIO, find_inputs, input_size, open_input, parse_large_xml, parse_xml, read_bytes
+from halpipe.files import (
+    MAX_INPUT_BYTES,
+    STDIO,
+    find_inputs,
+    input_size,
+    open_input,
+    parse_large_xml,
+    parse_xml,
+    read_bytes,
+)
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
 from halpipe.importers.arxml.files.slim import Slimming
@@ -22,14 +31,14 @@ from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
 from halpipe.importers.inputs import read_inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, KeysView, Sequence
+    from collections.abc import Callable, Iterable, KeysView, Sequence
 
     from lxml import etree
 
     from halpipe.diagnostics import Findings
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
-LARGE_INPUT = 1 * 2**20
+LARGE_INPUT = 32 * 2**20
 """Bytes of all files from which on what cannot matter to timing is dropped while it is read."""
 
 _OLD = re.compile(r"http://(?:www\.)?autosar\.org/(?:schema/)?r?(?P<release>[23](?:\.[0-9A-Za-z]+)*)/?")
@@ -62,7 +71,13 @@ class Document:
         object.__setattr__(self, "tags", dict.fromkeys(shared).keys())
 
 
-def load(paths: Sequence[str], findings: Findings, *, whole: bool = False) -> list[Document]:
+def load(
+    paths: Sequence[str],
+    findings: Findings,
+    *,
+    whole: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> list[Document]:
     """Parse every file of `paths`; what a directory holds besides is skipped, what was named directly is an error.
 
     Of a large input, what cannot matter to timing is left out, unless the `whole` of it is wanted.
@@ -72,7 +87,7 @@ def load(paths: Sequence[str], findings: Findings, *, whole: bool = False) -> li
     suffixes = (".arxml", ".xdm")
     is_large = not whole and sum(map(input_size, find_inputs(paths, suffixes))) > LARGE_INPUT
     read = read_slim if is_large else read_whole
-    documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings)
+    documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings, on_progress)
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:
@@ -90,8 +105,13 @@ def read_slim(name: str) -> Document:
     if name == STDIO:
         return read_whole(name)
     slim = Slimming(NAMESPACE)
-    with open_input(name) as stream:
-        root = parse_large_xml(stream, name, slim.tags, slim.drops)
+    try:
+        with open_input(name) as stream:
+            root = parse_large_xml(stream, name, slim.tags, slim.drops)
+    except HalpipeError:
+        if not 0 < input_size(name) <= MAX_INPUT_BYTES:
+            raise
+        return read_whole(name)  # which has no limit on texts, and finds every syntax error
     slim.strip(root)
     document = recognise(root, name)
     document.dropped.update(slim.dropped)

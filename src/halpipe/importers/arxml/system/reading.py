@@ -21,7 +21,7 @@ from halpipe.importers.arxml.system.timing import read_timing, report_not_read
 from halpipe.importers.arxml.system.values import System
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from halpipe.importers.arxml.files.variants import Choice
     from halpipe.importers.arxml.system.values import Place
@@ -29,12 +29,19 @@ if TYPE_CHECKING:
 _CLASSIC = ("COMPOSITION-SW-COMPONENT-TYPE", "ECUC-MODULE-CONFIGURATION-VALUES", "ECU-INSTANCE")
 
 
-def read_tree(paths: Sequence[str], findings: Findings, choice: Choice | None = None, *, whole: bool = False) -> Tree:
+def read_tree(
+    paths: Sequence[str],
+    findings: Findings,
+    choice: Choice | None = None,
+    *,
+    whole: bool = False,
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Tree:
     """Parse and merge all files, of one variant if one is chosen, and wholly if `whole`, however large they are.
 
     Raise `HalpipeError` if nothing in them could be a task.
     """
-    tree = Tree(load(paths, findings, whole=whole), findings, choice)
+    tree = Tree(load(paths, findings, whole=whole, on_progress=on_progress), findings, choice)
     _check_platform(tree)
     return tree
 

@@ -276,9 +276,6 @@ class Configuration:
     routines: tuple[OsIsr, ...] = ()
 
 
-# ----------------------------------------------------------------------------------------- modes and constraints
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeGroup:
     """A MODE-DECLARATION-GROUP, or a function group of that type: its modes, the initial one first, and transitions.
@@ -400,9 +397,6 @@ class Timing:
     arrivals: tuple[Arrival, ...] = ()
     limits: tuple[Limit, ...] = ()
     distances: tuple[Distance, ...] = ()
-
-
-# -------------------------------------------------------------------------------------------- adaptive platform
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
