@@ -1,6 +1,7 @@
 """Preemption to split points, allocation to binding, interrupt routines to interrupts, sporadic stimuli to polling."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from amalthea_case import HARDWARE, PLAIN_STIMULI, call, document, found, read, runnable, stimulus, ticks, write
@@ -164,7 +165,7 @@ def test_a_sporadic_task_keeps_its_distance_and_is_polled(tmp_path):
 def test_what_the_export_says_of_splitting_comes_back(tmp_path):
     from halpipe.importers.native import read_model
 
-    example = read_model("tests/fixtures/split/model.xml")
+    example = read_model(str(Path(__file__).parents[3] / "fixtures" / "split" / "model.xml"))
     written = EXPORTER.write(example, None, AmaltheaOptions())[""]
     back = FORMAT.read([write(tmp_path, written.decode())], ImportOptions()).model
     for task in example.tasks:
