@@ -20,14 +20,14 @@ print(json.dumps([code, sorted(set(sys.modules) - before)]), file=sys.stderr)
 
 # Arguments, and how many modules are loaded at most: of halpipe, and of all others.
 COMMANDS = {
-    "help": (["--help"], 45, 155),
-    "version": (["--version"], 45, 155),
-    "validate": (["validate", "model.xml"], 44, 120),
-    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 112, 125),
-    "verify": (["verify", "model.xml", "schedule.xml"], 53, 120),
-    "show": (["show", "schedule.xml"], 34, 180),
-    "diff": (["diff", "schedule.xml", "schedule.xml"], 34, 120),
-    "explain": (["explain", "model.xml"], 110, 125),
+    "help": (["--help"], 55, 160),
+    "version": (["--version"], 55, 160),
+    "validate": (["validate", "model.xml"], 55, 125),
+    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 125, 130),
+    "verify": (["verify", "model.xml", "schedule.xml"], 62, 125),
+    "show": (["show", "schedule.xml"], 42, 125),
+    "diff": (["diff", "schedule.xml", "schedule.xml"], 42, 125),
+    "explain": (["explain", "model.xml"], 122, 130),
 }
 
 HEAVY = {"numpy", "xmlschema", "jinja2", "graphviz", "rich.console", "yaml", "asyncio", "ortools", "concurrent.futures"}
