@@ -172,6 +172,14 @@ def test_an_address_that_is_used_again_is_another_publisher(tmp_path):
     assert found.publishers["/sink", "/new"] == {None: 1}
 
 
+def test_a_file_called_metadata_alone_makes_no_trace(tmp_path):
+    for content in ("", "name: something else\n"):
+        (tmp_path / "metadata").write_text(content)
+        assert folders(str(tmp_path)) == []
+    (tmp_path / "metadata").write_bytes(packed("trace { };")[:20])
+    assert folders(str(tmp_path)) == [str(tmp_path)]
+
+
 def test_a_directory_without_a_trace_and_a_trace_without_callbacks(tmp_path):
     with pytest.raises(HalpipeError) as caught:
         read(tmp_path)

@@ -197,7 +197,7 @@ def test_records_of_caret_are_executions_each_once():
     found = executions(text)
     assert [(e.task, str(e.start), None if e.end is None else str(e.end)) for e in found] == [
         ("/n/callback_0", "1us", "1.5us"),
-        ("/m/callback_1", "2us", "2600ns"),
+        ("/m/callback_1", "2us", "2.6us"),
         ("/m/callback_1", "3us", None),
     ]
 

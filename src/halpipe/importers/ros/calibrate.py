@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location, Severity
 from halpipe.durations import Duration
-from halpipe.files import folders_with, read_bytes
+from halpipe.files import read_bytes
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.measured import Measurements, read_measured
 from halpipe.importers.ros.traced import measure
-from halpipe.importers.traces.ctf import METADATA
+from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
 from halpipe.quantities import format_rational
@@ -68,7 +68,7 @@ def calibrate(
     if trace is not None:
         measure(trace, callbacks, measured, findings)
     for file in options.calibrate:
-        if folders_with(file, METADATA):
+        if folders(file):
             measure(read_ros_trace(file, findings), callbacks, measured, findings)
         else:
             read_measured(read_bytes(file), file, measured, findings)

@@ -9,10 +9,10 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, Severity
-from halpipe.files import YamlMap, find_inputs, folders_with, parse_yaml, read_bytes
+from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
 from halpipe.importers.ros import codes, executors
 from halpipe.importers.ros.design.entities import FORMAT_KEY
-from halpipe.importers.traces.ctf import METADATA
+from halpipe.importers.traces.ctf import folders
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +61,7 @@ class Inputs:
 
 def find(paths: Sequence[str]) -> Inputs:
     """Recognise every file of `paths`; raise `HalpipeError` unless one of them is a graph, or some are a design."""
-    inputs = Inputs(traces=[path for path in dict.fromkeys(paths) if folders_with(path, METADATA)])
+    inputs = Inputs(traces=[path for path in dict.fromkeys(paths) if folders(path)])
     for name in dict.fromkeys(find_inputs(paths, _SUFFIXES)):
         try:
             found = recognise(name, read_bytes(name))

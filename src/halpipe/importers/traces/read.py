@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.files import folders_with, read_bytes
+from halpipe.files import read_bytes
 from halpipe.importers.traces import codes
-from halpipe.importers.traces.ctf import METADATA
+from halpipe.importers.traces.ctf import folders
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +29,7 @@ class Recording:
 
 def read_traces(path: str) -> Recording:
     """Read the trace `path`, a file or a directory of CTF; raise `HalpipeError` with every row that cannot be read."""
-    if folders_with(path, METADATA):
+    if folders(path):
         from halpipe.importers.traces.callbacks import executions_of
 
         findings = Findings()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from halpipe.files import folders_with, mapped, plain_files, read_bytes
 from halpipe.importers.traces.ctf.decoding import Decoder, decoder
+from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
 from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of
 from halpipe.importers.traces.ctf.types import CtfError, Enum, Struct, Variant, alignment
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from mmap import mmap
 
 MAGIC = 0xC1FC1FC1
+_MAGICS = (METADATA_MAGIC.to_bytes(4, "little"), METADATA_MAGIC.to_bytes(4, "big"))
 METADATA = "metadata"
 _LARGEST_HEAD = 4096
 
@@ -45,8 +47,16 @@ class Damage:
 
 
 def folders(root: str) -> list[str]:
-    """Return the folders in and below `root` that hold a trace."""
-    return folders_with(root, METADATA)
+    """Return the folders in and below `root` that hold a trace: a file called metadata that begins like one of CTF."""
+    return [folder for folder in folders_with(root, METADATA) if _begins(os.path.join(folder, METADATA))]
+
+
+def _begins(path: str) -> bool:
+    try:
+        with mapped(path) as data:
+            return data[:6] == b"/* CTF" or data[:2] == b"\x1e{" or data[:4] in _MAGICS
+    except (OSError, ValueError):  # an empty file cannot be mapped
+        return False
 
 
 def events(folders: list[str], damage: Damage) -> Iterator[Event]:
