@@ -118,6 +118,10 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOp
     ledger.mapped(*required.used)
     note_timing(ledger, system, tree)
     coverage = ledger.close(tree, container_kinds(tree))
+    for draft in drafts:
+        if draft.os_task is not None and not draft.os_task.schedule:
+            at = draft.os_task.place.at
+            coverage.defaulted(f'task "{draft.name}"', "OsTaskSchedule", "NON: jobs run in one piece", at)
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
