@@ -79,7 +79,8 @@ def _with(model: TaskModel, item: Reaction, findings: Findings) -> TaskModel:
         findings.add(codes.NO_PARTNERS(text, at=at, path=path, help=help))
         return model
     width = item.high - item.low
-    if source.period == target.period and width < _apart(target, item.target_ends):
+    pairs = source.period == target.period and width < _apart(target, item.target_ends)
+    if pairs and not _reaches(model, item.source, item.target):
         return _added(model, target, _plain(item, target))
     if item.mapping != REACTION and not width < _apart(source, item.source_ends):
         text = f"{item.mapping}: each source gets a target, but two may get the same one within a window of {width}"

@@ -98,6 +98,13 @@ def test_a_narrow_window_between_equal_periods_pairs_by_itself(tmp_path):
     assert found(imported.diagnostics, codes.REACTION) == []
 
 
+def test_no_cycle_is_closed_where_the_source_already_comes_after_the_target(tmp_path):
+    other = delay("", "Us", "Ts", high=9)
+    imported = given(tmp_path, other + delay("OneToOne", low=0, high=0), ("p10", "p10"))
+    assert windows(imported, "U") == []
+    assert windows(imported, "T") == [("U", "start", "0ms", "9ms"), ("U", "start", "10ms", "10ms")]
+
+
 def test_wide_windows_of_unique_mappings_are_told(tmp_path):
     imported = given(tmp_path, delay("OneToOne", high=5), ("p10", "p10"))
     assert windows(imported, "T") == [("U", "start", "5ms", "10ms")]

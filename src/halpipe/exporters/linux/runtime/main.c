@@ -342,7 +342,7 @@ static int summarise(void) {
 
 int main(int argc, char **argv) {
   find_units();
-  cpus = calloc((size_t)plan.n_workers, sizeof *cpus);
+  cpus = calloc((size_t)plan.n_workers + 1, sizeof *cpus);
   if (!cpus) die(1, "no memory", NULL);
   for (int i = 0; i < plan.n_workers; i++) cpus[i] = plan.workers[i].cpu;
   take_options(argc, argv);
