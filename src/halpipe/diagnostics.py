@@ -74,7 +74,18 @@ class Code:
         severity: Severity | None = None,
     ) -> Diagnostic:
         """Make the diagnostic: what is wrong, where, on which element, and what to do about it."""
-        return Diagnostic(self.id, severity or self.severity, at, path, message, help)
+        return Diagnostic(self.id, severity or self.severity, at, shortened(path), shortened(message), shortened(help))
+
+
+MOST_CHARACTERS = 2000
+"""Characters of a text in a diagnostic; what is longer was somebody's value, and is cut in the middle."""
+
+
+def shortened(text: str) -> str:
+    """Return a text without the middle of what is too long for anybody to read."""
+    if len(text) <= MOST_CHARACTERS:
+        return text
+    return f"{text[: MOST_CHARACTERS // 2]}...{text[-MOST_CHARACTERS // 2 :]}"
 
 
 REGISTER: dict[str, Code] = {}

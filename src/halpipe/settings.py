@@ -39,6 +39,10 @@ BAD_VALUE = error(
 MISSING_KEY = error("HAL0024", "Settings file lacks a required key", "An element is incomplete without the key.")
 
 
+MAX_UNKNOWN = 1000
+"""Unknown keys of one mapping that are named before the rest is counted."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stated(Generic[T_co]):
     """A value and the place in the overlay that states it."""
@@ -59,10 +63,12 @@ class Fields:
 
     def allow(self, keys: tuple[str, ...]) -> None:
         """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed."""
-        for key in self._data:
-            if keys and key not in keys:
-                otherwise = "it may have: " + ", ".join(keys)
-                self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
+        unknown = [key for key in self._data if key not in keys] if keys else []
+        otherwise = "it may have: " + ", ".join(keys)
+        for key in unknown[:MAX_UNKNOWN]:
+            self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
+        if len(unknown) > MAX_UNKNOWN:
+            self.complain(UNKNOWN_KEY, f"has {len(unknown) - MAX_UNKNOWN} more unknown keys", help=otherwise)
 
     def __contains__(self, key: str) -> bool:
         return key in self._data

@@ -2,17 +2,45 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
+
+COMPARISONS = 50_000
+"""Names that one command compares, about a second's worth; findings after that do without a suggestion."""
+
+LONGEST = 200
+"""Characters of a name up to which one is sought that resembles it."""
+
+
+class _Budget:
+    """What is left of the comparisons of the command at hand; None where nobody counts them."""
+
+    left: int | None = None
+
+
+@contextmanager
+def bounded_suggestions() -> Iterator[None]:
+    """Bound what is spent on suggestions until the end of the block, however many names are unknown in it."""
+    before, _Budget.left = _Budget.left, COMPARISONS
+    try:
+        yield
+    finally:
+        _Budget.left = before
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return up to `count` known names that resemble `name`, best first."""
+    if len(name) > LONGEST or _Budget.left == 0:
+        return []
     import difflib  # only those who have mistyped something wait for it
 
-    return difflib.get_close_matches(name, list(known), n=count, cutoff=0.5)
+    candidates = list(known)
+    if _Budget.left is not None:
+        _Budget.left = max(0, _Budget.left - len(candidates))
+    return difflib.get_close_matches(name, candidates, n=count, cutoff=0.5)
 
 
 def did_you_mean(name: str, known: Iterable[str], otherwise: str = "") -> str:

@@ -75,9 +75,10 @@ def invoke(arguments: list[str]) -> int:
 def _invoke(arguments: list[str]) -> int:
     from halpipe.cli.app import app_for
     from halpipe.files import protecting_inputs
+    from halpipe.suggest import bounded_suggestions
 
     try:
-        with protecting_inputs():
+        with protecting_inputs(), bounded_suggestions():
             return int(app_for(arguments)(args=arguments, prog_name="halpipe", standalone_mode=False) or 0)
     except SystemExit as end:  # click's answer to a reader that has gone
         if isinstance(end.__context__, BrokenPipeError):

@@ -58,6 +58,9 @@ MAX_ATTRIBUTES = 100
 MAX_STEPS = 200_000_000
 """Siblings that may be passed by to say where the elements are: that is done for each violation, and takes seconds."""
 
+MAX_ELEMENTS = 100_000
+"""Elements of a document that is checked at once: libxml2 remembers every violation."""
+
 LEAST_PART, LARGEST_PART = 20, 10_000
 """Children of each element that are looked at at once where it could take longer."""
 
@@ -84,8 +87,9 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
 
 def _could_be_slow(root: etree._Element) -> bool:
     """Return whether naming the place of every element would pass more siblings by than there is time for."""
-    if float(root.xpath("count(//*)")) ** 2 <= MAX_STEPS:
-        return False
+    count = int(root.xpath("count(//*)"))
+    if count**2 <= MAX_STEPS or count > MAX_ELEMENTS:
+        return count > MAX_ELEMENTS
     steps, waiting = 0, [(root, 0)]
     while waiting and steps <= MAX_STEPS:
         element, so_far = waiting.pop()

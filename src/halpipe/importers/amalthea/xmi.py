@@ -173,6 +173,7 @@ class Forest:
         self._kinds: dict[str, list[Item]] = {}
         self._by_id: dict[str, Item] = {}
         self._by_name: dict[tuple[str, str], Item] = {}
+        self._names: dict[str, list[str]] = {}
         self._dangling: set[tuple[str, str]] = set()
         for document in documents:
             self._enter(document)
@@ -254,13 +255,20 @@ class Forest:
         encoded, _, kind = token.rpartition("?type=")
         return self._by_name.get((unquote_plus(encoded), _ALIASES.get(kind, kind)))
 
+    def _names_of(self, kind: str) -> list[str]:
+        """Return the names of a kind; they are sorted by kinds once, when all are known."""
+        if not self._names:
+            for name, known in self._by_name:
+                self._names.setdefault(known, []).append(name)
+        return self._names.get(kind, [])
+
     def _report_dangling(self, token: str, feature: str, item: Item, holder: Item) -> None:
         if (token, feature) in self._dangling:
             return
         self._dangling.add((token, feature))
         encoded, _, kind = token.rpartition("?type=")
         name = unquote_plus(encoded)
-        known = [n for n, k in self._by_name if k == _ALIASES.get(kind, kind)]
+        known = self._names_of(_ALIASES.get(kind, kind))
         otherwise = "name all files of the model, or the directory that holds them"
         what = f'{kind} "{name}"' if encoded else quoted(token)
         help = did_you_mean(name, known, otherwise)

@@ -1,0 +1,60 @@
+"""The worst inputs at 10 MB, each in a process of its own: at most 10 s of processor time and 1 GiB.
+
+Prints a line for each and ends with 1 if one breaks the law that is not known to. Usage: endurance.py [MB] [NAME ...]
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from worst_inputs import OPEN, WORST
+
+SECONDS, MEBIBYTES = 10, 1024
+PATIENCE = 120
+
+MODEL = """<task-model xmlns="urn:halpipe:task-model:1" name="m"><platform><unit name="u"/></platform><tasks>
+<task name="a" period="10ms"><version name="v" wcet="1ms"><run-on unit="u"/></version></task>
+</tasks><modes><mode name="all"><run task="a"/></mode></modes></task-model>
+"""
+
+
+def run(folder: Path, *words: str) -> tuple[int, float, float]:
+    """Return exit code, seconds of processor time and mebibytes of a command."""
+
+    command = [sys.executable, "-m", "halpipe", *words]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+
+
+def main() -> int:
+    """Try every reader."""
+    size = int(float(sys.argv[1]) * 1e6) if len(sys.argv) > 1 else 10_000_000
+    resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE, PATIENCE))  # of each process alone
+    broken = 0
+    with tempfile.TemporaryDirectory(prefix="halpipe-endurance-") as place:
+        folder = Path(place)
+        (folder / "model.xml").write_text(MODEL)
+        (folder / "tiny.dot").write_text("digraph { a -> b; }")
+        run(folder, "schedule", "model.xml", "-o", "s.xml", "-q")
+        for kind, (command, file, make) in WORST.items():
+            if sys.argv[2:] and kind not in sys.argv[2:]:
+                continue
+            (folder / file).write_text(make(size))
+            code, seconds, memory = run(folder, *[file if word == "FILE" else word for word in command])
+            (folder / file).unlink()
+            lawful = code in (0, 1, 2) and seconds <= SECONDS and memory <= MEBIBYTES
+            verdict = "ok" if lawful else f"known: {OPEN[kind]}" if kind in OPEN else "BREAKS THE LAW"
+            broken += verdict == "BREAKS THE LAW"
+            print(f"{kind:36} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB  {verdict}", flush=True)  # noqa: T201
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
