@@ -9,6 +9,7 @@ from verify_helpers import codes_found, errors, messages, only, plan_of, switch,
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import Binding, Interrupt, Job, Part, Split, UnitLoad
 from halpipe.pipeline.verify import codes, verify
+from halpipe.pipeline.verify.reserved import Effort, Service
 from support import access, job, mode, model, ms, schedule, task, version
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "split"
@@ -217,6 +218,17 @@ SLIVER = [("1000000007ns", "500000002ns"), ("1000000009ns", "500000003ns")]
 def test_interrupts_that_leave_a_sliver_are_given_up_soon():
     system = interrupts(model(task("a", 40, version("v", 4))), "u1", *SLIVER)
     assert codes.NO_LENGTH.id in codes_found(system, schedule(system, 40, job(system, "a", 0, 0, "u1")))
+
+
+def test_no_file_keeps_the_check_busy_with_slivers():
+    """Each of these takes more than 100 000 steps; when the effort is spent, they are given up much earlier."""
+    effort = Effort()
+    effort.left = 150_000
+    for _ in range(3):
+        near = ((1_000_000_007, 500_000_002), (1_000_000_009, 500_000_003))
+        assert Service(near, effort).length(4_000_000) is None
+    assert effort.left == 150_000 - 100_000 - 50_000 - 1_000
+    assert Service(((1_000_000, 900_000), (2_000_000, 180_000)), effort).length(5) is not None
 
 
 def test_a_unit_is_busy_for_what_is_reserved():

@@ -14,10 +14,25 @@ MAX_STEPS = 100_000
 """Steps towards a reserved length; interrupts that need more take all but a sliver of the unit."""
 
 
+MAX_EFFORT = 5_000_000
+"""Steps for all lengths of one check together, so that no file keeps it busy for hours."""
+
+FEW_STEPS = 1000
+"""Steps that a length may take even then; interrupts of 99 % of a unit need fewer."""
+
+
+class Effort:
+    """The steps that are left for the lengths of one check."""
+
+    def __init__(self) -> None:
+        self.left = MAX_EFFORT
+
+
 class Service:
     """The interrupts of a set of units, together: pairs of distance T and time c, in ticks."""
 
-    def __init__(self, interrupts: Iterable[tuple[int, int]] = ()) -> None:
+    def __init__(self, interrupts: Iterable[tuple[int, int]] = (), effort: Effort | None = None) -> None:
+        self._effort = effort or Effort()
         self.interrupts = tuple((distance, time) for distance, time in interrupts if time)
         self._known: dict[int, int | None] = {}
         self.is_full = False
@@ -26,7 +41,7 @@ class Service:
     def length(self, work: int) -> int | None:
         """Return L(x) for `work` x, the least L with L = x + sum ceil(L/T) c; None where there is none.
 
-        No work takes no time. A length that is not reached within `MAX_STEPS` counts as none.
+        No work takes no time. A length that is not reached within `MAX_STEPS`, or the effort left, counts as none.
         """
         if not self.interrupts or work <= 0:
             return work
@@ -44,11 +59,14 @@ class Service:
         if taken >= whole:
             return None
         length = work * whole // (whole - taken)  # no solution lies below x / (1 - sum c/T)
-        for _ in range(MAX_STEPS):
+        most = min(MAX_STEPS, max(self._effort.left, FEW_STEPS))
+        for step in range(most):
             longer = work + sum(-(-length // distance) * time for distance, time in self.interrupts)
             if longer == length:
+                self._effort.left -= step
                 return length
             length = longer
+        self._effort.left -= most
         return None
 
 
@@ -61,6 +79,7 @@ class Platform:
     def __init__(self, interrupts: dict[str, tuple[tuple[int, int], ...]]) -> None:
         self._interrupts = interrupts
         self._services: dict[tuple[str, ...], Service] = {}
+        self._effort = Effort()
 
     def service(self, units: tuple[str, ...]) -> Service:
         """Return the interrupts of all of `units`: the members of a gang wait for each other."""
@@ -68,5 +87,5 @@ class Platform:
             return UNDISTURBED
         if units not in self._services:
             rows = [row for unit in dict.fromkeys(units) for row in self._interrupts.get(unit, ())]
-            self._services[units] = Service(rows) if rows else UNDISTURBED
+            self._services[units] = Service(rows, self._effort) if rows else UNDISTURBED
         return self._services[units]
