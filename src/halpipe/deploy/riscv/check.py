@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -161,29 +161,36 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
     kinds = containment.kinds_for(site)
     tables = sum(len(outcome.tables) for outcome in totals.outcomes)
     price = sum(outcome.run.instructions for outcome in totals.outcomes) // tables + 1
-    affordable = (ALL if everything else BRIEF) // price
     whole = 2 * len(kinds)
-    runs = containment.sweeps(target.schedule, max(3, min(whole, affordable) + 1))
-    runs = [*runs, *containment.switches(target.schedule)[:SWITCHES]] if everything else runs[:1]
-    found = Injected()
-    for tour in runs:
-        outcome, injections = sabotage(target, tour, kinds)
-        found.add(injections, outcome.planned)
-        found.findings += containment.prefixed(outcome.findings)
-    if affordable < whole:
-        message = f"a cycle executes {price} instructions, so that only {max(affordable, 2)} of {whole} were played"
-        found.findings.append(codes.NOT_INJECTED(message, help="deploy check --inject takes more time"))
+    affordable = max(min((ALL if everything else BRIEF) // price, whole), 2)
+    found, lacking = Injected(), 0
+    for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
+        # As many cycles at a time as the runtime can record faults of, and no more than can be afforded.
+        jobs = len(target.schedule.mode(tour.first).jobs)
+        cycles = max(min(affordable, 2 * site.faults.capacity // jobs), 1)
+        turns = range(0, affordable, cycles) if everything else range(1)
+        lacking += whole - cycles * len(turns) if cycles * len(turns) < whole else 0
+        for turn in turns:
+            sabotage(target, replace(tour, tables=cycles + 1), kinds, turn, found)
+    for tour in containment.switches(target.schedule)[: SWITCHES if everything else 0]:
+        sabotage(target, tour, kinds, 0, found)
+    if lacking:
+        message = f"{lacking} of the {whole} cycles that have every fault in every job were not played"
+        help = "deploy check --inject takes more time"
+        found.findings.append(codes.NOT_INJECTED(message, help=help))
     return found
 
 
-def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind]) -> tuple[Outcome, list[Injection]]:
-    """Play one tour in which jobs fail, and compare it with what has to follow."""
+def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected) -> None:
+    """Play one tour in which jobs fail, and add what differs from what has to follow."""
     site = read_site(target.bundle)
     images = read_images(target.bundle, site)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
     jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
-    injections = containment.injections_for(jobs, kinds, site, tour.tables - 1)
-    return simulate(target, tour, injections=injections), injections
+    injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
+    outcome = simulate(target, tour, injections=injections)
+    found.add(injections, outcome.planned)
+    found.findings += containment.prefixed(outcome.findings)
 
 
 def simulate(

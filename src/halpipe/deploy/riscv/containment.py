@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
@@ -76,9 +77,12 @@ def switches(schedule: Schedule) -> list[Tour]:
     ]
 
 
-def injections_for(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, last: int) -> list[Injection]:
+def injections_for(
+    jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, tolerance: Duration, last: int, turn: int
+) -> list[Injection]:
     """Return what to inject into a run whose last table is number `last` and stays as it is."""
-    return assign([job for job in jobs if job.table.cycle < last], kinds, site)
+    late = math.ceil(tolerance / site.tick)
+    return assign([job for job in jobs if job.table.cycle < last], kinds, site, late, turn)
 
 
 def pairs(jobs: Sequence[PlannedJob], kinds: Sequence[Kind]) -> int:

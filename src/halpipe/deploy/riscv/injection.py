@@ -6,9 +6,11 @@ happens as planned. That is derived from the schedule here, not from what the ru
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.observation import Outcome
@@ -42,9 +44,6 @@ class Kind(StrEnum):
 
 CODES = tuple(kind for kind in Kind if kind not in (Kind.LATE_DMA, Kind.DMA_ERROR))
 """What the code of a job can do wrong."""
-
-_LATENESS = 3
-"""Half ticks after the end of its phase at which a late transfer is complete."""
 
 _HERE = 0x0000006F  # j .
 _SPIN = (*[0x00000013] * 15, 0xFC5FF06F)  # nops, and back to the first
@@ -92,11 +91,16 @@ def code_of(kind: Kind, site: Site, unit: UnitSite) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """One fault: of a `kind`, into the job of `row` of the `cycle`-th table."""
+    """One fault: of a `kind`, into the job of `row` of the `cycle`-th table.
+
+    A late transfer is complete a little more than `late` ticks after its phase, when the check that it is complete has
+    certainly been made.
+    """
 
     kind: Kind
     cycle: int
     row: int
+    late: int = 0
 
     @property
     def flags(self) -> Flag:
@@ -156,7 +160,7 @@ def _remaining(
     for transfer in job.transfers:
         if transfer is found:
             late = injection.kind is Kind.LATE_DMA
-            yield replace(transfer, end=transfer.end + _LATENESS) if late else transfer
+            yield replace(transfer, end=transfer.end + injection.late + 1) if late else transfer
             return
         yield transfer
 
@@ -169,7 +173,7 @@ class Saboteur:
         self.zero, self.tick = 0, 1
         by_place = {(job.table.cycle, job.row): job for job in jobs}
         self._executions: list[tuple[PlannedExecution, Kind]] = []
-        self._transfers: list[tuple[PlannedTransfer, Kind]] = []
+        self._transfers: list[tuple[PlannedTransfer, Injection]] = []
         for injection in injections:
             found = victim(injection.kind, by_place[injection.cycle, injection.row])
             if found is None:
@@ -177,7 +181,7 @@ class Saboteur:
             if injection.kind in CODES:
                 self._executions.append((found, injection.kind))  # type: ignore[arg-type] # by its kind
             else:
-                self._transfers.append((found, injection.kind))  # type: ignore[arg-type]
+                self._transfers.append((found, injection))  # type: ignore[arg-type]
 
     def code(self, hart: int, function: int, now: int) -> bytes:
         """Return what a core executes instead of the function that it is about to begin; empty for the function."""
@@ -193,23 +197,45 @@ class Saboteur:
         """Return when a transfer that begins ends, and whether it fails; None if nothing befalls it."""
         tick = (transfer.begin - self.zero) // self.tick
         for entry in self._transfers:
-            planned, kind = entry
+            planned, injection = entry
             same = (planned.source, planned.target, planned.size) == (transfer.source, transfer.target, transfer.size)
             if same and planned.begin <= tick < planned.end:
                 self._transfers.remove(entry)
-                if kind is Kind.DMA_ERROR:
+                if injection.kind is Kind.DMA_ERROR:
                     return transfer.end, True
-                return self.zero + planned.end * self.tick + self.tick * _LATENESS // 2, False
+                return self.zero + (planned.end + injection.late) * self.tick + self.tick // 2, False
         return None
 
 
-def assign(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site) -> list[Injection]:
-    """Return faults for every second job of each cycle, so that two times as many cycles as kinds have every pair."""
-    found = []
+def assign(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, late: int, turn: int = 0) -> list[Injection]:
+    """Return faults for every second job of each cycle, so that two times as many cycles as kinds have every pair.
+
+    There are no more than the runtime can record. A further `turn` begins with other pairs.
+    """
+    found: list[Injection] = []
+    begins: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
     for job in jobs:
-        if (job.row + job.table.cycle) % 2:
+        for transfer in job.transfers:
+            begins[transfer.channel].append((transfer.begin, job.table.cycle, job.row))
+    for starts in begins.values():
+        starts.sort()
+    for job in jobs:
+        place = job.table.cycle + turn
+        if (job.row + place) % 2 or len(found) == site.faults.capacity:
             continue
-        kind = kinds[(job.row // 2 + job.table.cycle // 2) % len(kinds)]
-        if victim(kind, job) is not None and (kind not in CODES or code_of(kind, site, site.units[0])):
-            found.append(Injection(kind, job.table.cycle, job.row))
+        kind = kinds[(job.row // 2 + place // 2) % len(kinds)]
+        injection = Injection(kind, job.table.cycle, job.row, late)
+        if (kind not in CODES or code_of(kind, site, site.units[0])) and not _disturbs(injection, job, begins):
+            found.append(injection)
     return found
+
+
+def _disturbs(injection: Injection, job: PlannedJob, begins: dict[int, list[tuple[int, int, int]]]) -> bool:
+    """Whether there is nothing to befall, or another job needs the channel of a transfer while it is late."""
+    found = victim(injection.kind, job)
+    if found is None or injection.kind is not Kind.LATE_DMA:
+        return found is None
+    starts = begins[getattr(found, "channel", 0)]
+    first = bisect_left(starts, (found.end, 0, 0))
+    after = takewhile(lambda start: start[0] <= found.end + injection.late + 1, starts[first:])
+    return any((cycle, row) != (job.table.cycle, job.row) for _, cycle, row in after)

@@ -106,8 +106,13 @@ class Recorder:
     def attach(self, machine: Machine) -> None:
         """Begin to watch: every function of every image."""
         self._machine = machine
-        for hart, functions in self._functions.items():
-            machine.harts[hart].watch(sorted(functions))
+        for hart in self._functions:
+            self._watch(hart)
+
+    def _watch(self, hart: int) -> None:
+        """Watch the functions of a core: of what was loaded last first, for there is a limit to how many can be."""
+        loaded = [entry for image in self._loaded.get(hart, []) for entry in image.site.entries]
+        self.machine.harts[hart].watch(dict.fromkeys([*loaded, *sorted(self._functions[hart])]))
 
     @property
     def machine(self) -> Machine:
@@ -149,7 +154,7 @@ class Recorder:
             execution.end = now
             execution.left = execution.left or now
             execution.status = self.machine.memory.word(self._site.unit_of(hart).mailbox + _STATUS)
-            self.machine.harts[hart].watch(sorted(self._functions[hart]))
+            self._watch(hart)
 
     def trapped(self, hart: int, cause: int, pc: int, value: int, now: int) -> None:
         """A core takes an exception, or the interrupt of its timer."""
@@ -206,6 +211,8 @@ class Recorder:
             if image is not None:
                 others = [other for other in self._loaded.get(region.hart, []) if other is not image]
                 self._loaded[region.hart] = [image, *others]
+                if region.hart not in self._running:
+                    self._watch(region.hart)
                 self._inputs[region.hart] = [transfer]
         name = self._buffer(transfer.target)
         if name is not None:
