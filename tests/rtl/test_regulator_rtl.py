@@ -126,7 +126,7 @@ FAULTS = {
     "an entry comes a window late": (PLAYER, "window_now + 32'd1);", "window_now);", codes.GOT_TOO_LITTLE),
     "requests are forgotten": (PLAYER, "pending <= 1'b1; pending_table", "pending_table", codes.PLAYED_WRONG),
     "late requests are lost": (PLAYER, "& ~requested_late", "", codes.PLAYED_WRONG),
-    "requests are followed for ever": (PLAYER, "entry_requested) pending <= 1'b0;", "entry_requested) ;", codes.PLAYED_WRONG),
+    "requests are followed for ever": (PLAYER, "requested) pending <= 1'b0;", "requested) ;", codes.PLAYED_WRONG),
     "a table ends early": (PLAYER, "32'd1 == windows)", "32'd2 == windows)", codes.PLAYED_WRONG),
     "go is ignored": (FRAME, "go <= 1'b0;", "go <= 1'b1;", codes.PLAYED_WRONG),
     "windows are a cycle longer": (FRAME, "cycles - 32'd1 : cycle", "cycles : cycle", codes.PLAYED_WRONG),
