@@ -99,6 +99,28 @@ def test_a_program_without_a_function_for_each_piece_is_refused(tmp_path):
     assert refused(tmp_path, owner, planned(owner)) == [codes.NO_PIECES.id]
 
 
+def test_versions_without_programs_are_refused_unless_made_up(tmp_path):
+    owner, tables = two_modes()
+    with pytest.raises(HalpipeError) as caught:
+        write(tmp_path, owner, tables)
+    assert all("--busy" in d.help for d in caught.value.diagnostics)
+    assert len(caught.value.diagnostics) == 2
+
+
+def test_shared_objects_are_taken_as_they_are(tmp_path):
+    owner = model(task("t", 10, version("v", "1ms", "u1")), units="u1")
+    source = Source(files=("ready.so",), entry="step")
+    owner = replace(
+        owner,
+        tasks=tuple(replace(t, versions=tuple(replace(v, source=source) for v in t.versions)) for t in owner.tasks),
+    )
+    (tmp_path / "ready.so").write_bytes(b"a program")
+    tables = schedule(owner, 10, job(owner, "t", 0, 0, "u1", "v"))
+    files = FORMAT.write(owner, tables, LinuxOptions(sources=str(tmp_path), cpus={"u1": 0}))
+    assert files["src/ready.so"] == b"a program"
+    assert "cp src/ready.so $@" in files["Makefile"].decode()
+
+
 def test_priorities_that_close_a_cycle_are_refused():
     owner = system()
     both = tuple(

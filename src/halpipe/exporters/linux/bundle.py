@@ -17,6 +17,7 @@ from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.linux.unrealised import sentences
 from halpipe.exporters.native import paired
+from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.ros.options import placed
 from halpipe.models import AccessKind
@@ -212,11 +213,13 @@ def _program(
         busy = math.floor(version.wcet.fraction * options.busy / 100)
         return Program(name, target, ("dummy",), (_DUMMY,), (f"BUSY_NS={busy}",), (), ())
     path = f'task "{task}", version "{version.name}"'
-    ready = version.source is not None and any(file.endswith(".so") for file in version.source.files)
-    compiled = tree.add(version, path)
     source = version.source
     if source is None:
+        help = 'name them: <source files="task.c" entry="step"/>, or let --busy 50 stand in for programs'
+        tree.findings.add(NO_SOURCE("the version has no sources", at=version.at, path=path, help=help))
         return Program(name, target, (), (), (), (), ())
+    ready = any(file.endswith(".so") for file in source.files)
+    compiled = tree.add(version, path)
     moves: Mapping[bool, list[Move]] = {True: [], False: []}
     for access in version.accesses:
         for transfer in access.transfers:
