@@ -17,6 +17,7 @@ from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.files.special import data_of
 from halpipe.importers.arxml.system.reading import read_tree
 from halpipe.importers.base import ImportOptions
+from halpipe.models import Origin
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 
@@ -25,12 +26,14 @@ pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="real ARXML projects
 PROJECTS = {
     "tc275": SHARED / "arxml" / "sys_vector_tc275_3core",
     "hello": SHARED / "arxml" / "sys_arccore_helloworld",
+    "HelloAutosar": SHARED / "arxml" / "toppers_rtegen" / "HelloAutosar.arxml",
     **{name: SHARED / "arxml_projects" / f"vtt_{name}" for name in ("S1", "S2", "S3")},
 }
 COUNTS = {  # tasks of the model, tables, mappings that name an expiry point, values changed in place
     ("tc275", "ostask"): (7, 3, 34, 0),
     ("tc275", "runnable"): (27, 3, 34, 0),
     ("hello", "ostask"): (4, 1, 2, 4),
+    ("HelloAutosar", "runnable"): (2, 1, 0, 2),
     ("S1", "ostask"): (4, 1, 21, 0),
     ("S2", "ostask"): (4, 1, 21, 0),
     ("S3", "runnable"): (16, 1, 21, 0),
@@ -39,7 +42,10 @@ COUNTS = {  # tasks of the model, tables, mappings that name an expiry point, va
 
 def imported(tmp_path, directory, granularity):
     overlay = tmp_path / "overlay.yaml"
-    overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 10us}\n')
+    text = 'halpipe-overlay: 1\ntasks:\n  "*": {wcet: 10us}\n'
+    if (directory / "HelloAutosar.arxml").exists():  # its components, and with them all periods, are in no file
+        text += "sources:\n  TASK1: {period: 10ms}\n  TASK2: {period: 20ms}\n"
+    overlay.write_text(text)
     return import_model("arxml", [str(directory)], [str(overlay)], ImportOptions(granularity=granularity)).model
 
 
@@ -77,7 +83,7 @@ def plain(model):
     """A model without the files and lines of its origins."""
 
     def bare(element):
-        return replace(element, origin=element.origin and element.origin.path)
+        return replace(element, origin=element.origin and Origin("", 0, element.origin.path))
 
     tasks = [
         replace(

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from arxml_case import (
@@ -21,13 +22,15 @@ from arxml_case import (
 )
 
 from command_line import run_here
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
+from halpipe.exporters.arxml.onto.plan import make_onto_plan
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import project_codes
+from halpipe.importers.arxml.project import read_project
 from halpipe.importers.base import ImportOptions
 from support import job, schedule
 
@@ -316,3 +319,25 @@ def test_nothing_is_written_where_something_stands_against_it(tmp_path):
     done = run_here(tmp_path, "export", "arxml", "m.xml", "s.xml", "--onto", "in", "-o", "out")
     assert (done.returncode, (tmp_path / "out").exists()) == (1, False)
     assert "HAL0581" in done.stderr
+
+
+def test_a_job_in_several_parts_is_refused(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    plan = planned(model, 0, 2)
+    (table,) = plan.modes
+    first = table.jobs[0]
+    findings = Findings()
+    read = read_project([str(tmp_path)], model, ImportOptions(), findings)
+    split = replace(plan, modes=(replace(table, jobs=(replace(first, parts=(None, None)), *table.jobs[1:])),))
+    with pytest.raises(HalpipeError) as failure:
+        make_onto_plan(model, split, read, findings)
+    assert {d.code for d in failure.value.diagnostics if d.is_error} == {codes.SPLIT_JOB.id}
+
+
+def test_a_project_of_an_older_release_is_refused(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    old = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="http://autosar.org/3.1.5 x.xsd"'
+    path.write_text(path.read_text().replace("<AUTOSAR ", f"<AUTOSAR {old} ", 1))
+    assert {d.code for d in refused(path, model)} == {project_codes.NO_CONFIGURATION.id}

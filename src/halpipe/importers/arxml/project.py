@@ -5,6 +5,7 @@ The project is read again and its model made anew, so that what changed since th
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _GENERATED = ("DV:RTE", "@CALC")
+_OLD_SCHEMA = re.compile(r"http://(?:www\.)?autosar\.org/[23]")
 _LONGEST_TICK = seconds(1)
 
 
@@ -250,7 +252,18 @@ class _Reader:
 
     def _schema(self, module: str) -> str:
         node = next(node for node in self._tree.tagged(_MODULE) if node.path == module)
-        return node.parts[0].element.getroottree().getroot().get(_SCHEMA) or ""
+        schema = node.parts[0].element.getroottree().getroot().get(_SCHEMA) or ""
+        if _OLD_SCHEMA.match(schema):
+            self._findings.add(
+                codes.NO_CONFIGURATION(
+                    f"is of an older release than 4 ({schema.split()[0]}), to which nothing can be added",
+                    at=node.at,
+                    path=module,
+                    help="export the project as release 4 first",
+                )
+            )
+            self._findings.stop_on_errors()
+        return schema
 
     def _items(self) -> dict[str, Item]:
         found = {}

@@ -37,6 +37,12 @@ ALARM_LEFT = warning(
     "Alarm still starts what the schedule plays",
     "The alarm is started by the OS and concerns tasks that the schedule plays, and others. It is left as it is.",
 )
+SPLIT_JOB = error(
+    "HAL0887",
+    "Split jobs cannot be put onto a project",
+    "Of a job in several parts, an expiry point starts the first; nothing in the project would hold it at its split "
+    "points and let it go on. Schedule a model whose versions are not split.",
+)
 CANNOT_EDIT = error(
     "HAL0886",
     "File of the project cannot be edited in place",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
 CONTAINER = "ECUC-CONTAINER-VALUE"
 _MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
+_STRICT = re.compile(r"(?:_STRICT)?(?:_COMPACT)?\.xsd")  # names of the same release that not all tools know
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
 _REFERENCE, _PARAMETERS = "ECUC-REFERENCE-DEF", "ECUC-PARAM-CONF-CONTAINER-DEF"
 
@@ -102,7 +104,7 @@ class Delta:
         """Return the file, with the release of the project, without some of the modules."""
         root = etree.Element(f"{{{NAMESPACE}}}AUTOSAR", nsmap={None: NAMESPACE, "xsi": _XSI})
         if self._project.schema:
-            root.set(f"{{{_XSI}}}schemaLocation", self._project.schema)
+            root.set(f"{{{_XSI}}}schemaLocation", _STRICT.sub(".xsd", self._project.schema))
         packages: dict[str, etree._Element] = {"": root}
         for path, module in self._modules.items():
             if path in left_out:

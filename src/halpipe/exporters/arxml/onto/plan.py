@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Findings, Location
 from halpipe.durations import Duration, greatest_common_divisor, seconds
 from halpipe.exporters.arxml.layout import ShortNames, short
-from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, WRONG_CORE
+from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, SPLIT_JOB, WRONG_CORE
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.models.project import ProjectCounter
@@ -79,6 +79,7 @@ class _Planner:
                 used.setdefault(job.task, set()).update(job.units)
         for task, units in used.items():
             starts[task] = self._starts(task, units)
+        self._refuse_split()
         self._findings.stop_on_errors()
         self._report_shared(starts)
         self._actions = {action.key: action for found in starts.values() for action in found}
@@ -93,6 +94,12 @@ class _Planner:
         self._findings.extend(findings.items)
         self._findings.stop_on_errors()
         return OntoPlan(tuple(placed), tuple(new), self._actions)
+
+    def _refuse_split(self) -> None:
+        split = sorted({job.task for _, _, _, jobs in self._tables for job in jobs if len(job.parts) > 1})
+        for task in split:
+            help = "import it again without split points, and schedule again"
+            self._findings.add(SPLIT_JOB("has jobs in several parts", path=f'task "{task}"', help=help))
 
     # ------------------------------------------------------------------------------------------------- starts
 
