@@ -129,15 +129,16 @@ class _Question:
         found = self._not_found(best, broken)
         conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
         if conflict is not None and conflict.answer is Answer.FEASIBLE:
-            return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one: use `schedule --engine exact`")]
+            help = "schedule it without --budget, or with --engine exact"
+            return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one", help)]
         if conflict is not None and conflict.kept is not None:
             tasks = tuple(active.name for active in conflict.kept.tasks)
             return Verdict.INFEASIBLE, [describe(self.mode, conflict), *self._remedies(tasks)]
         return Verdict.NOT_FOUND, [*found, *self._remedies(names_in(self.model, broken))]
 
-    def _schedulable(self, how: str) -> Diagnostic:
+    def _schedulable(self, how: str, help: str = "nothing to do") -> Diagnostic:
         text = f"has a valid schedule; {how}"
-        return codes.SCHEDULABLE(text, at=place(self.mode), path=f'mode "{self.mode.name}"', help="nothing to do")
+        return codes.SCHEDULABLE(text, at=place(self.mode), path=f'mode "{self.mode.name}"', help=help)
 
     def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
         if not self.remedies:
