@@ -126,6 +126,18 @@ def test_notes_are_counted_and_shown_on_request(halpipe, folder):
     assert "unused" in all.stdout
 
 
+@pytest.mark.parametrize("asked", [[], ["-h"], ["--help"]])
+def test_the_overview_is_that_of_the_whole_command_line(halpipe, asked, monkeypatch):
+    shown = halpipe(*asked)
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: build(VERBS))
+    whole = halpipe(*asked)
+    assert shown.returncode == whole.returncode
+    said, all_said = shown.stdout + shown.stderr, whole.stdout + whole.stderr
+    assert sorted(said.splitlines()) == sorted(all_said.splitlines())  # typer itself has groups last
+    places = [said.index(f"\n  {verb} ") for verb in VERBS]
+    assert places == sorted(places)
+
+
 def test_every_verb_has_help(halpipe):
     app = build(VERBS)
     assert [group.name for group in app.registered_groups] == list(GROUPS)

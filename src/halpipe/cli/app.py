@@ -14,7 +14,7 @@ import typer
 from halpipe import __version__
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
 VERBS = (
     "import", "validate", "schedule", "verify", "explain", "size", "sensitivity", "show", "diff", "export", "compare",
@@ -22,23 +22,27 @@ VERBS = (
 )  # fmt: skip
 """In the order of the help; each has a module of its name."""
 
+HELP = ("-h", "--help")
+
 GROUPS = ("export", "deploy")
 """Verbs that have commands of their own."""
 
 
 def app_for(arguments: list[str]) -> typer.Typer:
     """Return the command line that can answer these arguments: of one verb, else of all."""
-    return build(arguments[:1] if arguments and arguments[0] in VERBS else VERBS)
+    if not arguments or arguments[0] in HELP:
+        return build(VERBS, overview=True)
+    return build(arguments[:1] if arguments[0] in VERBS else VERBS)
 
 
-def build(verbs: Iterable[str]) -> typer.Typer:
-    """Return the command line of some verbs."""
+def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
+    """Return the command line of some verbs; for an overview of them, without their arguments and options."""
     app = typer.Typer(
         help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={"help_option_names": list(HELP)},
         epilog="Exit codes: 0 ok, 1 findings, 2 usage, 3 no schedule found, 4 proven infeasible, 5 unsupported under "
         "--strict, 70 internal error, 130 interrupted.",
     )
@@ -46,11 +50,20 @@ def build(verbs: Iterable[str]) -> typer.Typer:
     for verb in verbs:
         name = f"{verb}_" if verb == "import" else verb  # a word that Python keeps for itself
         module = import_module(f"halpipe.cli.{name}")
-        if verb in GROUPS:
+        if overview:
+            app.command(verb)(_described(module.app.info.help if verb in GROUPS else getattr(module, name).__doc__))
+        elif verb in GROUPS:
             app.add_typer(module.app, name=verb)
         else:
             app.command(verb)(getattr(module, name))
     return app
+
+
+def _described(text: str) -> Callable[[], None]:
+    def command() -> None: ...
+
+    command.__doc__ = text
+    return command
 
 
 def _print_version(wanted: bool) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import platform
 import shutil
-from importlib.metadata import PackageNotFoundError, version
 
 from halpipe import __version__
 from halpipe.cli import output
@@ -68,6 +67,8 @@ def doctor(format: Answers = AnswerFormat.TEXT) -> int:
 
 
 def _version(name: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
         return version(name)
     except PackageNotFoundError:
