@@ -62,8 +62,11 @@ def interrupts_of(
             if time is not None:
                 interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
                 found[unit] = (*found.get(unit, ()), interrupt)
-    help = "state them as interrupts of their unit under platform: in an overlay"
-    forest.report_each(codes.UNKNOWN_INTERRUPT, "interrupt routines have no time, distance or unit", lacking, help)
+    if lacking:
+        names = ", ".join(routine.name for routine in lacking)
+        message = f"{len(lacking)} interrupt routines have no time, distance or unit: {names}"
+        help = "state them as interrupts of their unit under platform: in an overlay"
+        forest.findings.add(codes.UNKNOWN_INTERRUPT(message, at=lacking[0].at, help=help))
     return found
 
 

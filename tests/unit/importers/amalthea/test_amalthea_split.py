@@ -135,11 +135,12 @@ def test_interrupt_routines_interrupt_their_unit(tmp_path):
 
 
 def test_interrupt_routines_without_a_time_are_a_warning_that_names_them(tmp_path):
-    sw = tasks("", ticks(5)) + isr("I") + isr("J", ticks(5), stimuli="")
+    routines = [isr(name) for name in "ABCDEFGHI"]
+    sw = tasks("", ticks(5)) + "".join(routines) + isr("J", ticks(5), stimuli="")
     imported = read(tmp_path, sw=sw)
     (said,) = found(imported.diagnostics, codes.UNKNOWN_INTERRUPT)  # HAL1250
     assert said.severity == "warning"
-    assert said.message.endswith("I, J")
+    assert said.message.endswith(": A, B, C, D, E, F, G, H, I, J")
     assert not any(unit.interrupts for unit in imported.model.units)
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml import codes
-from halpipe.importers.arxml.names import legal_name, listed
+from halpipe.importers.arxml.names import legal_name
 from halpipe.models import Interrupt
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def with_interrupts(
 
 def _report(lacking: Sequence[OsIsr], findings: Findings) -> None:
     if lacking:
-        names = listed([legal_name(routine.place.name) for routine in lacking])
+        names = ", ".join(legal_name(routine.place.name) for routine in lacking)
         message = f"{len(lacking)} interrupt routines have no time, distance or core: {names}"
         help = "state them as interrupts under platform: in the overlay"
         findings.add(codes.UNKNOWN_INTERRUPT(message, at=lacking[0].place.at, help=help))
