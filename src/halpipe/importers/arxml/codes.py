@@ -246,7 +246,7 @@ NOT_CALLED = warning(
     "Its mapping in the Rte configuration names no OsTask, while others do: the generated RTE never calls its "
     "runnable, which makes no task. Map it, or give it a period in the overlay (sources).",
 )
-INHERITED = warning(
+INHERITED = note(
     "HAL0572",
     "Period was taken from the sender of data",
     "A DATA-RECEIVED-EVENT has no period. Without an Rte configuration that maps it, its runnable is taken to run as "

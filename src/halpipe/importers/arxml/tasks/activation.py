@@ -54,6 +54,7 @@ class Activation:
     distance: Duration | None = None
     twin: Actor | None = None
     joins: Event | None = None
+    is_inherited: bool = False
 
     @property
     def kind(self) -> str:
