@@ -31,7 +31,9 @@ def bare(value):
         return tuple(map(bare, value))
     if not is_dataclass(value):
         return value
-    changes = {field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns"}
+    changes = {
+        field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns" and field.init
+    }
     if not changes:
         return value
     for name, nothing in (("origin", None), ("at", NOWHERE), ("digest", "")):

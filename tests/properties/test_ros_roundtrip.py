@@ -28,7 +28,9 @@ def bare(value):
         return tuple(map(bare, value))
     if not is_dataclass(value):
         return value
-    changes = {field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns"}
+    changes = {
+        field.name: bare(getattr(value, field.name)) for field in fields(value) if field.name != "_ns" and field.init
+    }
     for name, nothing in (("origin", None), ("at", NOWHERE), ("digest", "")):
         if name in changes:
             changes[name] = nothing
