@@ -404,3 +404,16 @@ def test_what_is_missing_for_a_proof_is_named(files, monkeypatch):
     (found,) = refused.value.diagnostics
     assert found.code == codes.NO_ENGINE.id
     assert "apt-get install yosys cvc5" in found.help
+
+
+@yosys
+@pytest.mark.slow
+def test_the_unit_fits_a_device_without_distributed_memory():
+    """iCE40: block RAM only; no memory style may be insisted on."""
+    sources = " ".join(str(RTL / f"halpipe_regulator{part}.v") for part in ("_gate", "_player", "_unit"))
+    with tempfile.TemporaryDirectory() as folder:
+        size = "chparam -set DEPTH 256 -set TABLES 8 halpipe_regulator_unit"
+        script = f"read_verilog {sources}; {size}; synth_ice40 -top halpipe_regulator_unit; tee -o stat.txt stat"
+        subprocess.run(["yosys", "-q", "-p", script], cwd=folder, check=True, capture_output=True)
+        text = Path(folder, "stat.txt").read_text()
+    assert re.search(r"SB_RAM40_4K +6\b", text)

@@ -141,7 +141,7 @@ def register_description() -> bytes:
 
 
 def unit_sources() -> dict[str, bytes]:
-    """Return the unit's Verilog, by name in the bundle."""
+    """Return the unit's Verilog and its timing constraints, by name in the bundle."""
     folder = resources.files("halpipe.exporters.regulator").joinpath("rtl")
-    sources = sorted((f for f in folder.iterdir() if f.name.endswith((".v", ".sv"))), key=lambda f: f.name)
+    sources = sorted((f for f in folder.iterdir() if f.name.endswith((".v", ".sv", ".sdc"))), key=lambda f: f.name)
     return {f"rtl/{source.name}": source.read_bytes() for source in sources}
