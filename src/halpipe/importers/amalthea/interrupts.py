@@ -63,8 +63,8 @@ def interrupts_of(
                 interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
                 found[unit] = (*found.get(unit, ()), interrupt)
     if lacking:
-        names = ", ".join(routine.name for routine in lacking)
-        message = f"{len(lacking)} interrupt routines have no time, distance or unit: {names}"
+        listed = ", ".join(routine.name for routine in lacking)
+        message = f"{len(lacking)} interrupt routines have no time, distance or unit: {listed}"
         help = "state them as interrupts of their unit under platform: in an overlay"
         forest.findings.add(codes.UNKNOWN_INTERRUPT(message, at=lacking[0].at, help=help))
     return found
