@@ -148,6 +148,9 @@ def test_the_period_of_a_sender_is_never_taken_silently(tmp_path):
     assert periods(imported) == {"a/Make": "10ms", "b/Use": "10ms"}
     (told,) = found(imported, codes.INHERITED)
     assert "b/Use" in told.message
+    assert ('task "b/Use"', "period", "10ms") in {
+        (default.element, default.what, default.value) for default in imported.coverage.defaulted_values
+    }
 
 
 def test_what_an_os_task_runs_on_arrival_has_no_period(tmp_path):

@@ -106,6 +106,9 @@ def report_assumptions(
         )
         for unit in platform.assumed:
             coverage.defaulted(f'unit "{unit}"', "unit", unit)
+    for draft in drafts:
+        if draft.members[0].is_inherited:
+            coverage.defaulted(f'task "{draft.name}"', "period", str(draft.period), draft.place.at)
     unbound = [draft for draft in drafts if not platform.is_bound(draft)]
     if unbound and len(model.units) > 1:
         findings.add(

@@ -35,7 +35,7 @@ class Activation:
     are the elements that the period comes from, where it is not the event's own. `arrival` is what the timing
     extension says of how often it happens; with `distance` that is sporadic, and the period is that of polling. `twin`
     is the runnable that is the same function as a BSW entity, and `joins` the event of it with which this one shares a
-    call.
+    call. `is_inherited` says that the period is that of the sender of its data.
     """
 
     name: str

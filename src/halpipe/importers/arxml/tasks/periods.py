@@ -392,7 +392,7 @@ def _inherit(
                 help="give it another period in the overlay (sources) if its data is not sent each time",
             )
         )
-        return replace(activation, period=found[0])
+        return replace(activation, period=found[0], is_inherited=True)
     if not found:
         return replace(activation, reason=_NO_SENDER)
     listed = ", ".join(str(period) for period in found)
