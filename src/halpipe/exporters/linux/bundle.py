@@ -139,6 +139,7 @@ def _environment() -> Any:
     return jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER / "templates"),
         undefined=jinja2.StrictUndefined,
+        autoescape=False,  # C and make: names are checked before they get here
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -42,7 +42,10 @@ class Renderer:
         import jinja2
 
         self.environment = jinja2.Environment(
-            loader=jinja2.FileSystemLoader(FOLDER), undefined=jinja2.StrictUndefined, keep_trailing_newline=True
+            loader=jinja2.FileSystemLoader(FOLDER),
+            undefined=jinja2.StrictUndefined,
+            autoescape=False,  # C, make and linker scripts: names are checked before they get here
+            keep_trailing_newline=True,
         )
         self.environment.trim_blocks = self.environment.lstrip_blocks = False
         self.environment.filters["hex"] = hex

@@ -106,6 +106,7 @@ def _filled(name: str, values: dict[str, Any]) -> bytes:
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(FOLDER),
         undefined=jinja2.StrictUndefined,
+        autoescape=".xml" in name,  # the others are C++ and CMake: names are checked before they get here
         keep_trailing_newline=True,
         trim_blocks=True,
         lstrip_blocks=True,
