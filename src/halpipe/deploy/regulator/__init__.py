@@ -44,8 +44,11 @@ class RegulatorDeployment:
         text = f"{len(tables.tables)} tables of {len(tables.units)} units, {arithmetic.budgets} budgets"
         sums = f", {arithmetic.windows} sums against {tables.capacity_bytes} B a window" if arithmetic.windows else ""
         lines = [f"arithmetic: {wrong}; {text}{sums}"]
-        if findings and options.engine == "auto":
-            lines.append("nothing executed: the tables are wrong (name an --engine to play them all the same)")
+        if findings and (options.engine == "auto" or tables.backend != "table"):
+            lines.append(
+                "nothing executed: the tables are wrong"
+                + (" (name an --engine to play them all the same)" if tables.backend == "table" else "")
+            )
         elif tables.backend != "table":
             found, told = _execute(target, tables, facts, arithmetic.planned)
             findings += found
@@ -81,7 +84,12 @@ def _execute(
         text = f'there is no model of the back-end "{tables.backend}"'
         raise HalpipeError(UNUSABLE_TABLES(text, at=target.bundle.at("tables.json"), help="export the bundle again"))
     case = Case(target.bundle, tables, facts, planned)
-    run(case)
+    try:
+        run(case)
+    except (ValueError, KeyError, TypeError, AttributeError, ZeroDivisionError) as failure:
+        text = f"has a value that the model of {tables.backend} cannot use: {failure}"
+        at, help = target.bundle.at("platform.yaml"), "correct the platform file, and export the bundle again"
+        raise HalpipeError(UNUSABLE_TABLES(text, at=at, help=help)) from None
     wrong = f"{len(case.findings)} findings" if case.findings else "grants what is promised"
     return case.findings, [f"device: {tables.backend} {wrong}; {case.steps} writes executed on its model"]
 

@@ -9,6 +9,7 @@ import regulator_bundles as bundles
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
 from halpipe.deploy.regulator.devices.axi_realm import RegisterFile
+from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from support import access, job, mode, model, schedule, task, version
 
@@ -167,3 +168,19 @@ def test_the_register_file_is_that_of_the_documentation(managers, regions, guard
         assert names["write budget", 0, 0] == 0x124
         assert names["read budget", 0, 0] == 0x164
         assert names["read period", 7, 1] == 0x220
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("memguard", "core: 1", "core: one"),
+        ("mpam", "partid: 2", "partid: x"),
+        ("qos400", "clock: 2MHz", "clock: fast"),
+    ],
+)
+def test_a_platform_that_no_model_can_use_is_refused(exported, name, old, new):
+    _, files = exported[name]
+    with pytest.raises(HalpipeError) as refused:
+        ids(changed(files, "platform.yaml", old, new))
+    (found,) = refused.value.diagnostics
+    assert (found.code, found.at.file) == (codes.UNUSABLE_TABLES.id, "cfg/platform.yaml")
