@@ -236,6 +236,7 @@ def test_nothing_is_printed_past_the_seam():
         ("__init__.py", "os.write"),  # when there is no memory for more
         ("app.py", "typer.echo"),
         ("bugs.py", "stream.write"),
+        ("import_.py", "Console"),  # a bar without a name
         ("searching.py", "Console"),
         ("searching.py", "checkpoint.write"),
         ("streams.py", "_open(sys.stderr).write"),
