@@ -216,12 +216,14 @@ class Recorder:
                 self._inputs[region.hart] = [transfer]
         name = self._buffer(transfer.target)
         if name is not None:
-            self.stored(name, transfer.data)
+            self.stored(name, transfer.data, transfer.target - self._site.buffers[name].base)
             self.after_write(name, transfer.end)
 
-    def stored(self, buffer: str, data: bytes) -> None:
-        """A buffer got new contents, by a write phase or by the plant."""
-        self._contents[buffer] = data + self._contents.get(buffer, b"")[len(data) :]
+    def stored(self, buffer: str, data: bytes, offset: int = 0) -> None:
+        """A buffer got new contents, by a write phase or by the plant; of a gang, each member writes its part."""
+        area = self._site.buffers[buffer]
+        known = self._contents.get(buffer) or self.machine.memory.read(area.base, area.size)
+        self._contents[buffer] = known[:offset] + data + known[offset + len(data) :]
 
     def _buffer(self, address: int) -> str | None:
         return next((n for n, area in self._site.buffers.items() if _holds(area, address)), None)
