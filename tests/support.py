@@ -103,3 +103,19 @@ def schedule(system, hyperperiod, *jobs, mode_name="all", status=Status.VALID):
     """A one-mode schedule."""
     table = ModeSchedule(name=mode_name, hyperperiod=ms(hyperperiod), status=status, jobs=jobs)
     return Schedule(model=system.name, model_sha256=system.digest, modes=(table,))
+
+
+CORES = "c1 c2"
+
+
+def small_model():
+    """Two tasks and a chain on two units: schedulable at once."""
+    sense = task("sense", "10ms", version("v", "3ms", CORES, access("mem", "0ms", "1ms")))
+    act = task("act", "10ms", version("v", "2ms", CORES, after("sense", "0ms", "4ms", "end")))
+    return model(sense, act, units=CORES, resources="mem", chains=[chain("c", "sense act", reaction="40ms")])
+
+
+def hopeless_model():
+    """Three tasks of which no two fit on one unit, and two units: valid as a model, and no search succeeds."""
+    wcets = {"first": "7ms", "second": "7ms", "third": "6ms"}
+    return model(*(task(name, "10ms", version("v", wcet, CORES)) for name, wcet in wcets.items()), units=CORES)

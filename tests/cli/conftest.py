@@ -9,25 +9,10 @@ import pytest
 
 from command_line import run_here
 from halpipe.exporters.native import format_model
-from support import access, after, chain, model, task, version
-
-CORES = "c1 c2"
+from support import hopeless_model, small_model
 
 PATIENCE = 120
 """Seconds after which a process hangs, on however busy a machine."""
-
-
-def small_model():
-    """Two tasks and a chain on two units: schedulable at once."""
-    sense = task("sense", "10ms", version("v", "3ms", CORES, access("mem", "0ms", "1ms")))
-    act = task("act", "10ms", version("v", "2ms", CORES, after("sense", "0ms", "4ms", "end")))
-    return model(sense, act, units=CORES, resources="mem", chains=[chain("c", "sense act", reaction="40ms")])
-
-
-def hopeless_model():
-    """Three tasks of which no two fit on one unit, and two units: valid as a model, and no search succeeds."""
-    wcets = {"first": "7ms", "second": "7ms", "third": "6ms"}
-    return model(*(task(name, "10ms", version("v", wcet, CORES)) for name, wcet in wcets.items()), units=CORES)
 
 
 @pytest.fixture

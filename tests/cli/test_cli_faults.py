@@ -32,8 +32,8 @@ KNOWN = (0, 1, 3)
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory):
     """A folder with an input for each verb, and what each verb writes."""
-    from conftest import hopeless_model, small_model
     from halpipe.exporters.native import format_model
+    from support import hopeless_model, small_model
 
     folder = tmp_path_factory.mktemp("sources")
     (folder / "model.xml").write_bytes(format_model(small_model()))

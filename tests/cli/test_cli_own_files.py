@@ -112,7 +112,7 @@ def test_every_verb_that_writes_is_tried_above():
     assert writing | {"run"} == {*OVERWRITING, *elsewhere}
     formats = group.commands["export"]
     names = set(formats.list_commands(formats.make_context("export", [], resilient_parsing=True)))
-    assert names == {*EXPORTS, "regulator", "riscv"}
+    assert names == {*EXPORTS, "linux", "regulator", "riscv"}
 
 
 def _writes(command):

@@ -40,8 +40,8 @@ NEEDED = {"show": {"rich.console"}}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     from command_line import run_here
-    from conftest import small_model
     from halpipe.exporters.native import format_model
+    from support import small_model
 
     made = tmp_path_factory.mktemp("start")
     (made / "model.xml").write_bytes(format_model(small_model()))

@@ -129,7 +129,7 @@ def phase_instants(
     ``ValueError`` if a gap of the job lies inside the phase.
     """
     for number, part in enumerate(parts):
-        if part.executed_from <= access.start and access.end <= part.executed_to:
+        if len(parts) == 1 or (part.executed_from <= access.start and access.end <= part.executed_to):
             lost = (resume if number else ZERO) - part.executed_from
             return part.start + lost + access.start, part.start + reserved_length(lost + access.end, service)
     raise ValueError("a gap of the job lies inside the phase")

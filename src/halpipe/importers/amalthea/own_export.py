@@ -63,8 +63,7 @@ def activation_of(forest: Forest, task: Item, stimuli: Sequence[Item]) -> Activa
     period = value_of(forest, task, _PERIOD, optional_duration)
     offset = value_of(forest, task, "offset", optional_duration)
     stimulus = stimuli[0] if stimuli else None
-    distance = value_of(forest, task, "distance", optional_duration)
-    exact = None if period is None else Activation(period, offset, stimulus, distance)
+    exact = None if period is None else Activation(period, offset, stimulus, distance_of(forest, task))
     if stimulus is None or any(text_of(found, "placed") is not None for found in stimuli):
         return exact
     stated = next(iter(activations_of(forest, stimulus)), None)
@@ -78,6 +77,11 @@ def activation_of(forest: Forest, task: Item, stimuli: Sequence[Item]) -> Activa
 
 
 # ------------------------------------------------------------------------------------------------ tasks
+
+
+def distance_of(forest: Forest, task: Item) -> Duration | None:
+    """Return how far the arrivals of a carried task are apart at least."""
+    return value_of(forest, task, "distance", optional_duration)
 
 
 def slack_of(forest: Forest, task: Item) -> Fraction:

@@ -226,6 +226,12 @@ class TaskBuilder:
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         return Binding.SYSTEM if bound is not None and len(bound) == 1 else Binding.JOB
 
+    def _distance(self, draft: Draft) -> Duration | None:
+        """Return how far arrivals are apart at least; a model of ours may say it of a task that no stimulus starts."""
+        if carried.is_carried(draft.task):
+            return carried.distance_of(self._forest, draft.task)
+        return None if draft.activation is None else draft.activation.distance
+
     def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
         versions = tuple(
@@ -241,7 +247,7 @@ class TaskBuilder:
             slack=limits.slack,
             offset=None if draft.activation is None else draft.activation.offset,
             deadline=limits.deadline,
-            distance=None if draft.activation is None else draft.activation.distance,
+            distance=self._distance(draft),
             binding=self._binding(draft),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
