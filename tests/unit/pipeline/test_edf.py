@@ -202,9 +202,20 @@ def refused(owner, **options):
     return [d.code for d in failure.value.diagnostics]
 
 
-def test_shipped_jobs_that_may_be_split_are_not_frozen():
+def test_split_jobs_stay_as_they_shipped_all_together_or_are_not_frozen():
     owner = short_beside_long(3, 6)
-    assert refused(owner, shipped=scheduled(owner).schedule) == [codes.FREEZE_WHOLE.id]
+    shipped = scheduled(owner).schedule
+    assert scheduled(owner, shipped=shipped, seed=5).schedule.modes[0].jobs == shipped.modes[0].jobs
+    longer = model(owner.task("short"), task("long", 20, split(version("v", 11), 3, 6), slack=1))
+    assert refused(longer, shipped=shipped) == [codes.FREEZE_WHOLE.id]
+
+
+def test_what_is_near_is_searched_for_where_it_cannot_stay():
+    owner = short_beside_long(3, 6)
+    first = scheduled(owner).schedule
+    longer = model(owner.task("short"), task("long", 20, split(version("v", 11), 3, 6), slack=1))
+    assert scheduled(owner, near=first).schedule.modes[0].jobs == first.modes[0].jobs
+    assert scheduled(longer, near=first).is_complete
 
 
 def test_the_exact_engine_knows_whole_jobs_only():

@@ -83,8 +83,9 @@ EXACT_WHOLE = error(
 FREEZE_WHOLE = error(
     "HAL0426",
     "Split jobs cannot be frozen",
-    "With --freeze, jobs keep their places in the search for the others. That is done for modes of whole jobs only. "
-    "Without it, the same model, options and seed give the same schedule.",
+    "With --freeze, jobs keep their places in the search for the others. That is done for modes of whole jobs only; a "
+    "mode of split jobs stays as it has shipped, or cannot be frozen. Without --freeze, the same model, options and "
+    "seed give the same schedule.",
 )
 GRID_WHOLE = error(
     "HAL0458",

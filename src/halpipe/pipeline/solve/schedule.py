@@ -299,7 +299,10 @@ def _schedule_parts(
 
     name = expansion.mode.name
     if options.shipped is not None:
-        text = "its jobs may be split, so none can be kept where it has shipped"
+        table = _as_shipped(model, expansion, tuple(_shipped(expansion, options).values()))
+        if table is not None:
+            return _Found(table, [])
+        text = "its jobs may be split, so they stay all together or not at all, and the model does not let all stay"
         help = "leave --freeze away; tasks with binding stay on their units"
         raise HalpipeError(FREEZE_WHOLE(text, at=expansion.mode.at, path=f'mode "{name}"', help=help))
     _check_tick(expansion, options.tick)
@@ -325,6 +328,21 @@ def _schedule_parts(
     on_progress(name, found.placed, budget, found.excess)
     table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
     return _Found(table, [], found.placed, found.stopped, found.unimproved)
+
+
+def _as_shipped(model: TaskModel, expansion: Expansion, jobs: tuple[Job, ...]) -> ModeSchedule | None:
+    """Return the table of a mode with all its jobs where they have shipped, if the model still allows that."""
+    units = {(active.name, version.name): version.units for active in expansion.tasks for version in active.versions}
+    expected = {(active.name, index) for active in expansion.tasks for index in range(active.jobs)}
+    if {(job.task, job.index) for job in jobs} != expected:
+        return None
+    if any(not {*job.units} <= {*units.get((job.task, job.version), ())} for job in jobs):
+        return None
+    try:
+        table = mode_report(model, expansion, jobs, Status.VALID)
+    except ValueError:  # a gap inside an access phase
+        return None
+    return table if table.cost is not None and table.cost.total <= 0 else None
 
 
 def _pinned(expansion: Expansion, earlier: Earlier) -> dict[str, tuple[str, ...]]:
