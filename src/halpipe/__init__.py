@@ -9,24 +9,26 @@ go on. What they take and return are the frozen values of `halpipe.models`. See 
     page = halpipe.export("report", model, schedule)[""]
 """
 
-from halpipe.api import (
-    compare,
-    diff,
-    explain,
-    export,
-    import_model,
-    jobs,
-    latencies,
-    load,
-    load_schedule,
-    loads,
-    save,
-    schedule,
-    sensitivity,
-    size,
-    validate,
-    verify,
-)
+TYPE_CHECKING = False  # as typing has it, which need not be loaded before Ctrl-C is answered
+if TYPE_CHECKING:
+    from halpipe.api import (
+        compare,
+        diff,
+        explain,
+        export,
+        import_model,
+        jobs,
+        latencies,
+        load,
+        load_schedule,
+        loads,
+        save,
+        schedule,
+        sensitivity,
+        size,
+        validate,
+        verify,
+    )
 
 __version__ = "0.1.0"
 
@@ -49,3 +51,16 @@ __all__ = [
     "validate",
     "verify",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Load the functions when one of them is asked for."""
+    if name in __all__:
+        from halpipe import api
+
+        return getattr(api, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

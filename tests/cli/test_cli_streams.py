@@ -77,7 +77,7 @@ def test_ctrl_c_at_any_moment_is_no_traceback(folder):
         time.sleep(2 * python + step * 0.02)
         run.send_signal(signal.SIGTERM if step % 5 == 4 else signal.SIGINT)
         _, said = run.communicate(timeout=60)
-        if run.returncode < 0 and "halpipe" not in said:
+        if ("Traceback" in said and "halpipe" not in said) or (run.returncode < 0 and not said):
             continue  # Python itself was still starting
         assert "Traceback" not in said
         assert run.returncode in (130, 3)
@@ -107,7 +107,7 @@ def test_want_of_memory_is_no_bug(monkeypatch, capsys, failure):
 @pytest.mark.slow  # test_want_of_memory_is_no_bug is the quicker one
 def test_little_memory_is_told(folder):
     def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (300 * 2**20, 300 * 2**20))
+        resource.setrlimit(resource.RLIMIT_AS, (260 * 2**20, 260 * 2**20))
 
     (folder / "big.xml").write_bytes(b'<task-model name="' + b"x" * 250 * 2**20 + b'"/>')
     run = subprocess.run(

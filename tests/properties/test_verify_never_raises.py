@@ -24,10 +24,12 @@ def vandalise(rng, value, rate):
         kept = [vandalise(rng, item, rate) for item in value if rng.random() > rate / 2]
         return tuple(kept + ([rng.choice(kept)] if kept and rng.random() < rate else []))
     if is_dataclass(value) and not isinstance(value, (Duration, Diagnostic)):
-        changed = {f.name: vandalise(rng, getattr(value, f.name), rate) for f in fields(value) if f.name != "at"}
+        changed = {
+            f.name: vandalise(rng, getattr(value, f.name), rate) for f in fields(value) if f.name != "at" and f.init
+        }
         changed |= {name: None for name in OPTIONAL & changed.keys() if rng.random() < rate}
         return replace(value, **changed)
-    if rng.random() > rate or value is None or isinstance(value, Enum):
+    if rng.random() > rate or value is None or isinstance(value, Enum | bool):
         return value
     if isinstance(value, Duration):
         return Duration(rng.choice(TIMES))

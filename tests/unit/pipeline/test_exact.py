@@ -178,7 +178,9 @@ def test_engine_of_the_search(monkeypatch):
 
 @pytest.mark.parametrize(("stopped", "code", "exit"), [(True, codes.INTERRUPTED, 130), (False, codes.NOT_FOUND, 3)])
 def test_an_unknown_answer_is_not_called_infeasible(monkeypatch, stopped, code, exit):
-    monkeypatch.setattr(exact, "solve_exact", lambda *_, **__: ExactResult(Answer.UNKNOWN, stopped=stopped))
+    monkeypatch.setattr(
+        "halpipe.pipeline.solve.exact_member.solve_exact", lambda *_, **__: ExactResult(Answer.UNKNOWN, stopped=stopped)
+    )
     with pytest.raises(HalpipeError) as failure:
         schedule_model(hard(), SearchOptions(engine="exact"), lambda *_: True)
     assert [d.code for d in failure.value.diagnostics] == [code.id]

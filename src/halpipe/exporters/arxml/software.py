@@ -20,7 +20,7 @@ from halpipe.exporters.arxml.document import (
     special,
 )
 from halpipe.exporters.arxml.layout import EVENT
-from halpipe.models import Binding
+from halpipe.models import WHOLE, Binding
 from halpipe.quantities import format_rational, format_size
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
         units = group(data, "units")
         for unit in version.units:
             sdx(units, "HW-ELEMENT", layout.unit(unit))
-    if version.split.is_allowed:
+    if version.split != WHOLE:
         _split(group(data, "split"), version.split)
     for access in version.accesses:
         _access(data, access, layout)

@@ -237,7 +237,7 @@ def _interrupts(data: Data) -> Iterator[Interrupt]:
     for group in data.groups("interrupt"):
         name = group.text("name")
         distance, wcet = group.value("distance", Duration.parse), group.value("wcet", Duration.parse)
-        if not name or not distance or wcet is None:
+        if not name or distance is None or wcet is None:
             edited(group, "lacks name, distance or execution time of an interrupt")
             continue
         yield Interrupt(name=take_name(name, taken), distance=distance, wcet=wcet, origin=group.origin())
