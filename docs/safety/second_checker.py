@@ -3,7 +3,8 @@
     python docs/safety/second_checker.py MODEL.xml SCHEDULE.xml
 
 It decides the steady state of every mode, with split jobs, interrupts, bindings and sporadic arrivals, from
-the page that says what "valid" means. It does not judge switches between modes, and says so. Times are exact. Of a task without period it counts the
+the page that says what "valid" means. It does not judge switches between modes, and says so. Times are exact.
+Of a task without period it counts the
 jobs; the page does not say which number belongs to which demand.
 One line per broken rule; exit code 0: valid, 1: not valid, 2: cannot read.
 """
