@@ -15,7 +15,7 @@ from halpipe.exporters.amalthea.document import (
     ref,
 )
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import AccessKind, Binding
+from halpipe.models import WHOLE, AccessKind, Binding
 from halpipe.quantities import format_rational, format_size
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Software:
             add_property(element, "gang", str(version.gang))
         if version.accesses:
             add_structure(element, "accesses", [_access(access) for access in version.accesses])
-        if version.split.is_allowed:
+        if version.split != WHOLE:
             add_structure(element, "split", _split(version.split))
         if version.source is not None:
             source = version.source
@@ -181,7 +181,9 @@ def _preemption(task: Task) -> str:
 
 
 def _split(split: Split) -> dict[str, Any]:
-    found: dict[str, Any] = {"points": [str(point) for point in split.points]} if split.points else {"anywhere": True}
+    found: dict[str, Any] = {"points": [str(point) for point in split.points]} if split.points else {}
+    if split.anywhere:
+        found["anywhere"] = True
     if split.resume:
         found["resume"] = str(split.resume)
     if split.max_gaps is not None:
