@@ -16,8 +16,11 @@ from support import model, task, version
 from worst_inputs import OPEN, WORST
 
 SIZE = 150_000
-SECONDS = 15
-"""For 150 kB; a reader that is quadratic takes minutes. The slowest takes 3 s alone, 6 s among other tests."""
+SECONDS = 6
+"""For 150 kB; a reader that is quadratic takes minutes. Far above what is needed, since the machine may be busy."""
+
+SECONDS_OF_OPEN = 15
+"""For what breaks the law at 10 MB still: the slowest of it takes 3 s alone, and 6.3 s were seen among other tests."""
 
 
 @pytest.fixture
@@ -39,7 +42,7 @@ def test_the_worst_inputs_are_answered_soon(place, kind):
     run = run_here(place, *[file if word == "FILE" else word for word in command])
     spent = time.process_time() - begin
     gc.unfreeze()
-    assert spent < SECONDS
+    assert spent < (SECONDS_OF_OPEN if kind in OPEN else SECONDS)
     assert run.returncode in (0, 1, 2), run.stderr
     assert len(run.stderr) < 100_000, "what people read has an end"
 
