@@ -18,6 +18,9 @@ from halpipe.models import (
     Chain,
     ChainLatency,
     CostTerms,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
     Interrupt,
     Job,
     Mode,
@@ -25,6 +28,7 @@ from halpipe.models import (
     Origin,
     Part,
     Precedence,
+    Reaction,
     Resource,
     ResourceLoad,
     Run,
@@ -159,6 +163,16 @@ chains = st.builds(
 runs = st.builds(Run, task=names, versions=some_names)
 modes = st.builds(Mode, name=names, runs=few(runs), origin=maybe(origins))
 transitions = st.builds(Transition, source=names, target=names, max_length=maybe(durations), origin=maybe(origins))
+rules = st.builds(
+    HealthRule,
+    task=names,
+    event=st.sampled_from(HealthEvent),
+    count=st.integers(1, 255),
+    cycles=st.integers(1, 255),
+    action=st.sampled_from(HealthAction),
+    mode=st.just("") | names,
+    origin=maybe(origins),
+)
 task_models = st.builds(
     TaskModel,
     name=names,
@@ -168,6 +182,7 @@ task_models = st.builds(
     chains=few(chains),
     modes=few(modes),
     transitions=few(transitions),
+    health=few(rules),
     origin=maybe(origins),
 )
 
@@ -212,6 +227,17 @@ transition_tables = st.builds(
     status=st.sampled_from(Status),
     jobs=few(jobs),
 )
+reactions = st.builds(
+    Reaction,
+    mode=names,
+    task=names,
+    event=st.sampled_from(HealthEvent),
+    count=st.integers(1, 255),
+    cycles=st.integers(1, 255),
+    action=st.sampled_from(HealthAction),
+    target=st.just("") | names,
+    within=maybe(durations),
+)
 schedules = st.builds(
     Schedule,
     model=names,
@@ -222,4 +248,5 @@ schedules = st.builds(
     tick=maybe(durations),
     modes=few(mode_schedules),
     transitions=few(transition_tables),
+    reactions=few(reactions),
 )

@@ -26,6 +26,7 @@ ASPECTS = {
     "chains": "cause-effect chains with their limits",
     "modes": "modes, and which tasks run in them",
     "transitions": "allowed switches between modes, with their limits",
+    "health": "what the target does after overruns or faults",
     "sources": "program sources of the versions",
     "origins": "where each element was imported from",
     "schedule": "the schedule of every mode",

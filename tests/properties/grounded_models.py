@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from halpipe.models import HealthAction
+
 
 def first_of_each(elements):
     return tuple({element.name: element for element in elements}.values())
@@ -71,5 +73,10 @@ def grounded(model):
             replace(t, source=chosen(t.source, mode_names), target=chosen(t.target, mode_names))
             for t in model.transitions
             if mode_names
+        ),
+        health=tuple(
+            replace(rule, task=chosen(rule.task, names[2]), mode=chosen(rule.mode, mode_names) if switches else "")
+            for rule in model.health
+            if (switches := rule.action is HealthAction.SWITCH) in (False, bool(mode_names)) and names[2]
         ),
     )

@@ -16,6 +16,7 @@ from halpipe.exporters.ros import RosOptions
 from halpipe.importers.base import ImportOptions
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT as IN
+from halpipe.models import HealthAction, HealthEvent, HealthRule
 from halpipe.pipeline.verify import verify
 from profiles import examples
 
@@ -65,6 +66,18 @@ def test_a_model_comes_back_as_far_as_it_is_carried(tmp_path_factory, make, seed
     data, once_more = again(tmp_path_factory, back, schedule)
     assert bare(once_more) == bare(back)
     assert again(tmp_path_factory, once_more, schedule)[0] == data
+
+
+def test_health_rules_come_back(tmp_path_factory):
+    model, schedule = switching_system(random.Random(1))
+    task, (one, two) = model.tasks[0].name, [mode.name for mode in model.modes][:2]
+    switch = HealthRule(task=task, event=HealthEvent.FAULT, count=3, cycles=7, mode=two)
+    ruled = replace(model, health=(switch, HealthRule(task=task, action=HealthAction.STOP)))
+    _, back = again(tmp_path_factory, ruled, schedule)
+    assert bare(back.health) == ruled.health
+    alone = OUT.write(ruled, schedule, RosOptions(mode=one))[""].decode()
+    assert "action: stop" in alone
+    assert "action: switch" not in alone
 
 
 @FAST

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
@@ -48,7 +47,7 @@ def show(
     tables = read_schedule(schedule)
     if mode:
         check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
-        tables = replace(tables, modes=(tables.mode(mode),), transitions=())
+        tables = tables.alone((tables.mode(mode),))
     if format is not Form.TEXT:
         from halpipe.flow.rows import as_csv, as_json
 

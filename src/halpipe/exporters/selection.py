@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError
@@ -31,7 +30,7 @@ def select(model: TaskModel, schedule: Schedule | None, mode: str, format_name: 
     if mode:
         require_mode(mode, (m.name for m in schedule.modes))
         kept = tuple(m for m in schedule.modes if m.name == mode)
-        schedule = replace(schedule, modes=kept, transitions=())
+        schedule = schedule.alone(kept)
     check = _Check(model, schedule)
     for table in schedule.modes:
         check.mode(table)

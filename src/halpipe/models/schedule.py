@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
-from halpipe.models.system import Word
+from halpipe.models.system import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -133,6 +133,25 @@ class TransitionTable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Reaction:
+    """What a health rule leads to in `mode`: the rule, and the longest time from its last event to the end (MODEL 9).
+
+    The end is the first instant of mode `target` for a switch, and the end of the last table for a stop; a restart
+    has none.
+    """
+
+    mode: str
+    task: str
+    event: HealthEvent
+    count: int
+    cycles: int
+    action: HealthAction
+    target: str = ""
+    within: Duration | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Schedule:
     """Schedules of all modes of one model, tied to it by `model` (its name) and `model_sha256` (its file)."""
 
@@ -144,6 +163,7 @@ class Schedule:
     tick: Duration | None = None
     modes: tuple[ModeSchedule, ...] = ()
     transitions: tuple[TransitionTable, ...] = ()
+    reactions: tuple[Reaction, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
     def _repr_html_(self) -> str:
@@ -158,6 +178,10 @@ class Schedule:
         head = ("mode", "length", "jobs", "chains: reaction, age", "claimed")
         lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
         return f"<table><tr>{''.join(f'<th>{name}</th>' for name in head)}</tr>{lines}</table>"
+
+    def alone(self, modes: tuple[ModeSchedule, ...], transitions: tuple[TransitionTable, ...] = ()) -> Schedule:
+        """Return the schedule of these modes, with no more than these switches and without reactions."""
+        return replace(self, modes=modes, transitions=transitions, reactions=())
 
     def mode(self, name: str) -> ModeSchedule:
         """Return the schedule of the mode called `name`; raise ``KeyError`` if there is none."""

@@ -81,6 +81,27 @@ class Binding(Word):
     """The same unit set in all modes and tables, whatever the version."""
 
 
+class HealthEvent(Word):
+    """What of a job a health rule counts (MODEL 9)."""
+
+    OVERRUN = "overrun"
+    """It did not come to an end, or its data did not, in the time that it has."""
+    FAULT = "fault"
+    """It trapped, its core did not answer, or the transfer of its data failed."""
+    ANY = "any"
+
+
+class HealthAction(Word):
+    """What a health rule has the target do."""
+
+    SWITCH = "switch"
+    """Go to another mode through the transition table."""
+    RESTART = "restart"
+    """Start the cores of the job anew."""
+    STOP = "stop"
+    """Play no further table."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interrupt(Element):
     """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
@@ -278,6 +299,23 @@ class Transition(Element):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HealthRule(Element):
+    """After `count` events of jobs of `task` within `cycles` tables in a row the target takes an action (MODEL 9).
+
+    `mode` is where a switch leads; there the rule does not hold.
+    """
+
+    task: str
+    event: HealthEvent = HealthEvent.ANY
+    count: int = 1
+    cycles: int = 1
+    action: HealthAction = HealthAction.SWITCH
+    mode: str = ""
+    origin: Origin | None = None
+    at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TaskModel(Element):
     """A whole system. `digest` is the SHA-256 of the file it was read from (hexadecimal, empty if none).
 
@@ -291,6 +329,7 @@ class TaskModel(Element):
     chains: tuple[Chain, ...] = ()
     modes: tuple[Mode, ...] = ()
     transitions: tuple[Transition, ...] = ()
+    health: tuple[HealthRule, ...] = ()
     origin: Origin | None = None
     digest: str = field(default="", init=False, compare=False, repr=False)
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -314,6 +353,11 @@ class TaskModel(Element):
             if mode.name == name:
                 return mode
         raise KeyError(name)
+
+    def alone(self, *modes: str, transitions: tuple[Transition, ...] = ()) -> TaskModel:
+        """Return the model of these modes, with no more than these switches and without the health rules."""
+        kept = tuple(mode for mode in self.modes if mode.name in modes)
+        return replace(self, modes=kept, transitions=transitions, health=())
 
     def allowed_transitions(self) -> Iterator[Transition]:
         """Yield the mode pairs that may be switched: those listed, or every ordered pair when none is (MODEL 2)."""

@@ -59,6 +59,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
 def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
     """Place the modes, and find tables between them; where some are missing, try other placements of the modes."""
+    from halpipe.pipeline.health import with_reactions
     from halpipe.pipeline.solve.schedule import schedule_model as search
 
     best: Scheduled | None = None
@@ -69,7 +70,7 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         _refuse_broken_claims(model, scheduled.schedule)
         moves += scheduled.moves
         if len(scheduled.schedule.modes) < 2:  # then there is no switch
-            return replace(scheduled, moves=moves)
+            return replace(scheduled, schedule=with_reactions(model, scheduled.schedule), moves=moves)
         switched = _switched(model, scheduled, options.workers, on_progress, doubtful)
         doubtful = switched.failed
         scheduled = replace(
@@ -85,7 +86,7 @@ def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -
         if not scheduled.is_complete or scheduled.unimproved or not switched.failed or is_spent:
             break
     assert best is not None, "there is at least one attempt"
-    return replace(best, moves=moves, stopped=scheduled.stopped)
+    return replace(best, schedule=with_reactions(model, best.schedule), moves=moves, stopped=scheduled.stopped)
 
 
 def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid, on_progress: OnProgress) -> Scheduled:
@@ -167,7 +168,7 @@ def _refuse_broken_claims(model: TaskModel, schedule: Schedule) -> None:
 
     claimed = tuple(mode for mode in schedule.modes if mode.status is Status.VALID)
     names = {mode.name for mode in claimed}
-    alone = replace(model, modes=tuple(mode for mode in model.modes if mode.name in names), transitions=())
+    alone = model.alone(*names)
     wrong = [d for d in verify_schedule(alone, replace(schedule, modes=claimed)) if d.is_error] if claimed else []
     if wrong:
         raise HalpipeError(INVALID_SOLUTION(f"verify finds {len(wrong)} violations"), *wrong, exit=Exit.INTERNAL)
@@ -193,7 +194,7 @@ def explain_failure(model: TaskModel, scheduled: Scheduled, *, interrupted: bool
     if not failed and not missing:
         text = "every mode has a valid schedule, but not every mode pair was searched for its transition table"
         found.append(code(text, at=model.at, help="go on with --resume"))
-    alone = replace(model, modes=tuple(model.mode(mode.name) for mode in failed), transitions=())
+    alone = model.alone(*(mode.name for mode in failed))
     claims = tuple(replace(mode, status=Status.VALID, cost=None, chains=()) for mode in failed)
     broken = verify_schedule(alone, replace(scheduled.schedule, modes=claims)) if failed else []
     found += [STILL_BROKEN(d.message, path=d.path) for d in broken if d.is_error]

@@ -91,7 +91,7 @@ class ScheduleDiff:
 def diff_schedules(before: Schedule, after: Schedule) -> ScheduleDiff:
     """Compare two schedules: their jobs by task and index, and their figures."""
     about = _fields("schedule", before, after, ("generator", "solver", "seed", "tick"))
-    values = _fields("schedule", before, after, ("model", "model_sha256"))
+    values = _fields("schedule", before, after, ("model", "model_sha256", "reactions"))
     summaries: list[TaskSummary] = []
     jobs: list[JobChange] = []
     for name, one, other in _tables(before, after):

@@ -102,7 +102,7 @@ def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tupl
 
 def _without(earlier: Schedule, free: frozenset[str]) -> Schedule:
     modes = (replace(mode, jobs=tuple(job for job in mode.jobs if job.task not in free)) for mode in earlier.modes)
-    return replace(earlier, modes=tuple(modes), transitions=())
+    return earlier.alone(tuple(modes))
 
 
 def _told(earlier: Schedule, found: Schedule) -> list[Diagnostic]:

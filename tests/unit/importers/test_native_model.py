@@ -17,6 +17,9 @@ from halpipe.models import (
     Anchor,
     Binding,
     Chain,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
     Interrupt,
     Mode,
     Origin,
@@ -163,6 +166,17 @@ SHUTTLE = TaskModel(
         ),
         Transition(source="park", target="drive"),
     ),
+    health=(
+        HealthRule(
+            task="lidar",
+            event=HealthEvent.OVERRUN,
+            count=2,
+            cycles=4,
+            mode="park",
+            origin=Origin(file="limits.yaml", line=9, path="health/0"),
+        ),
+        HealthRule(task="odometry", action=HealthAction.STOP),
+    ),
     origin=Origin("shuttle.arxml", 2, "/Shuttle"),
 )
 
@@ -207,6 +221,7 @@ def test_every_element_knows_its_line():
         (model.modes[1], '<mode name="park"'),
         (model.modes[0].runs[1], '<run task="odometry"'),
         (model.transitions[1], '<transition from="park"'),
+        (model.health[1], '<rule task="odometry"'),
     ]:
         assert element.at.file == str(FIXTURE)
         assert lines[element.at.line - 1].strip().startswith(tag)

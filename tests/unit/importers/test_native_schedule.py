@@ -11,9 +11,12 @@ from halpipe.importers.native import parse_schedule, read_schedule
 from halpipe.models import (
     ChainLatency,
     CostTerms,
+    HealthAction,
+    HealthEvent,
     Job,
     ModeSchedule,
     Part,
+    Reaction,
     ResourceLoad,
     Schedule,
     Status,
@@ -109,6 +112,19 @@ SHUTTLE = Schedule(
             worst_latency=time("0ms"),
             status=Status.NOT_FOUND,
         ),
+    ),
+    reactions=(
+        Reaction(
+            mode="drive",
+            task="lidar",
+            event=HealthEvent.OVERRUN,
+            count=2,
+            cycles=4,
+            action=HealthAction.SWITCH,
+            target="park",
+            within=time("101.5ms"),
+        ),
+        Reaction(mode="drive", task="odometry", event=HealthEvent.ANY, count=1, cycles=1, action=HealthAction.RESTART),
     ),
 )
 

@@ -6,7 +6,7 @@ from overlay_case import applied, apply, imported, overlay
 
 from halpipe.importers.base import Coverage
 from halpipe.importers.overlay import codes
-from halpipe.models import AccessKind, Mode, Origin, Run, Source, Transfer
+from halpipe.models import AccessKind, HealthAction, HealthEvent, Mode, Origin, Run, Source, Transfer
 from support import access, mode, model, ms, task, version
 
 BOARD = "platform: {units: [{name: big0, type: a72}, {name: big1, type: a72}, {name: pl0, type: fpga}], "
@@ -330,3 +330,37 @@ def test_diagnostics_come_in_the_order_of_the_file(tmp_path):
     _, diagnostics, _ = apply(overlay(tmp_path, text))
     lines = [d.at.line for d in diagnostics]
     assert lines == sorted(lines) == [3, 4, 5]
+
+
+RULES = "health: [{task: t, on: overrun, count: 2, cycles: 4, action: switch, mode: b}, {task: t, action: stop}]"
+
+
+def test_health_rules_replace_the_imported_ones(tmp_path):
+    tasks = (task("t", 10, version("v", 1)),)
+    source = model(*tasks, modes=(mode("a", tasks), mode("b", tasks)))
+    result, _, _ = apply(overlay(tmp_path, RULES), source)
+    first, second = result.health
+    assert (first.task, first.event, first.count, first.cycles) == ("t", HealthEvent.OVERRUN, 2, 4)
+    assert (first.action, first.mode) == (HealthAction.SWITCH, "b")
+    assert (second.event, second.action, second.mode) == (HealthEvent.ANY, HealthAction.STOP, "")
+    again, diagnostics, _ = apply(overlay(tmp_path, "health: [{task: t, action: restart}]"), result)
+    assert [rule.action for rule in again.health] == [HealthAction.RESTART]
+    assert [d.message for d in of(diagnostics, codes.REPLACED)] == ["the overlay's replace those of the source: t, t"]
+
+
+def test_health_rules_go_with_their_modes_and_dropped_tasks(tmp_path):
+    tasks = (task("t", 10, version("v", 1)), task("s", 10, version("v", 1)))
+    source = model(*tasks, modes=(mode("a", tasks), mode("b", tasks)))
+    ruled, _, _ = apply(overlay(tmp_path, RULES), source)
+    without_mode, diagnostics, _ = apply(overlay(tmp_path, "modes: {a: {tasks: t}}"), ruled)
+    assert [rule.action for rule in without_mode.health] == [HealthAction.STOP]
+    assert 'health rule of task "t"' in [d.path for d in of(diagnostics, codes.REMOVED)]
+    without_task, _, _ = apply(overlay(tmp_path, "drop: [t]"), ruled)
+    assert without_task.health == ()
+
+
+def test_health_rules_of_nothing_are_errors(tmp_path):
+    text = "health: [{task: t, action: switch, mode: c}, {task: u, action: stop}]"
+    tasks = (task("t", 10, version("v", 1)),)
+    _, diagnostics, _ = apply(overlay(tmp_path, text), model(*tasks, modes=(mode("a", tasks),)))
+    assert len([d for d in diagnostics if d.is_error]) == 2

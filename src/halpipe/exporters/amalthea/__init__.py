@@ -43,6 +43,7 @@ class AmaltheaExporter:
             "chains": "EventChain with latency constraints",
             "modes": "EnumMode and ModeLabel, conditions of the stimuli",
             "transitions": "custom property of the model",
+            "health": "custom property of the model",
             "sources": "custom property of the runnable",
             "schedule": "offsets or occurrence times of stimuli, affinity of tasks, versions chosen",
         },

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.amalthea import AmaltheaOptions
-    from halpipe.models import Schedule, TaskModel, Transition
+    from halpipe.models import HealthRule, Schedule, TaskModel, Transition
 
 
 def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:
@@ -32,7 +31,7 @@ def format_amalthea(model: TaskModel, schedule: Schedule | None, options: Amalth
         raise HalpipeError(UNKNOWN_RELEASE(f'there is no release "{options.release}"', help=help))
     if options.mode:
         require_mode(options.mode, (mode.name for mode in model.modes))
-        model = replace(model, modes=(model.mode(options.mode),), transitions=())
+        model = model.alone(options.mode)
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "amalthea")
     return serialise(_document(model, chosen, options.release))
@@ -44,6 +43,8 @@ def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etre
     add_property(root, "modes", "literals" if model.modes else NONE)
     if model.transitions:
         add_structure(root, "transitions", [_transition(transition) for transition in model.transitions])
+    if model.health:
+        add_structure(root, "health", [_rule(rule) for rule in model.health])
     definitions = definitions_of(model)
     stimuli = stimuli_of(model, schedule)
     software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units})
@@ -62,6 +63,11 @@ def _transition(transition: Transition) -> dict[str, str]:
     if transition.max_length is not None:
         found["max-length"] = str(transition.max_length)
     return found
+
+
+def _rule(rule: HealthRule) -> dict[str, str | int]:
+    found: dict[str, str | int] = {"task": rule.task, "on": str(rule.event), "count": rule.count, "cycles": rule.cycles}
+    return {**found, "action": str(rule.action), **({"mode": rule.mode} if rule.mode else {})}
 
 
 def _refuse_dangling(model: TaskModel) -> None:
@@ -103,6 +109,9 @@ def _references(model: TaskModel) -> Iterator[tuple[str, str, str]]:
         yield from _each(f'mode "{mode.name}"', "task", (run.task for run in mode.runs))
     for transition in model.transitions:
         yield from _each("transition", "mode", (transition.source, transition.target))
+    for rule in model.health:
+        yield from _each("health rule", "task", (rule.task,))
+        yield from _each("health rule", "mode", (rule.mode,) if rule.mode else ())
 
 
 def _each(path: str, kind: str, names: Iterable[str]) -> Iterator[tuple[str, str, str]]:

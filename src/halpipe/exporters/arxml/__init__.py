@@ -74,6 +74,7 @@ class ArxmlExporter:
             "chains": "TIMING-DESCRIPTION-EVENT-CHAIN with its LATENCY-TIMING-CONSTRAINTs",
             "modes": "MODE-DECLARATION, DISABLED-MODE-IREFS; versions available as special data",
             "transitions": "MODE-TRANSITION (special data in 4.0.3), with maximum length as special data",
+            "health": "special data",
             "sources": "special data of the implementation",
             "origins": "special data of each element",
             "schedule": "OsScheduleTable for each mode and core; timing guarantees",

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.arxml import PARTS, RELEASES
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
-from halpipe.exporters.arxml.document import add, document, named, origin_of, package, sd, serialise, special
+from halpipe.exporters.arxml.document import (
+    add,
+    document,
+    group,
+    named,
+    origin_of,
+    package,
+    sd,
+    sdx,
+    serialise,
+    special,
+)
 from halpipe.exporters.arxml.guarantees import write_guarantees
 from halpipe.exporters.arxml.holds import Holds
 from halpipe.exporters.arxml.layout import Layout
@@ -41,14 +51,14 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     _check_options(options, has_schedule=schedule is not None)
     if options.mode:
         require_mode(options.mode, (mode.name for mode in model.modes))
-        model = replace(model, modes=(model.mode(options.mode),), transitions=())
+        model = model.alone(options.mode)
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
     layout = Layout(model)
     root, packages = document(options.release)
     top = named(packages, "AR-PACKAGE", layout.root)
     if options.part != "ecuc":
-        _mark(top, model)
+        _mark(top, model, layout)
     inner = add(top, "AR-PACKAGES")
     if options.part != "ecuc":
         _write_system(inner, model, chosen, layout, options.release)
@@ -57,10 +67,18 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     return serialise(root)
 
 
-def _mark(top: etree._Element, model: TaskModel) -> None:
+def _mark(top: etree._Element, model: TaskModel, layout: Layout) -> None:
     data = special(top, "model")
     sd(data, "format", 1)
     sd(data, "name", model.name)
+    for rule in model.health:
+        inner = group(data, "rule")
+        for key, value in (("on", rule.event), ("count", rule.count), ("cycles", rule.cycles), ("action", rule.action)):
+            sd(inner, key, value)
+        sdx(inner, "RUNNABLE-ENTITY", layout.runnable(rule.task))
+        if rule.mode:
+            sdx(inner, "MODE-DECLARATION", layout.mode(rule.mode))
+        origin_of(inner, rule.origin)
     origin_of(data, model.origin)
 
 
@@ -138,5 +156,8 @@ def _refuse_dangling(model: TaskModel) -> None:
     for transition in model.transitions:
         path = f'transition from "{transition.source}" to "{transition.target}"'
         check("mode", (transition.source, transition.target), modes, path)
+    for rule in model.health:
+        check("task", [rule.task], versions, "health rule")
+        check("mode", [rule.mode] if rule.mode else [], modes, "health rule")
     if findings.has_errors:
         raise HalpipeError(*findings.items)

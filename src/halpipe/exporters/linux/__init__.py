@@ -82,14 +82,12 @@ class LinuxExporter:
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
-        from dataclasses import replace
-
         from halpipe.exporters.linux.bundle import build
         from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
-            model = replace(model, modes=(model.mode(options.mode),), transitions=())
+            model = model.alone(options.mode)
         return build(model, chosen, specific(LinuxOptions, options))
 
 

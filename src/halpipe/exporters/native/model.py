@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.exporters.native.document import add, document, listed, serialise
-from halpipe.models import Binding
+from halpipe.models import Binding, HealthEvent
 from halpipe.quantities import format_bandwidth, format_rational, format_size
 from halpipe.schemas import TASK_MODEL
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from halpipe.models import (
         Access,
         Chain,
+        HealthRule,
         Mode,
         Origin,
         Precedence,
@@ -53,6 +54,10 @@ def format_model(model: TaskModel) -> bytes:
         transitions = add(root, "transitions")
         for transition in model.transitions:
             _write_transition(transitions, transition)
+    if model.health:
+        health = add(root, "health")
+        for rule in model.health:
+            _write_rule(health, rule)
     _write_origin(root, model.origin)
     return serialise(root, TASK_MODEL)
 
@@ -186,3 +191,17 @@ def _write_mode(parent: etree._Element, mode: Mode) -> None:
 def _write_transition(parent: etree._Element, transition: Transition) -> None:
     element = add(parent, "transition", from_=transition.source, to=transition.target, max_length=transition.max_length)
     _write_origin(element, transition.origin)
+
+
+def _write_rule(parent: etree._Element, rule: HealthRule) -> None:
+    element = add(
+        parent,
+        "rule",
+        task=rule.task,
+        on=_other(rule.event, HealthEvent.ANY),
+        count=_other(rule.count, 1),
+        cycles=_other(rule.cycles, 1),
+        action=rule.action,
+        mode=rule.mode or None,
+    )
+    _write_origin(element, rule.origin)

@@ -11,7 +11,7 @@ from halpipe.schemas import SCHEDULE
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.models import CostTerms, Job, ModeSchedule, Schedule, TransitionTable
+    from halpipe.models import CostTerms, Job, ModeSchedule, Reaction, Schedule, TransitionTable
 
 
 def format_schedule(schedule: Schedule) -> bytes:
@@ -29,6 +29,8 @@ def format_schedule(schedule: Schedule) -> bytes:
         _write_mode(root, mode)
     for table in schedule.transitions:
         _write_transition(root, table)
+    for reaction in schedule.reactions:
+        _write_reaction(root, reaction)
     return serialise(root, SCHEDULE)
 
 
@@ -87,3 +89,18 @@ def _write_transition(parent: etree._Element, table: TransitionTable) -> None:
         status=table.status,
     )
     _write_jobs(element, table.jobs)
+
+
+def _write_reaction(parent: etree._Element, reaction: Reaction) -> None:
+    add(
+        parent,
+        "reaction",
+        mode=reaction.mode,
+        task=reaction.task,
+        on=reaction.event,
+        count=reaction.count,
+        cycles=reaction.cycles,
+        action=reaction.action,
+        to=reaction.target or None,
+        within=reaction.within,
+    )

@@ -48,6 +48,7 @@ class RosExporter:
             "chains": "`chains` with their limits",
             "modes": "`modes` with the tasks that run in them",
             "transitions": "`transitions` with their limits",
+            "health": "`health`",
             "schedule": "timers with period and offset, in callback groups of the executor of their unit",
         },
         (
@@ -82,12 +83,10 @@ class RosExporter:
         refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
         own = specific(RosOptions, options)
         if own.package:
-            from dataclasses import replace
-
             from halpipe.exporters.ros.packaging import build
 
             if options.mode:  # the package is a system of its own, that knows no other mode
-                model = replace(model, modes=(model.mode(options.mode),), transitions=())
+                model = model.alone(options.mode)
             return build(model, chosen, own)
         return {"": format_executors(model, chosen, own)}
 

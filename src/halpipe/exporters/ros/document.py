@@ -10,6 +10,8 @@ from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.durations import Duration
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Chain, Mode, ModeSchedule, Schedule, Task, TaskModel, Version
@@ -40,12 +42,23 @@ def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) 
             for t in model.transitions
             if {t.source, t.target} <= set(scheduled)
         ],
+        **_health(model, scheduled),
         "modes": [_mode(model, mode, scheduled[mode.name], cpus) for mode in model.modes if mode.name in scheduled],
         "not-realised": [finding.message for finding in unrealised(model, schedule, options)],
     }
     dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     text = yaml.dump(document, Dumper=dumper, sort_keys=False, default_flow_style=None, width=_WIDTH)
     return (_HEADER + text).encode()
+
+
+def _health(model: TaskModel, scheduled: Mapping[str, ModeSchedule]) -> dict[str, list[dict[str, Any]]]:
+    """Return the health rules, if there are any, that lead to no other modes than those of the schedule."""
+    rules = [
+        _stated(task=r.task, on=str(r.event), count=r.count, cycles=r.cycles, action=str(r.action), mode=r.mode or None)
+        for r in model.health
+        if not r.mode or r.mode in scheduled
+    ]
+    return {"health": rules} if rules else {}
 
 
 def _stated(**values: Any) -> dict[str, Any]:

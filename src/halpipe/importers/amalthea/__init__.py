@@ -40,6 +40,7 @@ class AmaltheaFormat:
             "chains": "EventChain with latency constraints, ProcessChain, DataAgeConstraint",
             "modes": "ModeLabel that nothing sets, with the conditions on it",
             "transitions": "custom property of the model",
+            "health": "custom property of the model",
             "sources": "custom property of the runnable",
             "origins": "file, line and name",
         },

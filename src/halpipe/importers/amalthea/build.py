@@ -133,6 +133,7 @@ def _model(
         chains=_named(forest, built.chains),
         modes=runs,
         transitions=carried.transitions_of(forest, runs),
+        health=carried.rules_of(forest, built.tasks, runs),
         origin=Origin(forest.roots[0].file, 1),
     )
     makers.report()

@@ -25,6 +25,9 @@ from halpipe.models import (
     Access,
     AccessKind,
     Binding,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
     Interrupt,
     Mode,
     Run,
@@ -273,4 +276,30 @@ def _transitions(text: str) -> tuple[Transition, ...]:
             max_length=Duration.parse(t["max-length"]) if "max-length" in t else None,
         )
         for t in structure(text)
+    )
+
+
+def rules_of(forest: Forest, tasks: Sequence[Task], modes: Sequence[Mode]) -> tuple[HealthRule, ...]:
+    """Return the health rules that halpipe wrote, if their tasks and modes are there."""
+    known, names = {task.name for task in tasks}, {mode.name for mode in modes} | {""}
+    for root in forest.roots:
+        found = value_of(forest, root, "health", _rules) or ()
+        if not all(rule.task in known and rule.mode in names for rule in found):
+            edited(forest, root, "health", "names tasks or modes that are not there")
+        elif found:
+            return found
+    return ()
+
+
+def _rules(text: str) -> tuple[HealthRule, ...]:
+    return tuple(
+        HealthRule(
+            task=r["task"],
+            event=HealthEvent(r["on"]),
+            count=r["count"],
+            cycles=r["cycles"],
+            action=HealthAction(r["action"]),
+            mode=r.get("mode", ""),
+        )
+        for r in structure(text)
     )

@@ -44,6 +44,7 @@ class ArxmlFormat:
             "chains": "TIMING-DESCRIPTION-EVENT-CHAIN with LATENCY-TIMING-CONSTRAINT, AGE-CONSTRAINT",
             "modes": "MODE-DECLARATION-GROUP that disables events; function-group states of processes",
             "transitions": "MODE-TRANSITION",
+            "health": "special data of halpipe's own export",
             "sources": "special data of halpipe's own export",
             "origins": "file, line and AUTOSAR path",
         },

@@ -15,6 +15,9 @@ from halpipe.models import (
     Anchor,
     Binding,
     Chain,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
     Interrupt,
     Mode,
     Origin,
@@ -74,6 +77,7 @@ class _ModelBinder(Binder):
             chains=tuple(map(self.chain, self.section(sections, "chains").get("chain", ()))),
             modes=tuple(map(self.mode, self.section(sections, "modes").get("mode", ()))),
             transitions=tuple(map(self.transition, self.section(sections, "transitions").get("transition", ()))),
+            health=tuple(map(self.rule, self.section(sections, "health").get("rule", ()))),
             origin=self.origin(sections),
             at=self.at(root),
         ).read_from(digest)
@@ -212,6 +216,18 @@ class _ModelBinder(Binder):
             source=e.get("from", ""),
             target=e.get("to", ""),
             max_length=self.read(e, "max-length", duration, None),
+            origin=self.origin(self.children(e)),
+            at=self.at(e),
+        )
+
+    def rule(self, e: etree._Element) -> HealthRule:
+        return HealthRule(
+            task=e.get("task", ""),
+            event=HealthEvent(e.get("on", HealthEvent.ANY).strip()),
+            count=self.read(e, "count", int, 1),
+            cycles=self.read(e, "cycles", int, 1),
+            action=HealthAction(e.get("action", "").strip()),
+            mode=e.get("mode", ""),
             origin=self.origin(self.children(e)),
             at=self.at(e),
         )

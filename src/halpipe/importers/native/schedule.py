@@ -12,9 +12,12 @@ from halpipe.importers.native.binding import Binder, duration, only, rational
 from halpipe.models import (
     ChainLatency,
     CostTerms,
+    HealthAction,
+    HealthEvent,
     Job,
     ModeSchedule,
     Part,
+    Reaction,
     ResourceLoad,
     Schedule,
     Status,
@@ -63,6 +66,7 @@ class _ScheduleBinder(Binder):
             tick=self.read(root, "tick", duration, None),
             modes=tuple(map(self.mode, parts.get("mode", ()))),
             transitions=tuple(map(self.transition, parts.get("transition", ()))),
+            reactions=tuple(map(self.reaction, parts.get("reaction", ()))),
             at=self.at(root),
         )
 
@@ -133,5 +137,18 @@ class _ScheduleBinder(Binder):
             worst_latency=self.read(e, "worst-latency", duration, ZERO),
             status=Status(e.get("status", "").strip()),
             jobs=tuple(map(self.job, self.children(e).get("job", ()))),
+            at=self.at(e),
+        )
+
+    def reaction(self, e: etree._Element) -> Reaction:
+        return Reaction(
+            mode=e.get("mode", ""),
+            task=e.get("task", ""),
+            event=HealthEvent(e.get("on", "").strip()),
+            count=self.read(e, "count", int, 1),
+            cycles=self.read(e, "cycles", int, 1),
+            action=HealthAction(e.get("action", "").strip()),
+            target=e.get("to", ""),
+            within=self.read(e, "within", duration, None),
             at=self.at(e),
         )

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         Access,
         Binding,
         Chain,
+        HealthRule,
         Interrupt,
         Precedence,
         Resource,
@@ -101,6 +102,7 @@ class Overlay:
     modes: Mapping[str, ModeEntry] = field(default_factory=dict)
     transitions: Mapping[tuple[str, str], Transition] = field(default_factory=dict)
     chains: Mapping[str, Chain] = field(default_factory=dict)
+    health: tuple[HealthRule, ...] = ()
     drops: tuple[Stated[str], ...] = ()
 
     def begin(self) -> OverlayUse:
@@ -115,8 +117,8 @@ def merge(overlays: Iterable[Overlay]) -> Overlay:
 
     Entries for tasks, interrupts, sources and drops are all kept, since their order decides between them. A mode,
     transition or chain, and the constraints between a pair of tasks, replace the earlier ones of the same name; a list
-    of units or of resources replaces the earlier list as a whole, so that one overlay can hold the tasks and another
-    the board.
+    of units, of resources or of health rules replaces the earlier list as a whole, so that one overlay can hold the
+    tasks and another the board.
     """
     merged = Overlay()
     for later in overlays:
@@ -130,6 +132,7 @@ def merge(overlays: Iterable[Overlay]) -> Overlay:
             modes={**merged.modes, **later.modes},
             transitions={**merged.transitions, **later.transitions},
             chains={**merged.chains, **later.chains},
+            health=later.health or merged.health,
             drops=merged.drops + later.drops,
         )
     return merged

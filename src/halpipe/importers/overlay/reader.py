@@ -18,6 +18,9 @@ from halpipe.models import (
     Anchor,
     Binding,
     Chain,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
     Interrupt,
     Origin,
     Precedence,
@@ -40,7 +43,7 @@ E = TypeVar("E", Unit, Resource)
 FORMAT = "halpipe-overlay"
 FORMAT_VERSION = "1"
 
-_TOP = (FORMAT, "platform", "sources", "tasks", "precedence", "modes", "transitions", "chains", "drop")
+_TOP = (FORMAT, "platform", "sources", "tasks", "precedence", "modes", "transitions", "chains", "health", "drop")
 _PLATFORM = ("units", "resources", "interrupts")
 _INTERRUPT = ("name", "distance", "wcet")
 _SPLIT = ("split", "resume", "max-gaps", "min-part")
@@ -50,6 +53,9 @@ _ACCESS = ("resource", "start", "end", "bound", "kind", "transfers")
 _WINDOW = ("from", "after", "min", "max")
 _ANCHORS = tuple(str(anchor) for anchor in Anchor)
 _KINDS = tuple(str(kind) for kind in AccessKind)
+_RULE = ("task", "on", "count", "cycles", "action", "mode")
+_EVENTS = tuple(str(event) for event in HealthEvent)
+_ACTIONS = tuple(str(action) for action in HealthAction)
 _BINDINGS = tuple(str(binding) for binding in Binding)
 
 
@@ -98,6 +104,7 @@ def _overlay(top: Fields) -> Overlay:
         modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), "mode")},
         transitions=_transitions(top),
         chains=_chains(top),
+        health=tuple(_rules(top)),
         drops=top.texts("drop", values.pattern),
     )
 
@@ -398,3 +405,24 @@ def _chains(top: Fields) -> dict[str, Chain]:
         )
         _keep_once(found, chain.name, chain, f, path)
     return found
+
+
+def _rules(top: Fields) -> Iterable[HealthRule]:
+    """Read ``{task, on, count, cycles, action, mode}``: what the target does after overruns or faults of a task."""
+    for f in top.items("health", _RULE, "health rule"):
+        task, action = f.get("task", values.name), f.get("action", values.one_of(*_ACTIONS))
+        event = f.value("on", values.one_of(*_EVENTS), HealthEvent.ANY)
+        count, cycles = f.value("count", values.times, 1), f.value("cycles", values.times, 1)
+        mode = f.value("mode", values.name, "")
+        if not f.require("task", "action") or task is None or action is None:
+            continue
+        yield HealthRule(
+            task=task.value,
+            event=HealthEvent(event),
+            count=count,
+            cycles=cycles,
+            action=HealthAction(action.value),
+            mode=mode,
+            origin=_origin(f, f'health rule of task "{task.value}"'),
+            at=f.at(),
+        )

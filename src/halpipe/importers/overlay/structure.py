@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import ModeEntry, Overlay
-    from halpipe.models import Chain, Resource, Task, TaskModel, Transition, Unit, Version
+    from halpipe.models import Chain, HealthRule, Resource, Task, TaskModel, Transition, Unit, Version
     from halpipe.settings import Stated
 
 E = TypeVar("E", bound="Unit | Resource")
@@ -77,7 +77,11 @@ def without(model: TaskModel, dropped: Collection[str], changes: Changes) -> Tas
             changes.removed(f"went with its dropped tasks {show(gone)}", chain.at, f'chain "{chain.name}"')
     modes = (replace(m, runs=tuple(run for run in m.runs if run.task not in dropped)) for m in model.modes)
     tasks = (_without_predecessors(task, dropped, changes) for task in model.tasks if task.name not in dropped)
-    return replace(model, tasks=tuple(tasks), chains=tuple(kept), modes=tuple(modes))
+    rules = tuple(rule for rule in model.health if rule.task not in dropped)
+    for rule in model.health:
+        if rule.task in dropped:
+            changes.removed("went with its dropped task", rule.at, f'health rule of task "{rule.task}"')
+    return replace(model, tasks=tuple(tasks), chains=tuple(kept), modes=tuple(modes), health=rules)
 
 
 def _without_predecessors(task: Task, dropped: Collection[str], changes: Changes) -> Task:
@@ -218,3 +222,23 @@ def transitions(
         at = next(iter(overlay.transitions.values())).at
         changes.replaced("transitions", (f"{t.source} to {t.target}" for t in imported), at)
     return tuple(valid)
+
+
+def health(
+    imported: tuple[HealthRule, ...], overlay: Overlay, now: tuple[Mode, ...], changes: Changes
+) -> tuple[HealthRule, ...]:
+    """Return the overlay's health rules, or, where it states none, the imported ones whose modes are left."""
+    names = {mode.name for mode in now} | {""}
+    if not overlay.health:
+        for rule in imported:
+            if rule.mode not in names:
+                changes.removed("its mode is replaced", rule.at, f'health rule of task "{rule.task}"')
+        return tuple(rule for rule in imported if rule.mode in names)
+    for rule in overlay.health:
+        path = f'health rule of task "{rule.task}"'
+        changes.knows_task(rule.task, rule.at, path)
+        if rule.mode not in names:
+            changes.unknown("mode", rule.mode, sorted(names - {""}), rule.at, path, "add it under modes")
+    if imported and [replace(r, origin=None) for r in imported] != [replace(r, origin=None) for r in overlay.health]:
+        changes.replaced("health rules", (rule.task for rule in imported), overlay.health[0].at)
+    return overlay.health

@@ -118,6 +118,7 @@ class OverlayUse:
             chains=structure.chains(model.chains, overlay, changes),
             modes=modes,
             transitions=structure.transitions(model.transitions, overlay, modes, changes),
+            health=structure.health(model.health, overlay, modes, changes),
         )
         self._report_unmatched(changes)
         return result, tuple(sort_diagnostics(changes.findings.items))

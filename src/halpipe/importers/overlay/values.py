@@ -71,6 +71,13 @@ def count(text: str) -> int:
     return int(text)
 
 
+def times(text: str) -> int:
+    """Read a whole number from 1 to 255."""
+    if not (text.isascii() and text.isdigit() and len(text) <= 3 and 1 <= int(text) <= 255):
+        raise ValueError(f"{text[:80]!r} is not a number of times; write a whole number from 1 to 255")
+    return int(text)
+
+
 def number(text: str) -> int:
     """Read a whole number from 0 to a million."""
     return 0 if text == "0" else count(text)

@@ -35,6 +35,7 @@ class RosFormat:
             "chains": "named paths, without limits; `chains` of an executors file",
             "modes": "modes of a design or an executors file",
             "transitions": "`transitions` of an executors file",
+            "health": "`health` of an executors file",
             "origins": "file and line of node, callback or process",
         },
         (

@@ -13,7 +13,22 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.diagnostics import Location
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.ros import codes
-from halpipe.models import Anchor, Chain, Mode, Origin, Precedence, Run, Task, TaskModel, Transition, Unit, Version
+from halpipe.models import (
+    Anchor,
+    Chain,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
+    Mode,
+    Origin,
+    Precedence,
+    Run,
+    Task,
+    TaskModel,
+    Transition,
+    Unit,
+    Version,
+)
 from halpipe.quantities import parse_rational, quoted
 from halpipe.settings import Fields
 from halpipe.suggest import did_you_mean
@@ -29,11 +44,13 @@ E = TypeVar("E", Unit, Task, Chain, Mode, Version)
 
 KEY = "halpipe-executors"
 VERSION = "1"
-_TOP = (KEY, "model", "model-sha256", "scheduling", "units", "tasks", "chains", "transitions", "modes", "not-realised")
+_ELEMENTS = ("units", "tasks", "chains", "transitions", "health", "modes")
+_TOP = (KEY, "model", "model-sha256", "scheduling", *_ELEMENTS, "not-realised")
 _TASK = ("name", "period", "slack", "offset", "deadline", "versions")
 _VERSION = ("name", "wcet", "units", "gang", "after")
 _AFTER = ("task", "from", "min", "max")
 _CHAIN = ("name", "tasks", "max-reaction", "max-age")
+_RULE = ("task", "on", "count", "cycles", "action", "mode")
 _MODE = ("name", "runs", "cycle-ns", "executors")
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
 _OF_THE_SCHEDULE = "is what the schedule says, not the model"
@@ -74,6 +91,7 @@ class _Reader:
             transitions=tuple(
                 self._transition(f) for f in self.top.items("transitions", ("from", "to", "max-length"), "transition")
             ),
+            health=tuple(self._rule(f) for f in self.top.items("health", _RULE, "health rule")),
             origin=Origin(self.file),
         )
         self._check_references(model)
@@ -168,6 +186,19 @@ class _Reader:
 
     # -------------------------------------------------------------------------------------------- references
 
+    def _rule(self, fields: Fields) -> HealthRule:
+        self.coverage.mapped("health rule")
+        fields.require("task", "action")
+        return HealthRule(
+            task=fields.value("task", _name, ""),
+            event=fields.value("on", HealthEvent, HealthEvent.ANY),
+            count=fields.value("count", _count, 1),
+            cycles=fields.value("cycles", _count, 1),
+            action=fields.value("action", HealthAction, HealthAction.STOP),
+            mode=fields.value("mode", _name, ""),
+            origin=Origin(self.file, fields.at().line),
+        )
+
     def _check_references(self, model: TaskModel) -> None:
         tasks = {task.name: [version.name for version in task.versions] for task in model.tasks}
         units = [unit.name for unit in model.units]
@@ -193,6 +224,10 @@ class _Reader:
             path = f'transition "{transition.source}" to "{transition.target}"'
             for name in (transition.source, transition.target):
                 self._known("mode", name, modes, transition.origin, path)
+        for rule in model.health:
+            self._known("task", rule.task, list(tasks), rule.origin, "health rule")
+            if rule.mode:
+                self._known("mode", rule.mode, modes, rule.origin, "health rule")
 
     def _known(self, kind: str, name: str, known: Sequence[str], origin: Origin | None, path: str) -> bool:
         if name in known:

@@ -152,7 +152,7 @@ class _Question:
 
         tables = [t for t in self.schedule.modes if t.name == self.mode.name] if self.schedule else []
         if self.schedule is not None and tables:
-            return replace(self.schedule, modes=tuple(tables), transitions=())
+            return self.schedule.alone(tuple(tables))
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = SearchOptions(seed=self.seed, budget=budget, modes=(self.mode.name,))
@@ -163,8 +163,8 @@ class _Question:
         from halpipe.pipeline.verify import verify
 
         tables = tuple(replace(t, status=Status.VALID, cost=None, chains=()) for t in best.modes)
-        alone = replace(self.model, modes=(self.mode,), transitions=())
-        return [d for d in verify(alone, replace(best, modes=tables, transitions=())) if d.is_error]
+        alone = self.model.alone(self.mode.name)
+        return [d for d in verify(alone, best.alone(tables)) if d.is_error]
 
     def _not_found(self, best: Schedule, broken: list[Diagnostic]) -> list[Diagnostic]:
         """Say how far the search came: the best cost, the rules still broken with counts, and the first jobs."""

@@ -6,7 +6,7 @@ where a witness still holds with it; otherwise no schedule was found with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -108,9 +108,8 @@ class Trials:
 def _is_valid(model: TaskModel, schedule: Schedule) -> bool:
     if any(table.status is not Status.VALID for table in schedule.modes):
         return False
-    names = {table.name for table in schedule.modes}
-    alone = replace(model, modes=tuple(mode for mode in model.modes if mode.name in names), transitions=())
-    return not any(d.is_error for d in verify(alone, replace(schedule, transitions=())))
+    alone = model.alone(*(table.name for table in schedule.modes))
+    return not any(d.is_error for d in verify(alone, schedule.alone(schedule.modes)))
 
 
 def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> list[Diagnostic]:

@@ -163,14 +163,13 @@ def _too_large(expansion: Expansion, text: str) -> HalpipeError:
 
 def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
     """Refuse a schedule that the independent checker refuses."""
-    from dataclasses import replace
 
     from halpipe.pipeline.verify import verify
 
     table = ModeSchedule(
         name=expansion.mode.name, hyperperiod=expansion.hyperperiod, status=Status.VALID, jobs=tuple(jobs)
     )
-    alone = replace(model, modes=(expansion.mode,), transitions=())
+    alone = model.alone(expansion.mode.name)
     schedule = Schedule(model=model.name, model_sha256=model.digest, modes=(table,))
     wrong = [d for d in verify(alone, schedule) if d.is_error]
     if wrong:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -127,10 +127,9 @@ def _pairs(model: TaskModel, schedule: Schedule, check: Check) -> list[_Pair]:
     pairs = []
     for pair in model.allowed_transitions():
         if pair.source in scheduled and pair.target in scheduled:
-            modes = tuple(mode for mode in model.modes if mode.name in (pair.source, pair.target))
             tables = (scheduled[pair.source], scheduled[pair.target])
-            alone = replace(model, modes=modes, transitions=(pair,))
-            pairs.append(_Pair(alone, replace(schedule, modes=tables, transitions=()), pair, check))
+            alone = model.alone(pair.source, pair.target, transitions=(pair,))
+            pairs.append(_Pair(alone, schedule.alone(tables), pair, check))
     return pairs
 
 

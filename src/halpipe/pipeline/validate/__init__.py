@@ -11,6 +11,7 @@ from halpipe.diagnostics import sort_diagnostics
 from halpipe.pipeline.validate import (
     accesses,
     chains,
+    health,
     hyperperiod,
     load,
     names,
@@ -37,6 +38,7 @@ CHECKS: tuple[Check, ...] = (
     *accesses.CHECKS,
     *precedence.CHECKS,
     *chains.CHECKS,
+    *health.CHECKS,
     *load.CHECKS,
     *hyperperiod.CHECKS,
 )

@@ -259,6 +259,24 @@ SELF_TRANSITION = error(
 )
 DUPLICATE_TRANSITION = error("HAL0271", "Transition listed twice", "An ordered pair of modes has one transition.")
 
+BAD_RULE = error(
+    "HAL0272",
+    "Health rule that says nothing definite",
+    "A health rule counts from 1 to 255 events in 1 to 255 tables. A switch needs the mode that it leads to; a restart "
+    "and a stop lead to none.",
+)
+RULE_WITHOUT_SWITCH = error(
+    "HAL0273",
+    "Health rule leads where no switch is allowed",
+    "A health rule switches through the transition table, so the transition from every mode in which its task runs to "
+    "the mode that it leads to must be allowed. Where it is not, the rule could not do what it says.",
+)
+RULE_NEVER_HOLDS = warning(
+    "HAL0274",
+    "Health rule that never holds",
+    "The task of the rule runs in no mode but the one that the rule leads to, so nothing would ever follow from it.",
+)
+
 # ---------------------------------------------------------------------------- a whole mode
 
 UNITS_OVERLOADED = error(

@@ -122,7 +122,7 @@ def check_resources(context: Context) -> Iterator[Diagnostic]:
 
 
 def check_tasks(context: Context) -> Iterator[Diagnostic]:
-    """The tasks that precedence constraints, chains and modes name exist."""
+    """The tasks that precedence constraints, chains, modes and health rules name exist."""
     for task, version in context.versions_of_tasks:
         for constraint in version.precedences:
             if constraint.task not in context.tasks:
@@ -135,6 +135,9 @@ def check_tasks(context: Context) -> Iterator[Diagnostic]:
         for run in mode.runs:
             if run.task not in context.tasks:
                 yield _task(context, run.task, f'mode "{mode.name}"', run, mode)
+    for rule in context.model.health:
+        if rule.task not in context.tasks:
+            yield _task(context, rule.task, "health rule", rule)
 
 
 def _task(context: Context, name: str, path: str, *elements: Any) -> Diagnostic:
@@ -158,7 +161,7 @@ def check_versions(context: Context) -> Iterator[Diagnostic]:
 
 
 def check_modes(context: Context) -> Iterator[Diagnostic]:
-    """The modes of a transition exist."""
+    """The modes of transitions and health rules exist."""
     for transition in context.model.transitions:
         for name in dict.fromkeys((transition.source, transition.target)):
             if name not in context.modes:
@@ -166,6 +169,11 @@ def check_modes(context: Context) -> Iterator[Diagnostic]:
                 help = context.suggest("mode", name, context.modes)
                 text = f'mode "{name}" does not exist'
                 yield codes.UNKNOWN_MODE(text, at=place(transition), path=path, help=help)
+    for rule in context.model.health:
+        if rule.mode and rule.mode not in context.modes:
+            help = context.suggest("mode", rule.mode, context.modes)
+            path = f'health rule of task "{rule.task}"'
+            yield codes.UNKNOWN_MODE(f'mode "{rule.mode}" does not exist', at=place(rule), path=path, help=help)
 
 
 CHECKS = (
@@ -191,7 +199,7 @@ CHECKS = (
     ),
     Check(
         "task-references",
-        "The tasks named by precedence constraints, chains and modes exist.",
+        "The tasks named by precedence constraints, chains, modes and health rules exist.",
         (codes.UNKNOWN_TASK,),
         check_tasks,
     ),
@@ -201,5 +209,10 @@ CHECKS = (
         (codes.UNKNOWN_VERSION,),
         check_versions,
     ),
-    Check("mode-references", "The modes of every transition exist.", (codes.UNKNOWN_MODE,), check_modes),
+    Check(
+        "mode-references",
+        "The modes of every transition and health rule exist.",
+        (codes.UNKNOWN_MODE,),
+        check_modes,
+    ),
 )

@@ -14,6 +14,7 @@ from halpipe.pipeline.verify.assignment import UNIT, VERSION
 from halpipe.pipeline.verify.binding import BINDING, SYSTEM_BINDING, Tables
 from halpipe.pipeline.verify.chains import CHAIN
 from halpipe.pipeline.verify.complete import COMPLETE
+from halpipe.pipeline.verify.health import HEALTH, Health
 from halpipe.pipeline.verify.metrics import FIGURES
 from halpipe.pipeline.verify.nesting import NESTED
 from halpipe.pipeline.verify.parts import PARTS
@@ -45,7 +46,7 @@ MODE_RULES: tuple[Rule[ModeTable], ...] = (
     BINDING,
 )
 
-RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING)
+RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING, HEALTH)
 """Every rule with its sentence, in the order of checking; the manual's list is made from it."""
 
 
@@ -86,4 +87,5 @@ def _verify(model: TaskModel, schedule: Schedule, *, switches_only: bool) -> tup
         for switch_rule in SWITCH_RULES:
             found.extend(switch_rule.check(switch))
     found.extend(SYSTEM_BINDING.check(Tables(model, tuple(tables.values()), tuple(switches))))
+    found.extend(() if switches_only else HEALTH.check(Health(model, schedule)))
     return tuple(sort_diagnostics(found.items))

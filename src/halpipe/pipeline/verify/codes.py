@@ -221,3 +221,18 @@ STARTED_EARLY = error(
     "Task started early without need",
     "A task that enters with the new mode is started during the switch, but no constraint needs that job.",
 )
+
+# ---------------------------------------------------------------------------- health
+
+REACTION_MISSING = error(
+    "HAL0360",
+    "Health rule without reaction",
+    "The model has a health rule for a task of the mode, and the schedule does not state what follows there, or there "
+    "is no table for the switch that has to follow. A target would go on as if nothing had happened.",
+)
+WRONG_REACTION = error(
+    "HAL0361",
+    "Wrong reaction",
+    "The schedule states a reaction that follows from no health rule of the model, or one that takes another time than "
+    "its hyperperiod and its transition table: a switch takes up to both, a stop up to a hyperperiod.",
+)

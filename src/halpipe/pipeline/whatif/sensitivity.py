@@ -85,9 +85,9 @@ def _by_verify(model: TaskModel, schedule: Schedule, task: str, version: str, ti
     limit: Limit | None = None
     for mode in schedule.modes:
         if any((job.task, job.version) == (task, version) for job in mode.jobs):
-            alone = replace(model, modes=(model.mode(mode.name),), transitions=())
+            alone = model.alone(mode.name)
             most = limit or Limit(mode.hyperperiod // tick, "length of the hyperperiod")
-            limit = _across(alone, replace(schedule, modes=(mode,), transitions=()), task, version, tick, most)
+            limit = _across(alone, schedule.alone((mode,)), task, version, tick, most)
     return limit
 
 
@@ -150,9 +150,9 @@ def _across_switches(
 def _switch_alone(model: TaskModel, schedule: Schedule, table: TransitionTable) -> tuple[TaskModel, Schedule]:
     pair = (table.source, table.target)
     listed = tuple(t for t in model.allowed_transitions() if (t.source, t.target) == pair)
-    alone = replace(model, modes=tuple(mode for mode in model.modes if mode.name in pair), transitions=listed)
+    alone = model.alone(*pair, transitions=listed)
     modes = tuple(mode for mode in schedule.modes if mode.name in pair)
-    return alone, replace(schedule, modes=modes, transitions=(table,))
+    return alone, schedule.alone(modes, (table,))
 
 
 def _across(model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration, limit: Limit) -> Limit:

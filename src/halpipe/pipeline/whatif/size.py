@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -103,7 +103,7 @@ def complaint(answer: Answer) -> Diagnostic | None:
 def of_modes(model: TaskModel, mode: str) -> TaskModel:
     """Return the model with one of its modes only, or with all where `mode` is empty; check what no size can mend."""
     if mode:
-        model = replace(model, modes=(model.mode(mode),), transitions=())
+        model = model.alone(mode)
     check_otherwise(model)
     return model
 

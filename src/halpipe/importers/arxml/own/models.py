@@ -15,7 +15,19 @@ from halpipe.importers.arxml.own import codes as codes
 from halpipe.importers.arxml.own.tasks import Tasks, take_name
 from halpipe.importers.arxml.system.ecuc import container_kinds
 from halpipe.importers.arxml.system.swc import place_of
-from halpipe.models import Chain, Interrupt, Mode, Resource, Run, TaskModel, Transition, Unit
+from halpipe.models import (
+    Chain,
+    HealthAction,
+    HealthEvent,
+    HealthRule,
+    Interrupt,
+    Mode,
+    Resource,
+    Run,
+    TaskModel,
+    Transition,
+    Unit,
+)
 from halpipe.quantities import parse_bandwidth
 
 if TYPE_CHECKING:
@@ -108,6 +120,7 @@ class _Reader:
             chains=tuple(self._each_chain(tasks)),
             modes=modes,
             transitions=tuple(self._each_transition()),
+            health=tuple(self._each_rule(data, tasks)),
             origin=data.origin(),
         )
 
@@ -222,6 +235,27 @@ class _Reader:
             refs = [self._tree.ref(node, f"{end}-MODE-REF") for end in ("EXITED", "ENTERED")]
             yield from self._transition([ref.path for ref in refs if ref], data)
 
+    def _each_rule(self, model: Data, tasks: Tasks) -> Iterator[HealthRule]:
+        for data in model.groups("rule"):
+            task = tasks.by_path.get(data.target("RUNNABLE-ENTITY") or "")
+            event, action = data.value("on", HealthEvent), data.value("action", HealthAction)
+            count, cycles = data.value("count", _times), data.value("cycles", _times)
+            modes = data.targets(_MODE)
+            if task is None or event is None or action is None or count is None or cycles is None:
+                edited(data, "lacks the task, the event, the numbers or the action of a health rule")
+            elif (action is HealthAction.SWITCH) != (len(modes) == 1 and modes[0] in self._modes):
+                edited(data, "does not name the one mode that a health rule switches to")
+            else:
+                yield HealthRule(
+                    task=task,
+                    event=event,
+                    count=count,
+                    cycles=cycles,
+                    action=action,
+                    mode=self._modes[modes[0]] if modes else "",
+                    origin=data.origin(),
+                )
+
     def _transition(self, ends: list[str], data: Data) -> Iterator[Transition]:
         names = [self._modes[path] for path in ends if path in self._modes]
         if len(names) == 2:
@@ -229,6 +263,13 @@ class _Reader:
             yield Transition(source=names[0], target=names[1], max_length=limit, origin=data.origin())
         else:
             edited(data, "does not name two modes of the model")
+
+
+def _times(text: str) -> int:
+    number = whole(text)
+    if not 1 <= number <= 255:
+        raise ValueError(f"{number} is not between 1 and 255")
+    return number
 
 
 def _interrupts(data: Data) -> Iterator[Interrupt]:
