@@ -137,7 +137,8 @@ def schedule(
     from halpipe.diagnostics import Exit, HalpipeError
     from halpipe.durations import Duration
     from halpipe.pipeline.checked import explain_failure, schedule_model
-    from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, Quality, SearchOptions
+    from halpipe.pipeline.solve.goals import Quality
+    from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
 
     chosen = tuple(modes)

@@ -14,7 +14,8 @@ from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
-from halpipe.pipeline.solve.schedule import SWITCHES, Quality, SearchOptions
+from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.solve.schedule import SWITCHES, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from support import access, after, chain, mode, model, task, version
 
@@ -65,11 +66,11 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
 @pytest.mark.parametrize("quality", [Quality.COST, Quality.MARGIN])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, quality):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
-    from halpipe.pipeline.solve import schedule
+    from halpipe.pipeline.solve import goals
     from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
-    monkeypatch.setattr(schedule, "POLISH_BUDGET", 30)
+    monkeypatch.setattr(goals, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
     options = SearchOptions(seed=1, quality=quality)
     straight = schedule_model(system, options, lambda *progress: True)

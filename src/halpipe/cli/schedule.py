@@ -86,7 +86,8 @@ def schedule(
     """
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.solve.schedule import UNBOUNDED, Quality, SearchOptions
+    from halpipe.pipeline.solve.goals import Quality
+    from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)

@@ -16,7 +16,8 @@ from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 from halpipe.pipeline.solve.edf.search import Draws
 from halpipe.pipeline.solve.edf.works import works_of
-from halpipe.pipeline.solve.schedule import Quality, SearchOptions
+from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
 from support import access, after, chain, model, task, version
 

@@ -5,7 +5,8 @@ from fractions import Fraction
 import pytest
 
 from halpipe.pipeline.checked import schedule_model, verify_schedule
-from halpipe.pipeline.solve.schedule import Quality, SearchOptions
+from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, after, chain, model, task, version
 
 UNITS = "u1 u2 u3"

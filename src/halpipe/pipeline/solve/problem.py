@@ -39,6 +39,12 @@ MAX_QUANTA = 10**6
 
 NO_TICK = -1
 
+CHAIN_COLUMNS = (
+    "chain_first", "chain_task", "chain_limit", "task_chain_first", "task_chain", "task_coupled",
+    "partner_first", "partner",
+)  # fmt: skip
+"""What in `Arrays` depends on which chains count."""
+
 ANY_SET = -1
 """Stands for the unit set of an option that goes with every other."""
 
@@ -122,6 +128,11 @@ class Problem:
     def with_construction(self, order: Ints) -> Problem:
         """Return the problem with its entries constructed in another order."""
         return replace(self, arrays=self.arrays._replace(construction=order))
+
+    def with_chains(self, other: Problem) -> Problem:
+        """Return the problem with the chains that another one of the same mode counts, and what comes of them."""
+        columns = {name: getattr(other.arrays, name) for name in CHAIN_COLUMNS}
+        return replace(self, arrays=self.arrays._replace(**columns))
 
 
 def build_problem(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
@@ -20,6 +19,7 @@ from halpipe.pipeline.solve.codes import (
     TICK_DOES_NOT_DIVIDE,
 )
 from halpipe.pipeline.solve.exact import DEFAULT_WORK
+from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
 from halpipe.pipeline.solve.limits import check_range, cut_options, too_large
 from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from halpipe.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
-    from halpipe.pipeline.solve.kernel.quality import Polish
+    from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
@@ -48,20 +48,8 @@ LEAST_MOVES = 1_000_000
 DEFAULT_PORTFOLIO = 4
 """Searches of a mode that take turns."""
 
-POLISH_BUDGET = 300
-"""Moves per task for one step of improving a valid schedule."""
-
-
 POLISH_TABLES = 40
 """Whole tables of split jobs that are tried at least to improve a valid one."""
-
-
-class Quality(StrEnum):
-    """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
-
-    FIRST = "first"
-    COST = "cost"
-    MARGIN = "margin"
 
 
 CONSTRUCTING = -1
@@ -246,23 +234,26 @@ def _schedule_mode(
     from halpipe.pipeline.solve.kernel.search import Effort, search
 
     name = expansion.mode.name
-    every_chain = options.quality is Quality.COST
     shipped = _shipped(expansion, options)
     tick = options.tick or _grid(expansion, shipped)
     pinned = _pinned(expansion, earlier)
-    problem = _problem(model, expansion, tick, every_chain=every_chain, pinned=pinned)
+    problem = _problem(model, expansion, tick, pinned=pinned)
+    polish = _polish(model, expansion, options, number)
     budget, tasks = options.moves(len(expansion.tasks)), len(expansion.tasks)
     asks_exact = options.is_open and tick is None and expansion.job_count <= EXACT_JOBS
+
+    def chained() -> Problem:
+        return _problem(model, expansion, tick, every_chain=True, pinned=pinned)
 
     def look(moves: int) -> Outcome:
         return search(
             problem,
-            lambda: _problem(model, expansion, tick, grouped=False, every_chain=every_chain, pinned=pinned),
+            lambda: _problem(model, expansion, tick, grouped=False, pinned=pinned),
             _mode_seed(options.seed, number, options.attempt),
             moves,
             lambda made, best: on_progress(name, made, budget, best),
             earlier,
-            _polish(model, expansion, options, number),
+            None if polish is None else (polish, chained),
             shipped,
             None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
             Effort(options.portfolio, options.workers),
@@ -293,7 +284,6 @@ def _schedule_parts(
     earlier: Earlier,
 ) -> _Found:
     """Schedule a mode in which jobs may be split: by earliest deadline first over their parts (MODEL 8.3)."""
-    from halpipe.pipeline.solve.edf.improve import Judge
     from halpipe.pipeline.solve.edf.search import Effort, search
     from halpipe.pipeline.solve.edf.works import works_of
 
@@ -312,7 +302,6 @@ def _schedule_parts(
     )
     tasks = max(1, len(expansion.tasks))
     budget = (options.budget or DEFAULT_BUDGET) * tasks
-    polish = _polish(model, expansion, options, number)
     found = search(
         mode,
         model.chains,
@@ -323,7 +312,7 @@ def _schedule_parts(
             max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
             lambda placed, excess: on_progress(name, placed, budget, excess),
         ),
-        None if polish is None else Judge(model, expansion, polish.is_enough),
+        _polish(model, expansion, options, number),
     )
     on_progress(name, found.placed, budget, found.excess)
     table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
@@ -389,17 +378,9 @@ def _solve_mode(
 
 def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
     """Return what to improve once the mode is valid: nothing unless asked for."""
-    from halpipe.pipeline.solve.kernel.quality import Polish
-
-    if options.quality is Quality.FIRST:
-        return None
-
-    def is_enough(jobs: tuple[Job, ...]) -> bool:
-        report = mode_report(model, expansion, jobs, Status.VALID)
-        return options.target is not None and report.cost is not None and report.cost.total <= options.target
-
+    goals = Goals.of(options.quality)
     seed = _mode_seed(options.seed, number, options.attempt) + 1
-    return Polish(options.quality, POLISH_BUDGET, seed, is_enough)
+    return None if goals is None else polish_of(model, expansion, goals, options.target, seed)
 
 
 def _mode_seed(seed: int, number: int, attempt: int) -> int:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from halpipe.durations import Duration
     from halpipe.models import Chain, Job
-    from halpipe.pipeline.solve.edf.improve import Judge
     from halpipe.pipeline.solve.edf.simulate import Span
     from halpipe.pipeline.solve.edf.works import Mode, Way, Work
+    from halpipe.pipeline.solve.goals import Polish
 
 T = TypeVar("T")
 
@@ -80,12 +80,12 @@ def search(
     seed: int,
     pinned: Mapping[str, tuple[str, ...]],
     effort: Effort,
-    judge: Judge | None = None,
+    polish: Polish | None = None,
 ) -> Found:
-    """Look for a valid table of `mode`; `pinned` tasks stay on their units; a `judge` makes it go on to better ones."""
+    """Look for a valid table of `mode`; `pinned` tasks stay on their units; with `polish` it goes on to better ones."""
     limited = [chain for chain in chains if chain.max_reaction is not None or chain.max_age is not None]
     names = {name for chain in chains for name in chain.tasks}
-    return _Search(mode, limited, names, Draws(seed), effort, pinned, judge).run()
+    return _Search(mode, limited, names, Draws(seed), effort, pinned, polish).run()
 
 
 class _Search:
@@ -97,14 +97,14 @@ class _Search:
         draws: Draws,
         effort: Effort,
         pinned: Mapping[str, tuple[str, ...]],
-        judge: Judge | None,
+        polish: Polish | None,
     ) -> None:
         self.mode = mode
         self.chains = chains
         self.chained = [task for task, work in enumerate(mode.works) if work.name in chained]
         self.draws = draws
         self.effort = effort
-        self.judge = judge
+        self.polish = polish
         self.allowed = [_allowed(mode, work, pinned) for work in mode.works]
         self.placed = 0
         self.stopped = False
@@ -119,24 +119,26 @@ class _Search:
             if current.excess < best.excess:
                 best = current
         unimproved = False
-        if not best.excess and self.judge is not None and not self.stopped:
-            best = self._improved(best, self.judge)
+        if not best.excess and self.polish is not None and not self.stopped:
+            best = self._improved(best, self.polish)
             unimproved, self.stopped = self.stopped, False
         jobs = named(self.mode, best.plan, best.table)
         return Found(jobs, best.excess, self.placed, self.stopped, unimproved)
 
-    def _improved(self, best: _Try, judge: Judge) -> _Try:
-        """Climb to tables that are worth more, from a valid one."""
-        first = judge.report(named(self.mode, best.plan, best.table))
-        worth = judge.worth(first)
+    def _improved(self, best: _Try, polish: Polish) -> _Try:
+        """Climb to tables that are worth more, from a valid one; none of the objectives gets worse than in that."""
+        judge = polish.judge
+        jobs = named(self.mode, best.plan, best.table)
+        first = worth = judge.worth(jobs)
         end = self.placed + self.effort.polish
-        while self.placed < end and not self.stopped and not judge.is_enough(named(self.mode, best.plan, best.table)):
+        while self.placed < end and not self.stopped and not polish.is_enough(jobs):
             moved = self._evaluate(self._moved(best))
             if moved.excess:
                 continue
-            report = judge.report(named(self.mode, moved.plan, moved.table))
-            if judge.keeps(first, report) and judge.worth(report) <= worth:
-                best, worth = moved, judge.worth(report)
+            found = named(self.mode, moved.plan, moved.table)
+            other = judge.worth(found)
+            if judge.keeps(first, other) and other.values <= worth.values:
+                best, jobs, worth = moved, found, other
         return best
 
     def _settle(self, plan: Plan) -> _Try:

@@ -1,49 +1,51 @@
 """Improving a valid schedule: tighten the problem, search on from the schedule, keep what is found.
 
-The kernel knows validity only. So each wish becomes a tighter problem: a group with one unit less, less slack, a
-shorter chain limit, jobs that reserve their units for longer. A placement that is valid for the tighter problem is
+The kernel knows validity only. So each wish becomes a tighter problem: a group with one unit less, less slack,
+shorter chain limits, jobs that reserve their units for longer. A placement that is valid for the tighter problem is
 valid for the stated one too. Every step is an ordinary search with its own small budget; a step that fails
-changes nothing.
+changes nothing. What is found is kept if it is no worse, measured exactly, than the first valid schedule in any
+objective, nor than the best so far in those that come first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from math import ceil
+from typing import TYPE_CHECKING, Any
 
-from halpipe.pipeline.solve.integers import ints
+from halpipe.pipeline.measure import objectives
+from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
 from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
-from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
+from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, FROZEN_HINT, MOVES, NEVER, State, new_state
+from halpipe.pipeline.solve.problem import NO_TICK
 
 if TYPE_CHECKING:
     from halpipe.models import Job
+    from halpipe.pipeline.measure.objectives import Worth
+    from halpipe.pipeline.solve.goals import Polish
+    from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.problem import Arrays, Problem
 
-CHAIN_STEP = 8
-"""A chain's latency is asked to shrink by one part in so many at a time."""
+CHAIN_STEPS = (8, 64)
+"""Latencies are asked to shrink by one part in so many at a time."""
 
 MARGIN_STEPS = 64
 """WCET margins are tried in steps of one part in so many."""
 
+LARGEST_MARGIN = int(objectives.LARGEST_MARGIN) * MARGIN_STEPS
+
+JITTERY = 32
+"""Tasks whose jitter is looked at one by one, those with the most first."""
+
 PLACED = ("best_start", "best_option", "phase")
 """What a step that was granted leaves to the next."""
-
-LARGEST_MARGIN = 100 * MARGIN_STEPS
-"""Beyond a hundred times the WCET nobody asks; a job alone on its unit would have no bound."""
-
-
-@dataclass(frozen=True, slots=True)
-class Polish:
-    """The goal (see `Quality`), the moves per task and step, the seed, and a test whether the jobs are good enough."""
-
-    quality: str
-    budget: int
-    seed: int
-    is_enough: Callable[[tuple[Job, ...]], bool]
 
 
 Named = Callable[["Problem", State, Units], "tuple[Job, ...]"]
@@ -51,11 +53,22 @@ Named = Callable[["Problem", State, Units], "tuple[Job, ...]"]
 
 @dataclass(slots=True)
 class _Best:
-    """The best placement so far, for the tightest problem it is valid for."""
+    """The best placement so far, for the tightest problem it is valid for, and what it is worth."""
 
     problem: Problem
     state: State
     units: Units
+    jobs: tuple[Job, ...]
+    worth: Worth
+
+    @property
+    def arrays(self) -> Arrays:
+        """The arrays of the problem."""
+        return self.problem.arrays
+
+    def tighten(self, **columns: Any) -> None:
+        """Tighten the problem to what the placement keeps already."""
+        self.problem = replace(self.problem, arrays=self.arrays._replace(**columns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,134 +82,305 @@ class Improved:
     stopped: bool
 
 
+class _Improvement:
+    """One improvement: the first and the best placement, and the searches in between."""
+
+    def __init__(self, best: _Best, polish: Polish, on_slice: OnSlice, named: Named) -> None:
+        self.best, self.first, self.plain = best, best.worth, best.arrays
+        self.polish, self.on_slice, self.named = polish, on_slice, named
+        self.moves = 0
+
+    def run(self, kept: Kept | None) -> bool:
+        """Grant one wish after the other; return whether it was stopped."""
+        number = 0
+        for stage, leading in self.polish.goals.stages:
+            steps = _wishes(self.best, self.plain, stage, self.polish)
+            granted = None
+            while (arrays := _next(steps, granted)) is not None:
+                if self.polish.is_enough(self.best.jobs):
+                    return False
+                step = kept and kept.stage(f"step{number}")
+                found = self._recalled(arrays, step) or self._searched(arrays, step)
+                self.moves, number = self.moves + found.moves, number + 1
+                if found.stopped:
+                    return True
+                granted = self._take(found, arrays, leading)
+        return False
+
+    def _take(self, found: _Step, arrays: Arrays, leading: int) -> bool:
+        """Make what was found the best placement, unless it is worse in what counts."""
+        if found.state is None or found.units is None:
+            return False
+        problem = replace(self.best.problem, arrays=arrays)
+        jobs = self.named(problem, found.state, found.units)
+        worth = self.polish.judge.worth(jobs)
+        is_worse = worth.values[:leading] > self.best.worth.values[:leading]
+        if is_worse or not self.polish.judge.keeps(self.first, worth):
+            return False
+        best = self.best
+        best.problem, best.state, best.units, best.jobs, best.worth = problem, found.state, found.units, jobs, worth
+        return True
+
+    def _searched(self, arrays: Arrays, kept: Kept | None) -> _Step:
+        """Search on under tighter arrays."""
+        problem, before = replace(self.best.problem, arrays=arrays), self.best.state
+        state = self._fresh(problem)
+        state.start[:], state.option[:], state.phase[:] = before.best_start, before.best_option, before.phase
+        _fit_slack(arrays, state)
+        load(arrays, state)
+        budget = self.polish.budget * len(arrays.entry_offset)
+        stopped = run(problem, state, budget, lambda moves, _: self.on_slice(self.moves + moves, 0), kept)
+        units = deal(problem, state.best_start, state.best_option) if state.register[BEST] == 0 else None
+        if kept is not None and not stopped:
+            placed = {} if units is None else {name: getattr(state, name) for name in PLACED}
+            kept.note({"moves": state.register[MOVES : MOVES + 1], **placed})
+        return _Step(None if units is None else state, units, state.register[MOVES], stopped)
+
+    def _fresh(self, problem: Problem) -> State:
+        """Return an empty state in which what was frozen still is."""
+        state, before = new_state(problem.arrays, self.polish.seed, problem.mean_wcet), self.best.state
+        state.hint[:] = ints(FROZEN_HINT if hint == FROZEN_HINT else -1 for hint in before.hint)
+        state.register[FROZEN] = before.register[FROZEN]
+        return state
+
+    def _recalled(self, arrays: Arrays, kept: Kept | None) -> _Step | None:
+        """Return what this step found in an earlier run; None if it did not end."""
+        facts = kept and kept.noted()
+        if not facts:
+            return None
+        if PLACED[0] not in facts:
+            return _Step(None, None, facts["moves"][0], stopped=False)
+        problem = replace(self.best.problem, arrays=arrays)
+        state = self._fresh(problem)
+        for name in PLACED:
+            getattr(state, name)[:] = facts[name]
+        state.register[BEST] = 0
+        units = deal(problem, state.best_start, state.best_option)
+        assert units is not None, "it was dealt before"
+        return _Step(state, units, facts["moves"][0], stopped=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """What one search found, if anything."""
+
+    state: State | None
+    units: Units | None
+    moves: int
+    stopped: bool
+
+
 def improve(
     problem: Problem, state: State, units: Units, polish: Polish, on_slice: OnSlice, named: Named, kept: Kept | None
 ) -> Improved:
     """Grant one wish after the other; the steps of an earlier run that were `kept` are not searched again."""
-    best = _Best(problem, state, units)
-    wishes = _cost_wishes if polish.quality == "cost" else _margin_wishes
-    moves, number, stopped = 0, 0, False
-    steps = wishes(best)
-    try:
-        arrays = next(steps)
-        while not stopped and not polish.is_enough(named(best.problem, best.state, best.units)):
-            step = kept and kept.stage(f"step{number}")
-            granted, made, stopped = _recall(best, arrays, polish, step) or _grant(
-                best, arrays, polish, moves, on_slice, step
-            )
-            moves, number = moves + made, number + 1
-            arrays = steps.send(granted)
-    except StopIteration:
-        pass
-    return Improved(best.problem, best.state, best.units, moves, stopped)
-
-
-def _grant(
-    best: _Best, arrays: Arrays, polish: Polish, before: int, on_slice: OnSlice, kept: Kept | None
-) -> tuple[bool, int, bool]:
-    """Search on under tighter arrays; return whether it worked, the moves made, and whether to stop."""
-    problem = replace(best.problem, arrays=arrays)
-    state = new_state(arrays, polish.seed, problem.mean_wcet)
-    state.start[:], state.option[:], state.phase[:] = best.state.best_start, best.state.best_option, best.state.phase
-    _fit_slack(arrays, state)
-    load(arrays, state)
-    budget = polish.budget * len(arrays.entry_offset)
-    stopped = run(problem, state, budget, lambda moves, _: on_slice(before + moves, 0), kept)
-    made = state.register[MOVES]
-    units = deal(problem, state.best_start, state.best_option) if state.register[BEST] == 0 else None
-    if kept is not None and not stopped:
-        placed = {} if units is None else {name: getattr(state, name) for name in PLACED}
-        kept.note({"moves": state.register[MOVES : MOVES + 1], **placed})
-    if units is None:
-        return False, made, stopped
-    best.problem, best.state, best.units = problem, state, units
-    return True, made, stopped
-
-
-def _recall(best: _Best, arrays: Arrays, polish: Polish, kept: Kept | None) -> tuple[bool, int, bool] | None:
-    """Return what `_grant` returned for this step in an earlier run, with the same effect; None if it did not end."""
-    facts = kept and kept.noted()
-    if not facts:
-        return None
-    moves = facts["moves"][0]
-    if PLACED[0] not in facts:
-        return False, moves, False
-    problem = replace(best.problem, arrays=arrays)
-    state = new_state(arrays, polish.seed, problem.mean_wcet)
-    for name in PLACED:
-        getattr(state, name)[:] = facts[name]
-    state.register[BEST] = 0
-    units = deal(problem, state.best_start, state.best_option)
-    assert units is not None, "it was dealt before"
-    best.problem, best.state, best.units = problem, state, units
-    return True, moves, False
+    jobs = named(problem, state, units)
+    best = _Best(problem, state, units, jobs, polish.judge.worth(jobs))
+    improvement = _Improvement(best, polish, on_slice, named)
+    stopped = improvement.run(kept)
+    return Improved(best.problem, best.state, best.units, improvement.moves, stopped)
 
 
 def _fit_slack(arrays: Arrays, state: State) -> None:
     """Pull jobs that are later than the (tightened) slack allows back to where it ends."""
     for first, last in pairwise(arrays.entry_job):
         task = arrays.job_task[first]
-        if not arrays.task_cyclic[task]:
+        if not arrays.task_cyclic[task] or state.hint[arrays.job_entry[first]] == FROZEN_HINT:
             continue
-        offset = arrays.entry_offset[arrays.job_entry[first]]
-        base = offset if offset >= 0 else min(state.phase[first:last])
+        base = _base(arrays, state.phase, first, last)
         for number, job in enumerate(range(first, last)):
             phase = min(state.phase[job], base + arrays.option_late[state.option[job]])
             state.phase[job] = phase
             state.start[job] = (phase + number * arrays.task_period[task]) % arrays.hyperperiod
 
 
+def _base(arrays: Arrays, phase: Ints, first: int, last: int) -> int:
+    """Return from where the delays of jobs [first, last) count: the task's offset, or the earliest of them."""
+    offset = arrays.entry_offset[arrays.job_entry[first]]
+    return offset if offset >= 0 else min(phase[first:last])
+
+
 # ------------------------------------------------------------------------------------------------ wishes
 
-Wishes = Generator["Arrays", bool, None]
+Wishes = Generator["Arrays", "bool | None", None]
 """Yields tighter arrays one after the other; it is sent whether a placement was found for the last ones."""
 
 
-def _cost_wishes(best: _Best) -> Wishes:
-    """Ask for fewer units, then for jobs at their phases, then for shorter chains."""
+def _next(steps: Wishes, granted: bool | None) -> Arrays | None:
+    """Say what became of the last wish, and return the next; None at the end."""
+    try:
+        return steps.send(granted)
+    except StopIteration:
+        return None
+
+
+def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
+    """Hold what other objectives have reached, and ask for more of one; `plain` are the arrays of the first problem."""
+    judge = polish.judge
+    if polish.goals.hold or (Objective.CHAINS in judge.objectives and stage != Objective.CHAINS):
+        _hold_chains(best)
+    if Objective.JITTER in judge.objectives and stage != Objective.JITTER:
+        best.tighten(option_late=_lateness(best, _delays(best)))
+    if Objective.MARGIN in judge.objectives and stage != Objective.MARGIN:
+        margin = -best.worth.values[judge.objectives.index(Objective.MARGIN)]
+        best.tighten(rect=_reserved(plain, best.problem, margin))
+    match stage:
+        case "units":
+            yield from _fewer_units(best)
+        case "phases":
+            yield from _less_slack(best)
+        case Objective.CHAINS:
+            ceiling = best.arrays if polish.goals.hold else plain
+            yield from _shorter_chains(best, ceiling, judge.chain_weights)
+        case Objective.JITTER:
+            yield from _less_jitter(best)
+        case Objective.MARGIN:
+            yield from _more_margin(best, plain)
+
+
+def _fewer_units(best: _Best) -> Wishes:
     for group in range(len(best.problem.groups)):
-        while best.problem.arrays.lane_capacity[group] > 0:
-            capacity = best.problem.arrays.lane_capacity[:]
+        while best.arrays.lane_capacity[group] > 0:
+            capacity = best.arrays.lane_capacity[:]
             capacity[group] -= 1
-            if not (yield best.problem.arrays._replace(lane_capacity=capacity)):
+            if not (yield best.arrays._replace(lane_capacity=capacity)):
                 break
-    late = best.problem.arrays.option_late
+
+
+def _less_slack(best: _Best) -> Wishes:
+    late = best.arrays.option_late
     for part in (0, 1, 2, 3):
         less = ints(delta * part // 4 for delta in late)
-        if any(late) and (yield best.problem.arrays._replace(option_late=less)):
+        if any(late) and (yield best.arrays._replace(option_late=less)):
             break
-    for chain in range(len(best.problem.arrays.chain_limit)):
-        for kind, measure in enumerate((worst_reaction, worst_age)):
-            while (latency := _latency(best, chain, measure)) < NEVER:
-                limit = best.problem.arrays.chain_limit.copy()
-                limit[chain, kind] = latency - max(1, latency // CHAIN_STEP)
-                if not (yield best.problem.arrays._replace(chain_limit=limit)):
-                    break
 
 
-def _latency(best: _Best, chain: int, measure: Callable[..., int]) -> int:
-    arrays, state = best.problem.arrays, best.state
-    first, last = arrays.chain_first[chain], arrays.chain_first[chain + 1]
-    return measure(arrays, state, first, last)
+# ---- chains
 
 
-def _margin_wishes(best: _Best) -> Wishes:
+def _shorter_chains(best: _Best, ceiling: Arrays, weights: tuple[int, ...]) -> Wishes:
+    """Ask for less of all latencies at once, then for less of one while others give back a part of what it wins."""
+    every = [(chain, kind) for chain, pair in enumerate(_latencies(best)) for kind in (0, 1) if pair[kind] < NEVER]
+    refused: set[tuple[int, ...]] = set()
+    for parts in CHAIN_STEPS if every else ():
+        is_better = True
+        while is_better:
+            is_better = yield from _while_granted(best, partial(_all_shorter, best, parts), refused)
+            for entry in sorted(every, key=lambda at: -weights[at[0]] * _latencies(best)[at[0]][at[1]]):
+                traded = partial(_traded, best, ceiling, weights, entry, parts)
+                is_better |= yield from _while_granted(best, traded, refused)
+
+
+def _while_granted(
+    best: _Best, limits: Callable[[], Table], refused: set[tuple[int, ...]]
+) -> Generator[Arrays, bool | None, bool]:
+    """Ask again and again for such limits, but for none twice; return whether any were granted."""
+    is_granted = False
+    while tuple((wanted := limits()).flat) not in refused:
+        if not (yield best.arrays._replace(chain_limit=wanted)):
+            refused.add(tuple(wanted.flat))
+            break
+        is_granted = True
+    return is_granted
+
+
+def _all_shorter(best: _Best, parts: int) -> Table:
+    return _limits([[time - max(1, time // parts) for time in pair] for pair in _latencies(best)])
+
+
+def _traded(best: _Best, ceiling: Arrays, weights: tuple[int, ...], entry: tuple[int, int], parts: int) -> Table:
+    """Shorten one latency by a part; what that wins, less one, the others may grow by together, up to the ceiling."""
+    latencies = _latencies(best)
+    chain, kind = entry
+    win = max(1, latencies[chain][kind] // parts)
+    others = max(1, 2 * len(latencies) - 1)
+    for other, pair in enumerate(latencies):
+        give = (weights[chain] * win - 1) // (weights[other] * others)
+        for place, time in enumerate(pair):
+            most = ceiling.chain_limit[other, place]
+            pair[place] = min(time + give, most) if most != NO_TICK else time + give
+    latencies[chain][kind] = _latencies(best)[chain][kind] - win
+    return _limits(latencies)
+
+
+def _hold_chains(best: _Best) -> None:
+    best.tighten(chain_limit=_limits(_latencies(best)))
+
+
+def _latencies(best: _Best) -> list[list[int]]:
+    """Return reaction time and data age of every chain, in ticks."""
+    arrays, state = best.arrays, best.state
+    return [
+        [measure(arrays, state, first, last) for measure in (worst_reaction, worst_age)]
+        for first, last in pairwise(arrays.chain_first)
+    ]
+
+
+def _limits(latencies: list[list[int]]) -> Table:
+    """Return limits; what nothing gets through cannot be limited."""
+    return Table.of(([time if time < NEVER // 2 else NO_TICK for time in pair] for pair in latencies), 2)
+
+
+# ---- jitter
+
+
+def _less_jitter(best: _Best) -> Wishes:
+    """Ask for less delay of all jobs, then task by task for none, or half."""
+    delays = _delays(best)
+    for part in (0, 1, 2, 3):
+        less = [delay * part // 4 for delay in delays]
+        if any(delays) and (yield best.arrays._replace(option_late=_lateness(best, less))):
+            break
+    delays = _delays(best)
+    for task in sorted(range(len(delays)), key=lambda task: -delays[task])[:JITTERY]:
+        for part in (0, 1):
+            now = _delays(best)
+            less = [delay * part // 2 if place == task else delay for place, delay in enumerate(now)]
+            if now[task] and (yield best.arrays._replace(option_late=_lateness(best, less))):
+                break
+
+
+def _delays(best: _Best) -> list[int]:
+    """Return for every task the largest delay of its jobs."""
+    arrays, delays = best.arrays, [0] * len(best.arrays.task_period)
+    for first, last in pairwise(arrays.entry_job):
+        if first < last and arrays.task_cyclic[arrays.job_task[first]]:
+            base = _base(arrays, best.state.phase, first, last)
+            delays[arrays.job_task[first]] = max(best.state.phase[first:last]) - base
+    return delays
+
+
+def _lateness(best: _Best, delays: list[int]) -> Ints:
+    """Return the lateness of all options where the jobs of each task may be delayed by so much."""
+    late, arrays = best.arrays.option_late[:], best.arrays
+    for task, delay in enumerate(delays):
+        for option in range(arrays.task_option[task], arrays.task_option[task + 1]):
+            late[option] = min(late[option], delay)
+    return late
+
+
+# ---- margin
+
+
+def _more_margin(best: _Best, plain: Arrays) -> Wishes:
     """Ask for jobs that reserve their units for longer: double the margin while it works, then halve the gap."""
-    plain = best.problem.arrays
+
+    def arrays(steps: int) -> Arrays:
+        return best.arrays._replace(rect=_reserved(plain, best.problem, Fraction(steps, MARGIN_STEPS)))
+
     found, step = 0, 1
-    while found < LARGEST_MARGIN and (yield _with_margin(plain, best.problem, found + step)):
+    while found < LARGEST_MARGIN and (yield arrays(found + step)):
         found, step = found + step, 2 * step
     while step > 1:
         step //= 2
-        if (yield _with_margin(plain, best.problem, found + step)):
+        if (yield arrays(found + step)):
             found += step
 
 
-def _with_margin(plain: Arrays, problem: Problem, margin: int) -> Arrays:
-    """Return arrays in which every job keeps its units for `margin` / `MARGIN_STEPS` longer than its WCET."""
+def _reserved(plain: Arrays, problem: Problem, margin: Fraction) -> Table:
+    """Return rectangles in which every job keeps its units longer than its WCET, by this share of it."""
     rect = plain.rect.copy()
     for number, (lane, _, length, _) in enumerate(plain.rect):
         if lane < len(problem.groups):
-            longer = length + -(-length * margin // MARGIN_STEPS)
-            rect[number, 2] = min(longer, plain.hyperperiod)
-    return plain._replace(rect=rect)
+            rect[number, 2] = min(length + ceil(length * margin), plain.hyperperiod)
+    return rect

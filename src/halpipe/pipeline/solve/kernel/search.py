@@ -10,7 +10,7 @@ from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.quality import Polish, improve
+from halpipe.pipeline.solve.kernel.quality import improve
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from halpipe.models import Job
+    from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.problem import Problem
 
 NOTHING = Earlier()
@@ -62,7 +63,7 @@ def search(
     budget: int,
     on_slice: OnSlice,
     earlier: Earlier = NOTHING,
-    polish: Polish | None = None,
+    polish: tuple[Polish, Callable[[], Problem]] | None = None,
     shipped: Mapping[tuple[str, int], Job] | None = None,
     kept: Kept | None = None,
     effort: Effort = ALONE,
@@ -70,7 +71,8 @@ def search(
     """Look for a valid schedule in at most `budget` moves, trying first where `earlier` modes put the tasks.
 
     `separate` builds the same problem with one lane per unit; it is needed only where the load of a group of
-    units fits, but the jobs cannot be dealt out to its units as they lie. `polish` goes on improving a valid one.
+    units fits, but the jobs cannot be dealt out to its units as they lie. `polish` goes on improving a valid one, and
+    comes with what builds the problem with the chains that count for that.
     `shipped` jobs stay where they are. What is `kept` is gone on from.
     """
     if shipped:
@@ -109,7 +111,8 @@ def search(
 
     unimproved = False
     if units is not None and state.register[BEST] == 0 and polish is not None and not stopped:
-        better = improve(problem, state, units, polish, on_slice, named, kept)
+        wish, chained = polish
+        better = improve(problem.with_chains(chained()), state, units, wish, on_slice, named, kept)
         problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
         moves += better.moves
     units = units or deal_anyhow(problem, state.best_start, state.best_option)

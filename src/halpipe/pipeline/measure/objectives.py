@@ -1,0 +1,145 @@
+"""What a valid schedule is worth: the objectives that a search goes on for, in exact numbers of which less is better.
+
+- ``chains``: the sum of reaction time and data age over all chains, in nanoseconds (MODEL 3).
+- ``jitter``: the sum over the periodic tasks of their start jitter, the largest less the least delay of their jobs.
+- ``margin``: the share of its own length by which every stay on a unit could last longer before the next begins there,
+  the least of all; negated, since more is better.
+- ``preemptions``: the number of gaps of all jobs.
+- ``cost``: the cost function F.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.measure.cost import cost_terms
+from halpipe.pipeline.measure.latency import chain_latencies
+from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.measure.splitting import latest_phase
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from halpipe.durations import Duration
+    from halpipe.models import Job, TaskModel
+    from halpipe.pipeline.jobs import Expansion
+
+LARGEST_MARGIN = Fraction(100)
+"""Beyond a hundred times the WCET nobody asks; a job alone on its unit would have no bound."""
+
+NEVER = Fraction(10**30)
+"""Stands for the latency of a chain that nothing gets through: worse than any."""
+
+
+class Objective(StrEnum):
+    """What may be optimised, see above."""
+
+    CHAINS = "chains"
+    JITTER = "jitter"
+    MARGIN = "margin"
+    PREEMPTIONS = "preemptions"
+    COST = "cost"
+
+
+@dataclass(frozen=True, slots=True)
+class Worth:
+    """The values of the objectives in their order, and of every chain its reaction time and data age."""
+
+    values: tuple[Fraction, ...]
+    latencies: tuple[Fraction, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Judge:
+    """Tells which of the valid schedules of a mode is the better one.
+
+    With `each_chain`, none is good whose chains are not all at most as long as in the first.
+    """
+
+    model: TaskModel
+    expansion: Expansion
+    objectives: tuple[Objective, ...]
+    each_chain: bool = False
+
+    def worth(self, jobs: Iterable[Job]) -> Worth:
+        """Measure a schedule."""
+        placement = Placement.of(self.expansion, jobs, self.model.units)
+        values = tuple(MEASURES[objective](self.model, placement) for objective in self.objectives)
+        return Worth(values, _latencies(self.model, placement) if self.each_chain else ())
+
+    @property
+    def chain_weights(self) -> tuple[int, ...]:
+        """What a tick of each chain's latencies counts, of the chains whose tasks all run."""
+        running = self.expansion.by_name
+        return tuple(1 for chain in self.model.chains if running.keys() >= set(chain.tasks))
+
+    def keeps(self, first: Worth, other: Worth) -> bool:
+        """Return whether nothing that counts is worse than in the first schedule."""
+        pairs = zip((*first.values, *first.latencies), (*other.values, *other.latencies), strict=True)
+        return all(now <= before for before, now in pairs)
+
+
+def _latencies(model: TaskModel, placement: Placement) -> tuple[Fraction, ...]:
+    found = chain_latencies(placement, model.chains)
+    return tuple(_nanoseconds(time) for latency in found for time in (latency.reaction, latency.age))
+
+
+def _nanoseconds(time: Duration | None) -> Fraction:
+    return NEVER if time is None else Fraction(time.ns)
+
+
+def sum_of_latencies(model: TaskModel, placement: Placement) -> Fraction:
+    """Return the sum of reaction time and data age of all chains, in nanoseconds."""
+    return sum(_latencies(model, placement), Fraction(0))
+
+
+def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:
+    """Return the sum of the start jitters of all periodic tasks, in nanoseconds."""
+    total = 0
+    for active in placement.expansion.tasks:
+        jobs = placement.by_task[active.name]
+        if active.task.period is not None and jobs:
+            step = active.task.period // placement.tick
+            delays = sorted((job.start - job.index * step) % placement.hyperperiod for job in jobs)
+            phase = latest_phase(delays, placement.hyperperiod)
+            total += max((delay - phase) % placement.hyperperiod for delay in delays)
+    return Fraction(placement.tick.ns) * total
+
+
+def least_margin(model: TaskModel, placement: Placement) -> Fraction:
+    """Return, negated, by what share of its length every stay on a unit could last longer."""
+    stays: dict[str, list[tuple[int, int]]] = {}
+    for job in placement.jobs:
+        for unit in dict.fromkeys(job.units):
+            stays.setdefault(unit, []).extend(
+                (start % placement.hyperperiod, end - start) for start, end in job.occupations()
+            )
+    least = LARGEST_MARGIN
+    for on_unit in stays.values():
+        on_unit.sort()
+        following = [*(start for start, _ in on_unit[1:]), on_unit[0][0] + placement.hyperperiod]
+        for (start, length), then in zip(on_unit, following, strict=True):
+            least = min(least, Fraction(then - start - length, length))
+    return -least
+
+
+def number_of_gaps(model: TaskModel, placement: Placement) -> Fraction:
+    """Return how often jobs are preempted."""
+    return Fraction(sum(len(job.parts) - 1 for job in placement.jobs if job.parts))
+
+
+def cost(model: TaskModel, placement: Placement) -> Fraction:
+    """Return the cost F."""
+    return cost_terms(model, placement).total
+
+
+MEASURES: dict[Objective, Callable[[TaskModel, Placement], Fraction]] = {
+    Objective.CHAINS: sum_of_latencies,
+    Objective.JITTER: sum_of_jitters,
+    Objective.MARGIN: least_margin,
+    Objective.PREEMPTIONS: number_of_gaps,
+    Objective.COST: cost,
+}

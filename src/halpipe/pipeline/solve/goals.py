@@ -1,0 +1,86 @@
+"""What a search goes on for once a schedule is valid: which objectives, in which order, and what must not get worse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from halpipe.models import Status
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.objectives import Judge, Objective
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from fractions import Fraction
+
+    from halpipe.models import Job, TaskModel
+    from halpipe.pipeline.jobs import Expansion
+
+POLISH_BUDGET = 300
+"""Moves per task for one step of improving a valid schedule."""
+
+
+class Quality(StrEnum):
+    """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
+
+    FIRST = "first"
+    COST = "cost"
+    MARGIN = "margin"
+
+
+@dataclass(frozen=True, slots=True)
+class Goals:
+    """What to go on for.
+
+    - `objectives` come one before the other; none gets worse than in the first valid schedule.
+    - `stages` are the wishes in their order. Each comes with the number of leading objectives in which what it finds
+      may not be worse than the best so far.
+    - With `hold`, no chain may get longer than it was at first.
+    """
+
+    objectives: tuple[Objective, ...]
+    stages: tuple[tuple[str, int], ...]
+    hold: bool = False
+
+    @classmethod
+    def of(cls, quality: Quality, objectives: tuple[Objective, ...] = ()) -> Goals | None:
+        """Return the goals of the objectives named, or of a quality; None where the first valid schedule is enough."""
+        if objectives:
+            return cls(objectives, tuple((objective, place) for place, objective in enumerate(objectives, 1)))
+        return QUALITIES[quality]
+
+
+QUALITIES = {
+    Quality.FIRST: None,
+    Quality.COST: Goals(
+        (Objective.CHAINS, Objective.COST),
+        (("phases", 0), ("units", 0), ("phases", 0), (Objective.CHAINS, 1)),
+        hold=True,
+    ),
+    Quality.MARGIN: Goals((Objective.MARGIN,), ((Objective.MARGIN, 1),)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Polish:
+    """The goals, who judges what is found, the moves per task and step, the seed, and when the jobs are good enough."""
+
+    goals: Goals
+    judge: Judge
+    budget: int
+    seed: int
+    is_enough: Callable[[tuple[Job, ...]], bool]
+
+
+def polish_of(model: TaskModel, expansion: Expansion, goals: Goals, target: Fraction | None, seed: int) -> Polish:
+    """Return how to improve the first valid schedule of a mode, until its cost F is at most `target`."""
+
+    def is_enough(jobs: tuple[Job, ...]) -> bool:
+        if target is None:
+            return False
+        report = mode_report(model, expansion, jobs, Status.VALID)
+        return report.cost is not None and report.cost.total <= target
+
+    judge = Judge(model, expansion, goals.objectives, each_chain=goals.hold)
+    return Polish(goals, judge, POLISH_BUDGET, seed, is_enough)
