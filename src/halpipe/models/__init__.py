@@ -1,4 +1,7 @@
-"""The task model and the schedule: frozen values, no input or output, no arrays."""
+"""The task model and the schedule: frozen values, no input or output, no arrays.
+
+Traces are in `halpipe.models.trace`, which few commands need.
+"""
 
 from halpipe.models.schedule import (
     ChainLatency,
@@ -38,7 +41,6 @@ from halpipe.models.system import (
     Unit,
     Version,
 )
-from halpipe.models.trace import Execution, Trace
 
 __all__ = [
     "WHOLE",
@@ -49,7 +51,6 @@ __all__ = [
     "Chain",
     "ChainLatency",
     "CostTerms",
-    "Execution",
     "HealthAction",
     "HealthEvent",
     "HealthRule",
@@ -70,7 +71,6 @@ __all__ = [
     "Status",
     "Task",
     "TaskModel",
-    "Trace",
     "Transfer",
     "Transition",
     "TransitionTable",

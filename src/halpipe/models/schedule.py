@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from html import escape
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
@@ -168,6 +167,8 @@ class Schedule:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the modes with their jobs and chains, and the switches."""
+        from html import escape
+
         rows = [
             (mode.name, str(mode.hyperperiod), str(len(mode.jobs)), _latencies(mode), str(mode.status))
             for mode in self.modes

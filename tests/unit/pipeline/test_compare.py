@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from halpipe.diagnostics import HalpipeError, Severity
 from halpipe.durations import ZERO, Duration
-from halpipe.models import Execution, Job, ModeSchedule, Schedule, Status, Trace, TransitionTable
+from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from support import ms
 

@@ -17,7 +17,7 @@ from halpipe.diagnostics import Location
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
-from halpipe.models import Execution, Trace
+from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from fractions import Fraction

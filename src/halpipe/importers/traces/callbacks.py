@@ -8,7 +8,7 @@ from halpipe.diagnostics import Location
 from halpipe.durations import Duration
 from halpipe.importers.ros.traced import short_names_of
 from halpipe.importers.traces.ros2 import read_ros_trace
-from halpipe.models import Execution, Trace
+from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings

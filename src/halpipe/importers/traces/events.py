@@ -16,7 +16,7 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS
-from halpipe.models import Execution, Trace
+from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings

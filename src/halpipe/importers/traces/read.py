@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Trace
+    from halpipe.models.trace import Trace
 
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.diagnostics import Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
-from halpipe.models import Execution, Trace
+from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Execution, Schedule, Trace
+    from halpipe.models import Schedule
+    from halpipe.models.trace import Execution, Trace
 
 PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""

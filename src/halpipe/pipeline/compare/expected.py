@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Findings
     from halpipe.durations import Duration
-    from halpipe.models import Execution, Job, Schedule
+    from halpipe.models import Job, Schedule
+    from halpipe.models.trace import Execution
 
 
 @dataclass(frozen=True, slots=True)

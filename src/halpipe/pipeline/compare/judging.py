@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.durations import Duration
-    from halpipe.models import Execution
+    from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.matching import Match, Matching
 
 

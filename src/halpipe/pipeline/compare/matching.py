@@ -12,7 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from fractions import Fraction
 
-    from halpipe.models import Execution, Job
+    from halpipe.models import Job
+    from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.expected import Played, Table
 
 SAMPLE = 2000

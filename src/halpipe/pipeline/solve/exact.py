@@ -15,6 +15,7 @@ from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
+from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.workers import watched
 
 if TYPE_CHECKING:
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
 
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.jobs import Expansion
-
-DEFAULT_WORK = 60
-"""Deterministic seconds of CP-SAT: a count of work, about a second of it each, the same on every machine."""
 
 MAX_JOBS = 2_000
 MAX_PARTS = 200_000

@@ -1,4 +1,4 @@
-"""What the kernel cannot hold is refused, and what it does not try is told."""
+"""How much is tried: what the kernel cannot hold is refused, and what it does not try is told."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem
 if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.pipeline.jobs import Expansion
+
+DEFAULT_WORK = 60
+"""Deterministic seconds of the exact engine: a count of work, about a second of it each, the same on every machine."""
 
 LARGEST = 2**62
 """Costs and times stay below this."""

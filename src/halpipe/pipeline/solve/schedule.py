@@ -18,9 +18,8 @@ from halpipe.pipeline.solve.codes import (
     NO_OPTION,
     TICK_DOES_NOT_DIVIDE,
 )
-from halpipe.pipeline.solve.exact import DEFAULT_WORK
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
-from halpipe.pipeline.solve.limits import check_range, cut_options, too_large
+from halpipe.pipeline.solve.limits import DEFAULT_WORK, check_range, cut_options, too_large
 from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 

@@ -10,7 +10,6 @@ from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.quality import improve
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
@@ -111,6 +110,8 @@ def search(
 
     unimproved = False
     if units is not None and state.register[BEST] == 0 and polish is not None and not stopped:
+        from halpipe.pipeline.solve.kernel.quality import improve
+
         wish, chained = polish
         better = improve(problem.with_chains(chained()), state, units, wish, on_slice, named, kept)
         problem, state, units, unimproved = better.problem, better.state, better.units, better.stopped
