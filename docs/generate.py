@@ -215,13 +215,18 @@ def exit_codes_page() -> str:
 def cli_page() -> str:
     """Every verb with its arguments and options, from the signatures that typer makes the command line of."""
     from halpipe.cli.app import VERBS, build
+    from halpipe.cli.export.command import command_of
     from halpipe.cli.output import SHOWN_PER_CODE
+    from halpipe.flow.formats import EXPORTERS, exporter, formats
 
     app = build(VERBS)
     verbs = [(str(command.name), command.callback) for command in app.registered_commands if command.callback]
     for group in app.registered_groups:
         inside = group.typer_instance.registered_commands if group.typer_instance else []
         verbs += [(f"{group.name} {command.name}", command.callback) for command in inside if command.callback]
+        verbs += [
+            (f"export {name}", command_of(exporter(name))) for name in formats(EXPORTERS) if group.name == "export"
+        ]
     rows = (f"| [`{name}`](#halpipe-{name.replace(' ', '-')}) | {_doc(function)[0]} |" for name, function in verbs)
     overview = "\n".join(("| verb | |", "|---|---|", *rows))
     common = (
@@ -246,7 +251,7 @@ def _doc(function: Callable[..., Any]) -> tuple[str, ...]:
 def _verb(name: str, function: Callable[..., Any]) -> str:
     from typer.models import ArgumentInfo
 
-    hints = get_type_hints(function, include_extras=True)
+    hints = get_type_hints(function, include_extras=True) if function.__module__ else {}
     parameters = [
         (parameter, *get_args(hints[parameter.name])) for parameter in inspect.signature(function).parameters.values()
     ]
@@ -257,7 +262,7 @@ def _verb(name: str, function: Callable[..., Any]) -> str:
         if isinstance(info, ArgumentInfo):
             shown = info.metavar or parameter.name.upper()
             shown += "..." if get_origin(kind) is list else ""
-            usage.append(shown)
+            usage.append(shown if required else f"[{shown}]")
             arguments.append(f"| `{shown}` | {info.help} |")
             continue
         flags, value = _option(parameter.name, kind, info)

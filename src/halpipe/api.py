@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from halpipe.diagnostics import Diagnostic
+    from halpipe.files import YamlMap
     from halpipe.importers.base import Imported
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
@@ -85,7 +86,7 @@ def export(
     """
     from halpipe.diagnostics import Findings
     from halpipe.exporters.base import ExportOptions
-    from halpipe.files import YamlMap
+    from halpipe.exporters.choices import keys_of, options_of
     from halpipe.flow.formats import export as write
     from halpipe.flow.formats import exporter
     from halpipe.settings import Fields
@@ -93,12 +94,24 @@ def export(
     writer = exporter(format)
     chosen = ExportOptions(title=title, mode=mode)
     if options:
-        stated, findings = YamlMap(0), Findings()
-        for name, value in options.items():
-            stated[name.replace("_", "-")] = value if isinstance(value, bool | list) else str(value)
-        chosen = writer.options(chosen, Fields("", findings, stated, f"export {format}", writer.keys or ("",)), ".")
+        findings, keys = Findings(), keys_of(writer.options) or ("",)
+        stated = _as_stated({name.replace("_", "-"): value for name, value in options.items()})
+        chosen = options_of(writer.options, chosen, Fields("", findings, stated, f"export {format}", keys), ".")
         findings.stop_on_errors()
     return write(format, model, schedule, chosen)
+
+
+def _as_stated(values: dict[str, Any]) -> YamlMap:
+    """Return values as a settings file would state them."""
+    from halpipe.files import YamlMap
+
+    stated = YamlMap(0)
+    for name, value in values.items():
+        if isinstance(value, dict):
+            stated[name] = _as_stated(value)
+        else:
+            stated[name] = value if isinstance(value, bool | list) else str(value)
+    return stated
 
 
 # ------------------------------------------------------------------------------------------------ find and check

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from halpipe.diagnostics import Location, error
 from halpipe.files import YamlList, YamlMap
+from halpipe.quantities import quoted
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -49,6 +50,20 @@ class Stated(Generic[T_co]):
 
     value: T_co
     at: Location
+
+
+class Words:
+    """A reader of one of some `words`."""
+
+    def __init__(self, *words: str) -> None:
+        self.words = words
+
+    def __call__(self, text: str) -> str:
+        """Return `text`; raise ``ValueError`` when it is none of the words."""
+        if text not in self.words:
+            help = did_you_mean(text, self.words, "write " + ", ".join(self.words))
+            raise ValueError(f"{quoted(text)} is not known; {help}")
+        return text
 
 
 class Fields:

@@ -72,7 +72,7 @@ def test_wrong_options_are_usage_errors_or_name_the_choices(place, capsys):
     common = ["export", "regulator", "model.xml", "s.xml", "--platform", "platform.yaml", "-o", "cfg"]
     assert invoke([*common, "--rounding", "up"]) == 2
     assert "auto, whole, controlled" in capsys.readouterr().err
-    assert invoke([*common, "--backend", "tabel"]) == 1
+    assert invoke([*common, "--backend", "tabel"]) == 2
     assert 'did you mean "table"?' in capsys.readouterr().err
 
 

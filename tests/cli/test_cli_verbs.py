@@ -155,7 +155,7 @@ def test_usage_errors(halpipe):
     assert halpipe("nonsense").returncode == 2
     assert halpipe("export", "report", "model.xml", "-o", "r.html").returncode == 1  # needs a schedule
     unknown = halpipe("export", "raport", "model.xml", "-o", "r.html")
-    assert unknown.returncode == 1
+    assert unknown.returncode == 2
     assert 'did you mean "report"' in unknown.stderr
 
 

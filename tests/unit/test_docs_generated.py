@@ -63,8 +63,9 @@ def test_every_verb_and_each_of_its_options_is_listed(pages):
     sections = dict(re.findall(r"^## halpipe ([\w -]+)\n(.*?)(?=^## |\Z)", pages["cli.md"], re.MULTILINE | re.DOTALL))
     commands = {}
     for name, command in get_command(build(VERBS)).commands.items():
-        inside = getattr(command, "commands", None)
-        commands |= {f"{name} {verb}": c for verb, c in inside.items()} if inside else {name: command}
+        verbs = command.list_commands(None) if hasattr(command, "list_commands") else []
+        inside = {f"{name} {verb}": command.get_command(None, verb) for verb in verbs}
+        commands |= inside or {name: command}
     assert sorted(sections) == sorted(commands)
     for name, command in commands.items():
         for parameter in command.params:

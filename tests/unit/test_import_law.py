@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "suggest": set(),
     "diagnostics": set(),
     "files": {"diagnostics"},
-    "settings": {"diagnostics", "files", "suggest"},
+    "settings": {"diagnostics", "files", "quantities", "suggest"},
     "extent": set(),
     "caches": set(),
     "libraries": {"diagnostics"},

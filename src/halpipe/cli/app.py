@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe import __version__
+from halpipe.cli.groups import Group
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -38,6 +39,7 @@ def app_for(arguments: list[str]) -> typer.Typer:
 def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
     """Return the command line of some verbs; for an overview of them, without their arguments and options."""
     app = typer.Typer(
+        cls=Group,
         help="From vehicle software models to verified time-triggered schedules and what hardware loads.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,

@@ -7,16 +7,23 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.export.riscv import Profile, Sources, Toolchain
+from halpipe.cli.groups import Group
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
 from halpipe.diagnostics import Exit
+from halpipe.exporters.choices import SOURCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.exporters.riscv.prepare import Prepared
 
-app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles.")
+Profile = Annotated[str, typer.Option(help="Target: a profile's name, or a file that ends in .yaml.")]
+Toolchain = Annotated[str, typer.Option(help="zig, gcc, or auto: zig where it is installed.")]
+Sources = Annotated[str, typer.Option(metavar="FOLDER", help=SOURCES, show_default=False)]
+
+app = typer.Typer(
+    cls=Group, no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles."
+)
 
 
 @app.command("prepare")

@@ -51,6 +51,11 @@ def is_text() -> bool:
     return Settings.format is Format.TEXT
 
 
+def is_quiet() -> bool:
+    """Return whether only errors are to be shown."""
+    return Settings.quiet
+
+
 def say(text: str) -> None:
     """Tell the user something in one line that is not the result."""
     streams.write_remark(printable(text) + "\n")

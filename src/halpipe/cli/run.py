@@ -48,5 +48,7 @@ def run(
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
-        write_export(formats.export(step.format, model, schedule, step.options), step.output)
+        exported = formats.export_with_remarks(step.format, model, schedule, step.options)
+        output.report(exported.remarks)
+        write_export(exported.contents, step.output)
     return code

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.diagnostics import Diagnostic
     from halpipe.extent import Extent
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 O = TypeVar("O", bound="ExportOptions")  # noqa: E741
 
@@ -33,20 +35,21 @@ class Exporter(Protocol):
     """The door through which a target format goes out; registered as entry point ``halpipe.exporters``.
 
     An exporter decides nothing: it writes the schedule it is given, which the caller has verified. It is a pure
-    function of its arguments, so the same schedule gives the same bytes. `keys` are the settings that a pipeline
-    file may have for it besides those of every format; `suffix` is how its file names end, empty for a folder.
+    function of its arguments, so the same schedule gives the same bytes. `suffix` is how its file names end, empty
+    for a folder. `options` is the type of its options, in which each choice is stated (`halpipe.exporters.choices`);
+    `titled` tells whether their title is used. `shown` names the file of an export that is for the eyes of who
+    exports (empty: none). `help` is the sentence that the command line has for it.
     """
 
     name: str
     summary: str
+    help: str
     extent: Extent
     needs_schedule: bool
     suffix: str
-    keys: tuple[str, ...]
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> ExportOptions:
-        """Return the options that a pipeline file states; paths in it are relative to the folder `base`."""
-        ...
+    options: type[ExportOptions]
+    titled: bool
+    shown: str
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the files to write by relative name; ``""`` is the main output, further files go beside it.
@@ -56,12 +59,24 @@ class Exporter(Protocol):
         """
         ...
 
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return what the user should know of an export: what the target cannot do, what was rounded."""
+        ...
+
 
 class PlainExporter:
-    """What an exporter inherits that has no options of its own."""
+    """What most exporters are, and inherit."""
 
-    keys: tuple[str, ...] = ()
+    help = ""
+    needs_schedule = True
+    options: type[ExportOptions] = ExportOptions
+    titled = False
+    shown = ""
 
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> ExportOptions:
-        """Return the options that every format has; see `Exporter`."""
-        return common
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return nothing; see `Exporter`."""
+        return ()

@@ -24,6 +24,12 @@ UNDRAWABLE_TIME = error(
     "A hyperperiod is zero, a job starts outside the hyperperiod, ends before it starts, or lasts longer than the "
     "hyperperiod. A schedule that verifies has none of these.",
 )
+BAD_CPU = error(
+    "HAL0898",
+    "CPU of a unit is wrong",
+    "Each unit has a Linux CPU of its own, by its number; two units on one CPU would share what the schedule gives "
+    "to each of them alone.",
+)
 DOT_MISSING = error(
     "HAL0805",
     "Graphviz is not installed",

@@ -7,7 +7,7 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
@@ -55,7 +55,8 @@ def _registered(group: str, name: str) -> object:
     if name not in points:
         known = sorted(points)
         help = did_you_mean(name, known, "installed: " + ", ".join(known))
-        raise HalpipeError(UNKNOWN_FORMAT(f'no {group.removeprefix("halpipe.")[:-1]} "{name}"', help=help))
+        text = f'no {group.removeprefix("halpipe.")[:-1]} "{name}"'
+        raise HalpipeError(UNKNOWN_FORMAT(text, help=help), exit=Exit.USAGE)
     return points[name].load()
 
 
@@ -143,10 +144,24 @@ def burst_grid(platform_file: str) -> BurstGrid:
 
 def export(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
     """Verify, then write; return the contents by relative file name, the main output as ``""``."""
+    return export_with_remarks(format, model, schedule, options).contents
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """The contents by relative file name, the main output as ``""``, and what the user should know of them."""
+
+    contents: dict[str, bytes]
+    remarks: tuple[Diagnostic, ...]
+
+
+def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> Exported:
+    """Verify, then write; see `halpipe.exporters.base.Exporter`."""
     writer = exporter(format)
     if schedule is not None:
         refuse_invalid(model, schedule)
-    return writer.write(model, schedule, options)
+    contents = writer.write(model, schedule, options)
+    return Exported(contents, tuple(writer.remarks(model, schedule, options, contents)))
 
 
 def open_target(path: str) -> Target:

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
 from halpipe.durations import Duration
 from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.choices import keys_of, options_of
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter
+from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
 from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.quantities import parse_rational
@@ -132,7 +133,18 @@ class _Reader:
         )
         inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
         overlays = tuple(stated.value for stated in f.texts("overlay", self._path))
-        return ImportStep(f.value("format", str, ""), inputs, overlays, options)
+        return ImportStep(self._format(f, importer), inputs, overlays, options)
+
+    def _format(self, f: Fields, find: Callable[[str], object]) -> str:
+        """Read the name of a format that is installed."""
+        name = f.value("format", str, "")
+        try:
+            if name:
+                find(name)
+        except HalpipeError as unknown:
+            f.complain(UNKNOWN_FORMAT, unknown.diagnostics[0].message, "format", help=unknown.diagnostics[0].help)
+            return ""
+        return name
 
     def _search(self, f: Fields) -> SearchOptions:
         return SearchOptions(
@@ -151,16 +163,12 @@ class _Reader:
 
     def _export(self, f: Fields) -> ExportStep:
         f.require("format", "output")
-        name = f.value("format", str, "")
+        name = self._format(f, exporter)
         options = ExportOptions(mode=f.value("mode", str, ""), title=f.value("title", str, ""))
         if name:
-            try:
-                writer = exporter(name)
-            except HalpipeError as unknown:
-                f.complain(UNKNOWN_FORMAT, unknown.diagnostics[0].message, "format", help=unknown.diagnostics[0].help)
-            else:
-                f.allow((*_EXPORT, *writer.keys))
-                options = writer.options(options, f, str(self._base))
+            kind = exporter(name).options
+            f.allow((*_EXPORT, *keys_of(kind)))
+            options = options_of(kind, options, f, str(self._base))
         return ExportStep(name, f.value("output", self._path, ""), options)
 
 

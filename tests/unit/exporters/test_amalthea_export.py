@@ -6,15 +6,14 @@ import pytest
 from exporter_samples import roboracer
 from golden_file import assert_golden
 from lxml import etree
+from stated_options import stated
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, UNKNOWN_MODE
-from halpipe.files import parse_yaml
 from halpipe.models import ModeSchedule, Status
-from halpipe.settings import Fields
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 XSI = "{http://www.w3.org/2001/XMLSchema-instance}type"
@@ -219,9 +218,7 @@ def test_the_same_input_gives_the_same_bytes():
 
 
 def test_pipeline_files_may_state_the_release():
-    findings = Findings()
-    fields = Fields("p.yaml", findings, parse_yaml(b"release: 2.1.0", "p.yaml"), "export", FORMAT.keys)
-    assert FORMAT.options(ExportOptions(mode="run"), fields, ".") == AmaltheaOptions(mode="run", release="2.1.0")
+    assert stated(FORMAT, "release: 2.1.0", mode="run") == (AmaltheaOptions(mode="run", release="2.1.0"), [])
 
 
 def test_the_export_of_the_paper_is_the_golden_one():

@@ -6,17 +6,15 @@ import pytest
 from exporter_samples import hostile, roboracer, thirds, two_modes
 from golden_file import assert_golden
 from lxml import etree
+from stated_options import stated
 
 from arxml_reading import NS, all_of, by_path, name_of, q, special, text, texts, write
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.layout import ShortNames
-from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNKNOWN_MODE
-from halpipe.files import parse_yaml
 from halpipe.models import ChainLatency, ModeSchedule, Status
-from halpipe.settings import Fields
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 PUMP = task("/pump", "10ms", version("fast", "2ms", "u1 u2"), version("slow", "1/3ms", "u2"))
@@ -129,16 +127,12 @@ def test_names_that_dangle_are_all_reported():
 
 
 def test_a_pipeline_file_states_the_options():
-    data = parse_yaml(
-        b"release: 4.2.2\npart: system\necuc-prefix: /V\ntick: 5us\nmin-cycle: 2\nmax-value: 65535\n", "p.yaml"
-    )
-    findings = Findings()
-    options = FORMAT.options(ExportOptions(mode="m"), Fields("p.yaml", findings, data, "export", FORMAT.keys), ".")
+    text = "release: 4.2.2\npart: system\necuc-prefix: /V\ntick: 5us\nmin-cycle: 2\nmax-value: 65535\n"
+    options, found = stated(FORMAT, text, mode="m")
     expected = {"release": "4.2.2", "part": "system", "ecuc_prefix": "/V", "min_cycle": 2, "max_value": 65535}
     assert options == ArxmlOptions(mode="m", tick=ms("5us"), **expected)
-    assert findings.items == []
-    FORMAT.options(ExportOptions(), Fields("p.yaml", findings, parse_yaml(b"min-cycle: -1", "p.yaml"), "e", ()), ".")
-    assert [d.code for d in findings.items] == ["HAL0023"]
+    assert found == []
+    assert [d.code for d in stated(FORMAT, "min-cycle: -1")[1]] == ["HAL0023"]
 
 
 # ------------------------------------------------------------------------------------------------------- names

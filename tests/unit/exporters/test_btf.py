@@ -6,18 +6,17 @@ from itertools import pairwise
 import pytest
 from exporter_samples import many, roboracer, thirds, two_modes
 from golden_file import assert_golden
+from stated_options import stated
 
-from halpipe.diagnostics import Findings, Severity
+from halpipe.diagnostics import Severity
 from halpipe.durations import ZERO
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.btf import FORMAT, BtfOptions
 from halpipe.exporters.btf.events import tour
 from halpipe.exporters.trace import FORMAT as TRACE
-from halpipe.files import parse_yaml
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.compare import CompareOptions, compare
-from halpipe.settings import Fields
 from support import ms
 
 ROUNDING = ms("1ns")
@@ -154,9 +153,7 @@ def test_a_run_takes_every_switch_that_it_can(switches, unreached):
 
 
 def settings(text):
-    findings = Findings()
-    fields = Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "export", FORMAT.keys)
-    return FORMAT.options(ExportOptions(title="t", mode="m"), fields, "."), findings.items
+    return stated(FORMAT, text, title="t", mode="m")
 
 
 def test_a_pipeline_file_states_the_cycles():

@@ -9,21 +9,19 @@ import pytest
 from exporter_samples import many, roboracer, two_modes
 from hypothesis import given
 from hypothesis import strategies as st
+from stated_options import stated
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO, Duration
-from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.account import build_account
 from halpipe.exporters.report.chains import worst_age, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
-from halpipe.files import parse_yaml
 from halpipe.importers.account import format_account
 from halpipe.importers.base import Coverage, Imported
 from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
 from halpipe.pipeline.measure import latency
-from halpipe.settings import Fields
 from support import model, ms, task, version
 
 # ------------------------------------------------------------------------------------------------ modes
@@ -175,9 +173,8 @@ def test_what_is_no_import_report(account, change):
 
 
 def test_a_pipeline_file_names_the_import_report_relative_to_itself():
-    findings = Findings()
-    fields = Fields("p.yaml", findings, parse_yaml(b"{import-report: out/i.json}", "p.yaml"), "export", FORMAT.keys)
-    assert FORMAT.options(ExportOptions(mode="m"), fields, "/base").import_report == "/base/out/i.json"
+    options, found = stated(FORMAT, "{import-report: out/i.json}", "/base")
+    assert (options.import_report, found) == ("/base/out/i.json", [])
 
 
 # ------------------------------------------------------------------------------------------------ page

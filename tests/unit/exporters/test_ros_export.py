@@ -7,16 +7,13 @@ import pytest
 import yaml
 from exporter_samples import roboracer, thirds, two_modes
 from golden_file import assert_golden
+from stated_options import choice_of, stated
 
-from halpipe.diagnostics import Findings, HalpipeError
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.codes import NEEDS_HOLD, NEEDS_SCHEDULE
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
-from halpipe.exporters.ros.options import cpu_number, cpus_of, priority
 from halpipe.exporters.ros.unrealised import unrealised
-from halpipe.files import parse_yaml
 from halpipe.models import Part
-from halpipe.settings import Fields
 from support import access, job, model, ms, schedule, task, version
 
 
@@ -126,8 +123,8 @@ def refusal(system, planned, **options):
 def test_wrong_cpus_are_all_named():
     found = refusal(*roboracer(), cpus={"core1": 1, "core2": 1, "core_3": 2})
     assert [(d.code, d.path) for d in found] == [
-        (codes.BAD_CPU.id, 'unit "core2"'),
-        (codes.BAD_CPU.id, 'unit "core_3"'),
+        (BAD_CPU.id, 'unit "core2"'),
+        (BAD_CPU.id, 'unit "core_3"'),
     ]
     assert "core3" in found[1].help
 
@@ -218,27 +215,25 @@ def test_one_mode_alone_needs_no_switching():
     assert not any("switch" in said for said in written["not-realised"])
 
 
-@pytest.mark.parametrize("text", ["", "a", "a=", "=1", "a=1,a=2", "a=-1", "a=12345"])
+@pytest.mark.parametrize("text", ["a", "a=", "=1", "a=1,a=2", "a=-1", "a=12345"])
 def test_cpus_that_cannot_be_read(text):
     with pytest.raises(ValueError, match=";"):
-        cpus_of(text)
+        choice_of(FORMAT, "cpus").value_of(text)
 
 
 def test_cpus_that_can_be_read():
-    assert cpus_of("core1=2, a=b=3") == {"core1": 2, "a=b": 3}
-    assert cpu_number("0") == 0
+    assert choice_of(FORMAT, "cpus").value_of("core1=2, a=b=0") == {"core1": 2, "a=b": 0}
+    assert choice_of(FORMAT, "cpus").value_of("") is None
 
 
 @pytest.mark.parametrize("text", ["0", "100", "x", "-1"])
 def test_priorities_out_of_range(text):
     with pytest.raises(ValueError, match="1 to 99"):
-        priority(text)
+        choice_of(FORMAT, "priority").value_of(text)
 
 
 def pipeline_options(text):
-    findings = Findings()
-    fields = Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "export", FORMAT.keys)
-    return FORMAT.options(ExportOptions(mode="race"), fields, "."), findings.items
+    return stated(FORMAT, text, mode="race")
 
 
 def test_options_of_a_pipeline_file():

@@ -1,33 +1,16 @@
-"""``halpipe export``: one command per format, one file per command; plug-ins bring theirs by entry point."""
+"""``halpipe export``: a command for each installed format, made from what the format says of itself."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
-from typer.core import TyperGroup
 
-from halpipe.cli.export import amalthea, arxml, btf, graph, linux, regulator, report, riscv, ros, trace
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-COMMANDS: dict[str, Callable[..., int]] = {
-    "amalthea": amalthea.amalthea,
-    "arxml": arxml.arxml,
-    "btf": btf.btf,
-    "graph": graph.graph,
-    "linux": linux.linux,
-    "regulator": regulator.regulator,
-    "report": report.report,
-    "riscv": riscv.riscv,
-    "ros": ros.ros,
-    "trace": trace.trace,
-}
+from halpipe.cli.groups import Group
 
 
-class ExportGroup(TyperGroup):
-    """The formats with a command of their own, then whatever exporters are installed besides.
+class ExportGroup(Group):
+    """One command for each exporter that is installed, made when it is asked for.
 
     The types of contexts and commands are click's or typer's own, depending on the version of typer.
     """
@@ -36,17 +19,16 @@ class ExportGroup(TyperGroup):
         """Return the names of all formats."""
         from halpipe.flow.formats import EXPORTERS, formats
 
-        return sorted({*super().list_commands(ctx), *formats(EXPORTERS)})
+        return formats(EXPORTERS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """Return the command of a format; an unknown name is answered with the names that there are."""
-        known = super().get_command(ctx, cmd_name)
-        if known is not None:
-            return known
-        from halpipe.cli.export.plugin import command_of
+        from halpipe.cli.export.command import command_of
         from halpipe.flow.formats import exporter
 
-        return command_of(exporter(cmd_name))
+        single = typer.Typer(rich_markup_mode=None, add_completion=False)
+        single.command(cmd_name)(command_of(exporter(cmd_name)))
+        return typer.main.get_command(single)
 
 
 app = typer.Typer(
@@ -56,5 +38,7 @@ app = typer.Typer(
     help="Write reports, diagrams and what targets load. A schedule that does not verify, or is of another model, "
     "is refused.",
 )
-for _name, _command in COMMANDS.items():
-    app.command(_name)(_command)
+
+
+@app.callback()
+def _export() -> None: ...

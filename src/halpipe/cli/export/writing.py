@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,6 +12,10 @@ from halpipe.cli import output
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.cli.export.command import Request
+    from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.base import ExportOptions
 
 OptionalSchedule = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
@@ -19,15 +24,32 @@ ModeName = Annotated[str, typer.Option(help="This mode only; otherwise all.")]
 Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write, as a whole.")]
 
 
-def export_files(format: str, model: str, schedule: str, target: str, options: ExportOptions) -> int:
-    """Export the schedule file of a model file to `target`; return the exit code."""
-    from halpipe.flow.formats import export
+def export_files(request: Request) -> int:
+    """Export as requested, and show what the user should know of it; return the exit code."""
+    from halpipe.flow.formats import export_with_remarks
     from halpipe.importers.native import read_model, read_schedule
 
-    system = read_model(model)
-    tables = read_schedule(schedule) if schedule else None
-    write_export(export(format, system, tables, options), target)
+    system = read_model(request.model)
+    tables = read_schedule(request.schedule) if request.schedule else None
+    exported = export_with_remarks(request.exporter.name, system, tables, request.options)
+    output.report(_with_folders(exported.remarks, [request.model, request.schedule, *_paths(request.options)]))
+    write_export(exported.contents, request.target)
+    if request.exporter.shown and not output.is_quiet():
+        output.text(exported.contents[request.exporter.shown].decode().rstrip())
     return Exit.OK
+
+
+def _paths(options: ExportOptions) -> list[str]:
+    from halpipe.exporters.choices import choices
+
+    stated = ((each, getattr(options, each.attribute)) for each in choices(type(options)))
+    return [value for each, value in stated if isinstance(value, str) and each.is_path(value)]
+
+
+def _with_folders(remarks: Sequence[Diagnostic], files: Sequence[str]) -> list[Diagnostic]:
+    """Return remarks that name a file without its folder with the name that the user gave."""
+    given = {PurePath(file).name: file for file in files if file}
+    return [replace(d, at=replace(d.at, file=given.get(d.at.file, d.at.file))) for d in remarks]
 
 
 def write_export(contents: dict[str, bytes], target: str) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
 
@@ -19,14 +19,15 @@ RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.
 class AmaltheaOptions(ExportOptions):
     """`release`: the version of APP4MC whose format is written, one of `RELEASES`; the title is not used."""
 
-    release: str = RELEASES[-1]
+    release: str = choice(RELEASES[-1], f"Release of APP4MC to write for, {RELEASES[0]} to {RELEASES[-1]}.")
 
 
-class AmaltheaExporter:
+class AmaltheaExporter(PlainExporter):
     """Writes one .amxmi file; exact values that AMALTHEA rounds, and what it lacks, go to custom properties."""
 
     name = "amalthea"
     summary = "AMALTHEA model (APP4MC .amxmi) with the mapping and offsets of the schedule"
+    help = "Write the model as AMALTHEA (.amxmi); a schedule gives its offsets and its mapping."
     extent = Extent(
         {
             "units": "ProcessingUnit, with a definition for each type",
@@ -55,12 +56,7 @@ class AmaltheaExporter:
     )
     needs_schedule = False
     suffix = ".amxmi"
-    keys = ("release",)
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> AmaltheaOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        release = fields.value("release", str, RELEASES[-1])
-        return AmaltheaOptions(title=common.title, mode=common.mode, release=release)
+    options = AmaltheaOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the model as one document; see `halpipe.exporters.base.Exporter`."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import choice, positive_duration, whole
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
+    from halpipe.durations import Duration
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 RELEASES = {
     "4.0.3": "AUTOSAR_4-0-3.xsd",
@@ -33,6 +33,13 @@ DEFAULT_MAX_VALUE = 2**30 - 1
 """What the counters of all known operating systems hold; some have 32 bits with and some without a sign."""
 
 
+_ticks = whole(0, 10**19, "number of ticks")
+
+
+def _points(text: str) -> int | None:
+    return _ticks(text) or None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArxmlOptions(ExportOptions):
     """What may be chosen of an ARXML file; the title is not used.
@@ -44,20 +51,27 @@ class ArxmlOptions(ExportOptions):
     - `max_points` is how many expiry points a table of the target may have (None: any number).
     """
 
-    release: str = DEFAULT_RELEASE
-    part: str = "all"
-    ecuc_prefix: str = DEFAULT_PREFIX
-    tick: Duration | None = None
-    min_cycle: int = 1
-    max_value: int = DEFAULT_MAX_VALUE
-    max_points: int | None = None
+    release: str = choice(DEFAULT_RELEASE, f"AUTOSAR release: {', '.join(RELEASES)}.")
+    part: str = choice("all", "system, ecuc (cores, OS and RTE; needs a schedule), or all.")
+    ecuc_prefix: str = choice(
+        DEFAULT_PREFIX, "Package of the ECUC definitions; vendors have their own.", metavar="PATH"
+    )
+    tick: Duration | None = choice(
+        None, "Tick of the counters; otherwise the largest.", positive_duration, metavar="TIME"
+    )
+    min_cycle: int = choice(1, "OsCounterMinCycle of the counters.", _ticks, metavar="TICKS")
+    max_value: int = choice(DEFAULT_MAX_VALUE, "OsCounterMaxAllowedValue of the counters.", _ticks, metavar="TICKS")
+    max_points: int | None = choice(
+        None, "Expiry points that the OS allows in a table, 254 for ATK2; 0: any number.", _points, metavar="N"
+    )
 
 
-class ArxmlExporter:
+class ArxmlExporter(PlainExporter):
     """Writes one ARXML file; what AUTOSAR rounds or lacks goes to special data groups, which ``import`` reads."""
 
     name = "arxml"
     summary = "AUTOSAR Classic ARXML (R4.x): system with timing, and the schedule as OsScheduleTables"
+    help = "Write the model as AUTOSAR Classic ARXML; a schedule gives OsScheduleTables and timing guarantees."
     extent = Extent(
         {
             "units": "HW-ELEMENT, EcucCoreDefinition with its OsApplication",
@@ -88,33 +102,13 @@ class ArxmlExporter:
     )
     needs_schedule = False
     suffix = ".arxml"
-    keys = ("release", "part", "ecuc-prefix", "tick", "min-cycle", "max-value", "max-points")
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> ArxmlOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        return ArxmlOptions(
-            title=common.title,
-            mode=common.mode,
-            release=fields.value("release", str, DEFAULT_RELEASE),
-            part=fields.value("part", str, "all"),
-            ecuc_prefix=fields.value("ecuc-prefix", str, DEFAULT_PREFIX),
-            tick=fields.value("tick", Duration.parse, None),
-            min_cycle=fields.value("min-cycle", _whole, 1),
-            max_value=fields.value("max-value", _whole, DEFAULT_MAX_VALUE),
-            max_points=fields.value("max-points", _whole, None),
-        )
+    options = ArxmlOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return everything as one document; see `halpipe.exporters.base.Exporter`."""
         from halpipe.exporters.arxml.export import format_arxml
 
         return {"": format_arxml(model, schedule, specific(ArxmlOptions, options))}
-
-
-def _whole(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 20):
-        raise ValueError(f"{text[:40]!r} is no number of ticks; write a whole number")
-    return int(text)
 
 
 FORMAT = ArxmlExporter()

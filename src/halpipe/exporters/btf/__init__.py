@@ -5,26 +5,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import choice, whole
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BtfOptions(ExportOptions):
     """`cycles`: how often each mode is played before the next switch."""
 
-    cycles: int = 2
+    cycles: int = choice(
+        2, "Hyperperiods of a mode before the next switch.", whole(1, 1000, "number of cycles"), metavar="N"
+    )
 
 
-class BtfExporter:
+class BtfExporter(PlainExporter):
     """Writes a run through all modes and switches: every job activated, started and terminated as scheduled."""
 
     name = "btf"
     summary = "trace in the Best Trace Format (BTF 2.1): a run through every mode and every switch"
+    help = "Write a run through every mode and switch as a trace in the Best Trace Format (BTF)."
     extent = Extent(
         {
             "units": "core entities",
@@ -38,13 +41,9 @@ class BtfExporter:
             "Memory phases and constraints have no events.",
         ),
     )
-    needs_schedule = True
     suffix = ".btf"
-    keys = ("cycles",)
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> BtfOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        return BtfOptions(title=common.title, mode=common.mode, cycles=fields.value("cycles", _cycles, 2))
+    options = BtfOptions
+    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the trace as one document; see `halpipe.exporters.base.Exporter`."""
@@ -53,12 +52,6 @@ class BtfExporter:
 
         chosen = select(model, schedule, options.mode, self.name)
         return {"": format_btf(model, chosen, specific(BtfOptions, options)).encode()}
-
-
-def _cycles(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:5]) <= 1000):
-        raise ValueError(f"{text[:40]!r} is no number of cycles; write a whole number from 1 to 1000")
-    return int(text)
 
 
 FORMAT = BtfExporter()

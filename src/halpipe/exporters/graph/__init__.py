@@ -5,26 +5,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import Form, choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphOptions(ExportOptions):
     """`cluster`: one box per mode instead of one graph of all tasks."""
 
-    cluster: bool = False
+    cluster: bool = choice(False, "One box per mode.", form=Form.SWITCH)
 
 
-class GraphExporter:
+class GraphExporter(PlainExporter):
     """Writes the tasks and what ties them as DOT text, for which no program is needed; see `render_svg`."""
 
     name = "graph"
     summary = "dependency graph (DOT): tasks, precedence windows, chains, coloured by unit"
+    help = "Write the tasks and what ties them as DOT, or drawn as SVG; a schedule colours them by unit."
     extent = Extent(
         {
             "tasks": "boxes",
@@ -38,12 +39,8 @@ class GraphExporter:
     )
     needs_schedule = False
     suffix = ".dot"
-    keys = ("cluster",)
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> GraphOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        cluster = fields.flag("cluster")
-        return GraphOptions(title=common.title, mode=common.mode, cluster=cluster is not None and cluster.value)
+    options = GraphOptions
+    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the graph as one DOT document; see `halpipe.exporters.base.Exporter`."""

@@ -5,16 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import CPUS, SOURCES, Form, choice, cpu_number, whole
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from halpipe.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 PRIORITY = 50
+HIGHEST_PRIORITY = 98
+"""The conductor has a priority above those of the tasks, and 99 is the highest (sched(7))."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,17 +31,25 @@ class LinuxOptions(ExportOptions):
     - `busy`: versions without sources get a program that takes so many percent of their WCET; 0: they are errors.
     """
 
-    cpus: Mapping[str, int] | None = None
-    priority: int = PRIORITY
-    sources: str = ""
-    busy: int = 0
+    cpus: Mapping[str, int] | None = choice(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
+    priority: int = choice(
+        PRIORITY, "SCHED_FIFO priority of the lowest thread.", whole(1, HIGHEST_PRIORITY, "priority"), metavar="1..98"
+    )
+    sources: str = choice("", SOURCES, metavar="FOLDER", is_path=True)
+    busy: int = choice(
+        0,
+        "Percent of its WCET that a version without sources takes; 0: refuse.",
+        whole(0, 100, "percentage"),
+        metavar="PERCENT",
+    )
 
 
-class LinuxExporter:
+class LinuxExporter(PlainExporter):
     """Writes the tables as C, with the dispatcher that plays them and all to build, install and check it."""
 
     name = "linux"
     summary = "bundle for Linux in C: dispatcher under SCHED_FIFO, tables, programs, systemd unit"
+    help = "Write the bundle that plays the schedule on Linux: dispatcher, tables and programs in C, systemd unit."
     extent = Extent(
         {
             "units": "CPUs, in the model's order or as stated",
@@ -58,27 +69,8 @@ class LinuxExporter:
             "The program of a gang runs on its first unit; the others are kept free for it.",
         ),
     )
-    needs_schedule = True
     suffix = ""
-    keys = ("cpus", "priority", "sources", "busy")
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> LinuxOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.linux.options import busy_share, priority
-        from halpipe.exporters.ros.options import cpu_number
-
-        cpus = None
-        if (section := fields.section("cpus", (), f"{fields.path} cpus")) is not None:
-            found = {unit: section.get(unit, cpu_number) for unit in section}
-            cpus = {unit: stated.value for unit, stated in found.items() if stated is not None}
-        return LinuxOptions(
-            title=common.title,
-            mode=common.mode,
-            cpus=cpus,
-            priority=fields.value("priority", priority, PRIORITY),
-            sources=fields.value("sources", lambda text: f"{base}/{text}", ""),
-            busy=fields.value("busy", busy_share, 0),
-        )
+    options = LinuxOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
@@ -89,6 +81,16 @@ class LinuxExporter:
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = model.alone(options.mode)
         return build(model, chosen, specific(LinuxOptions, options))
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> list[Diagnostic]:
+        """Return what the target leaves open; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.linux.unrealised import unrealised
+        from halpipe.exporters.selection import select
+
+        chosen = specific(LinuxOptions, options)
+        return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
 
 
 FORMAT = LinuxExporter()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.bundles import seal
 from halpipe.diagnostics import Findings
+from halpipe.exporters.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
 from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.tables import tables_of
@@ -19,7 +20,6 @@ from halpipe.exporters.linux.unrealised import sentences
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
-from halpipe.exporters.ros.options import placed
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import choice, file_name
+from halpipe.exporters.regulator.words import AUTO, BACKENDS, RULES
 from halpipe.extent import Extent
+from halpipe.settings import Words
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 KIND = "regulator"
 
@@ -22,16 +27,23 @@ class RegulatorOptions(ExportOptions):
     Rounding is ``whole``, ``controlled``, or ``auto``: whole where it fits, table by table.
     """
 
-    platform: str = ""
-    backend: str = ""
-    rounding: str = "auto"
+    platform: str = choice(
+        "", "The regulators and the memory: YAML.", file_name, metavar="FILE", is_path=True, required=True
+    )
+    backend: str = choice("", f"{', '.join(BACKENDS)}; otherwise what the platform names.", Words(*BACKENDS))
+    rounding: str = choice(
+        AUTO,
+        "whole bursts for every phase, controlled (cumulative), or auto: whole where it fits.",
+        Words(*RULES),
+    )
 
 
-class RegulatorExporter:
+class RegulatorExporter(PlainExporter):
     """Writes the budgets of every unit, direction and window for the regulators of a platform; see `write`."""
 
     name = KIND
     summary = "memory-bandwidth regulators (folder): budgets per window for every mode and transition"
+    help = "Write the budgets of memory-bandwidth regulators, window by window, for every mode and transition."
     extent = Extent(
         {
             "units": "one regulator each, those that the platform names",
@@ -48,22 +60,9 @@ class RegulatorExporter:
             "The bundle carries model and schedule whole, but only to be checked.",
         ),
     )
-    needs_schedule = True
     suffix = ""
-    keys = ("platform", "backend", "rounding")
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> RegulatorOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.regulator.options import backend_name, platform_path, rounding_rule
-
-        fields.require("platform")
-        return RegulatorOptions(
-            title=common.title,
-            mode=common.mode,
-            platform=fields.value("platform", lambda text: platform_path(base, text), ""),
-            backend=fields.value("backend", backend_name, ""),
-            rounding=fields.value("rounding", rounding_rule, "auto"),
-        )
+    options = RegulatorOptions
+    shown = "report.txt"
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return a bundle: the tables, what the back-end loads, the report, and the model and schedule themselves."""
@@ -72,6 +71,14 @@ class RegulatorExporter:
 
         chosen = select(model, schedule, options.mode, self.name)
         return export_tables(model, chosen, specific(RegulatorOptions, options))
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> list[Diagnostic]:
+        """Return what the report says; it names files without their folders."""
+        from halpipe.exporters.regulator.report import findings_of
+
+        return findings_of(contents["report.json"])
 
 
 FORMAT = RegulatorExporter()

@@ -9,7 +9,7 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
-from halpipe.exporters.regulator.rounding import CONTROLLED, WHOLE
+from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:

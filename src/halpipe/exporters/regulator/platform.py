@@ -16,9 +16,10 @@ from halpipe.exporters.regulator.codes import (
     NUMBERS_CONTRADICT,
     SHARED_MANAGER,
 )
+from halpipe.exporters.regulator.words import BACKENDS
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted
-from halpipe.settings import Fields
+from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -36,8 +37,6 @@ DIRECTIONS = (READ, WRITE)
 MAX_BEATS = 256
 MAX_BURST = 4096
 """AXI: a burst has at most 256 beats and does not cross a 4 KiB boundary."""
-
-BACKENDS = ("table", "axi-realm", "qos400", "memguard", "resctrl", "mpam")
 
 _TOP = (
     "halpipe-regulator", "name", "resource", "clock", "bus", "burst", "window", "guaranteed", "capacity",
@@ -177,8 +176,8 @@ class _Reader:
             cycles=cycles,
             guaranteed=guaranteed,
             capacity=capacity,
-            unspecified=top.value("unspecified", _word(*DIRECTIONS), READ),
-            backend=top.value("backend", _word(*BACKENDS), BACKENDS[0]),
+            unspecified=top.value("unspecified", Words(*DIRECTIONS), READ),
+            backend=top.value("backend", Words(*BACKENDS), BACKENDS[0]),
             overshoot=top.value("overshoot", parse_size, None),
             units=units,
             settings=settings,
@@ -325,15 +324,6 @@ def _at_least(least: int, most: int) -> Callable[[str], str]:
     return read
 
 
-def _word(*words: str) -> Callable[[str], str]:
-    def read(text: str) -> str:
-        if text not in words:
-            raise ValueError(f"{quoted(text)} is not known; {did_you_mean(text, words, 'use ' + ', '.join(words))}")
-        return text
-
-    return read
-
-
 def _name(text: str) -> str:
     """Read a name that may stand in file names, scripts and C."""
     if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}", text):
@@ -382,7 +372,7 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("axi-realm", "regions"): _at_least(1, 16),
     ("axi-realm", "base"): _address,
     ("qos400", "clock"): _frequency_text,
-    ("qos400", "granularity"): _word("mode", "phase"),
+    ("qos400", "granularity"): Words("mode", "phase"),
     ("qos400", "burstiness"): _at_least(1, 2**16 - 1),
     ("memguard", "line"): _size_text,
     ("memguard", "period"): _period,
@@ -392,7 +382,7 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("mpam", "width"): _at_least(1, 16),
     ("mpam", "partids"): _at_least(1, 2**16),
     ("mpam", "base"): _address,
-    ("resctrl", "kind"): _word("intel", "amd", "mpam"),
+    ("resctrl", "kind"): Words("intel", "amd", "mpam"),
     ("resctrl", "min"): _at_least(1, 100),
     ("resctrl", "step"): _at_least(1, 100),
     ("resctrl", "width"): _at_least(1, 16),

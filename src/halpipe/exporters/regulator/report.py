@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import Diagnostic, Location, Severity
 from halpipe.exporters.regulator.frames import TRANSITION
 from halpipe.exporters.regulator.phases import served
 from halpipe.exporters.regulator.windows import cut
@@ -15,7 +16,6 @@ from halpipe.quantities import format_bandwidth, format_rational
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.regulator.backends.base import Backend
     from halpipe.exporters.regulator.phases import Served
     from halpipe.exporters.regulator.tables import Table, Tables
@@ -147,6 +147,16 @@ def describe_export(
             for d in findings
         ],
     }
+
+
+def findings_of(report: bytes) -> list[Diagnostic]:
+    """Return the findings that a report has; they name files without their folders."""
+    return [
+        Diagnostic(
+            d["code"], Severity(d["severity"]), Location(d["file"], d["line"]), d["path"], d["message"], d["help"]
+        )
+        for d in json.loads(report)["findings"]
+    ]
 
 
 def _report_table(tables: Tables, table: Table) -> dict[str, Any]:

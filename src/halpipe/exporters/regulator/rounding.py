@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     from halpipe.exporters.regulator.frames import Frame, Phase, Row
 
-WHOLE, CONTROLLED = "whole", "controlled"
-
 Bursts = dict["Row", list[int]]
 
 

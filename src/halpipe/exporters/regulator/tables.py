@@ -23,8 +23,6 @@ from halpipe.exporters.regulator.codes import (
 from halpipe.exporters.regulator.frames import MODE, Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
 from halpipe.exporters.regulator.rounding import (
-    CONTROLLED,
-    WHOLE,
     Overload,
     controlled,
     controlled_seams,
@@ -34,6 +32,7 @@ from halpipe.exporters.regulator.rounding import (
     whole,
 )
 from halpipe.exporters.regulator.windows import check_windows
+from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.quantities import format_bandwidth, format_size
 from halpipe.suggest import did_you_mean
 
@@ -48,7 +47,6 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 MAX_TABLES = 255
-AUTO = "auto"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportOptions(ExportOptions):
     """`import_report`: the file in which the import of the model gave its account; empty: none."""
 
-    import_report: str = ""
+    import_report: str = choice(
+        "", "What `halpipe import --report` wrote; shown as a section.", metavar="FILE", is_path=True
+    )
 
 
-class ReportExporter:
+class ReportExporter(PlainExporter):
     """Writes the schedule as a page for people: charts, loads, latencies, tables."""
 
     name = "report"
     summary = "HTML page for people: Gantt charts, loads, chain latencies, tables of jobs and tasks"
+    help = "Write the schedule as one HTML page for people: Gantt charts, loads, chain latencies, tables."
     extent = Extent(
         {
             "units": "rows of the charts, with their loads",
@@ -43,15 +45,9 @@ class ReportExporter:
         },
         ("It is a page for people and is not read back.",),
     )
-    needs_schedule = True
     suffix = ".html"
-    keys = ("import-report",)
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> ReportOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        named = fields.value("import-report", str, "")
-        report = os.path.join(base, named) if named else ""
-        return ReportOptions(title=common.title, mode=common.mode, import_report=report)
+    options = ReportOptions
+    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the page; see `halpipe.exporters.base.Exporter`."""

@@ -5,14 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import SOURCES, choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 DEFAULT_PROFILE = "vcu118"
+
+
+def _is_profile_file(text: str) -> bool:
+    return text.endswith((".yaml", ".yml"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,16 +28,19 @@ class RiscvOptions(ExportOptions):
       is read.
     """
 
-    profile: str = DEFAULT_PROFILE
-    toolchain: str = "auto"
-    sources: str = ""
+    profile: str = choice(
+        DEFAULT_PROFILE, "Target: a profile's name, or a file that ends in .yaml.", is_path=_is_profile_file
+    )
+    toolchain: str = choice("auto", "zig, gcc, or auto: zig where it is installed.")
+    sources: str = choice("", SOURCES, metavar="FOLDER", is_path=True)
 
 
-class RiscvExporter:
+class RiscvExporter(PlainExporter):
     """Compiles the tasks of a schedule and writes them with a runtime that plays it, as a folder."""
 
     name = "riscv"
     summary = "bundle for a RISC-V multicore with scratchpads: images, runtime, tables, Makefile"
+    help = "Compile the tasks and write the bundle that plays the schedule on RISC-V cores with scratchpads."
     extent = Extent(
         {
             "units": "application cores with scratchpads, in the model's order",
@@ -49,26 +56,8 @@ class RiscvExporter:
         },
         ("Instants must be multiples of the timer's tick; boundaries of phases are rounded inwards.",),
     )
-    needs_schedule = True
     suffix = ""
-    keys = ("profile", "toolchain", "sources")
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> RiscvOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-
-        def below(text: str) -> str:
-            return f"{base}/{text}"
-
-        def profile(text: str) -> str:
-            return below(text) if text.endswith((".yaml", ".yml")) else text
-
-        return RiscvOptions(
-            title=common.title,
-            mode=common.mode,
-            profile=fields.value("profile", profile, DEFAULT_PROFILE),
-            toolchain=fields.value("toolchain", str, "auto"),
-            sources=fields.value("sources", below, ""),
-        )
+    options = RiscvOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""

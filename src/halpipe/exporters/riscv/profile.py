@@ -18,7 +18,7 @@ from halpipe.durations import Duration, seconds
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import parse_bandwidth, parse_size
-from halpipe.settings import Fields
+from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def _profile(name: str, f: Fields) -> Profile:
         stack=f.value("stack", _size, 8192),
         service=f.value("service", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
-        uart_kind=uart.value("kind", _one_of("sifive", "ns16550"), "") if uart else "",
+        uart_kind=uart.value("kind", Words("sifive", "ns16550"), "") if uart else "",
         uart=uart.value("base", _address, 0) if uart else 0,
         dma=_dma(f),
         finisher=f.value("finisher", _address, 0),
@@ -223,7 +223,7 @@ def _dma(f: Fields) -> Dma:
     if section is None:
         return Dma("", 0, 0, 0, 1, Duration(0))
     section.require("kind", "bandwidth", "setup")
-    kind = section.value("kind", _one_of("pdma", "copy"), "")
+    kind = section.value("kind", Words("pdma", "copy"), "")
     if kind == "pdma":
         section.require("base")
     return Dma(
@@ -283,14 +283,5 @@ def _whole(least: int, most: int) -> Callable[[str], int]:
         if not (text.isascii() and text.isdigit() and len(text) <= 18 and least <= int(text) <= most):
             raise ValueError(f"{text[:40]!r} is not a whole number from {least} to {most}; correct it")
         return int(text)
-
-    return read
-
-
-def _one_of(*words: str) -> Callable[[str], str]:
-    def read(text: str) -> str:
-        if text not in words:
-            raise ValueError(f'"{text}" is unknown; write {" or ".join(words)}')
-        return text
 
     return read

@@ -5,17 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, specific
+from halpipe.exporters.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.choices import CPUS, Form, choice, cpu_number, whole
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.ros.packaging import Binding
     from halpipe.models import Schedule, TaskModel
-    from halpipe.settings import Fields
 
 PRIORITY = 80
+HIGHEST_PRIORITY = 99
+"""Linux knows real-time priorities from 1 to 99 (sched(7))."""
 WITHOUT_GAPS = "export the linux format, whose threads are interrupted, or schedule without split"
 
 
@@ -27,17 +30,20 @@ class RosOptions(ExportOptions):
     instead of the YAML file; `bindings` has the callback of each task for it.
     """
 
-    cpus: Mapping[str, int] | None = None
-    priority: int = PRIORITY
-    package: bool = False
+    cpus: Mapping[str, int] | None = choice(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
+    priority: int = choice(
+        PRIORITY, "Priority of the executors, SCHED_FIFO.", whole(1, HIGHEST_PRIORITY, "priority"), metavar="1..99"
+    )
+    package: bool = choice(False, "Write an ament package that plays the tables, as a folder.", form=Form.SWITCH)
     bindings: Mapping[str, Binding] | None = None
 
 
-class RosExporter:
+class RosExporter(PlainExporter):
     """Writes one YAML file from which a launcher makes executors, callback groups and timers."""
 
     name = "ros"
     summary = "ROS 2 on Linux (YAML): executors with core affinity, callback groups, timers with offsets"
+    help = "Write executors, callback groups and timers (YAML) that realise a schedule with ROS 2 on Linux."
     extent = Extent(
         {
             "units": "`units`, and an executor for each that has jobs",
@@ -59,20 +65,8 @@ class RosExporter:
             "Split, bindings, interrupts and distances of arrivals are not written; jobs with gaps are refused.",
         ),
     )
-    needs_schedule = True
     suffix = ".yaml"
-    keys = ("cpus", "priority")
-
-    def options(self, common: ExportOptions, fields: Fields, base: str) -> RosOptions:
-        """Return the options that a pipeline file states; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.ros.options import cpu_number, priority
-
-        cpus = None
-        if (section := fields.section("cpus", (), f"{fields.path} cpus")) is not None:
-            found = {unit: section.get(unit, cpu_number) for unit in section}
-            cpus = {unit: stated.value for unit, stated in found.items() if stated is not None}
-        chosen = fields.value("priority", priority, PRIORITY)
-        return RosOptions(title=common.title, mode=common.mode, cpus=cpus, priority=chosen)
+    options = RosOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return one document; see `halpipe.exporters.base.Exporter`."""
@@ -89,6 +83,18 @@ class RosExporter:
                 model = model.alone(options.mode)
             return build(model, chosen, own)
         return {"": format_executors(model, chosen, own)}
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> list[Diagnostic]:
+        """Return what the target leaves open; see `halpipe.exporters.base.Exporter`."""
+        from halpipe.exporters.ros.unrealised import unrealised
+        from halpipe.exporters.selection import select
+
+        chosen = specific(RosOptions, options)
+        if chosen.package:
+            return []
+        return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
 
 
 FORMAT = RosExporter()

@@ -8,12 +8,6 @@ UNREALISED = warning(
     "Executors and timers start callbacks by time on the CPUs of their executors. What a schedule holds beyond that is "
     "listed in the exported file, too, and needs other means.",
 )
-BAD_CPU = error(
-    "HAL0898",
-    "CPU of a unit is wrong",
-    "Each unit has a Linux CPU of its own, by its number; two units on one CPU would share what the schedule gives "
-    "to each of them alone.",
-)
 TOO_FINE = error(
     "HAL0899",
     "Schedule does not repeat within whole nanoseconds",

@@ -17,6 +17,7 @@ class TraceExporter(PlainExporter):
 
     name = "trace"
     summary = "Chrome/Perfetto trace (JSON): jobs as slices, precedence as flows, resources as counters"
+    help = "Write the schedule as a trace to zoom into with Perfetto or chrome://tracing."
     extent = Extent(
         {
             "units": "threads",
@@ -28,8 +29,8 @@ class TraceExporter(PlainExporter):
         },
         ("Instants that no decimal of a microsecond can state are rounded to 1 ns, and counted.",),
     )
-    needs_schedule = True
     suffix = ".json"
+    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the trace as one JSON document; see `halpipe.exporters.base.Exporter`."""

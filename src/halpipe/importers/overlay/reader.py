@@ -32,7 +32,7 @@ from halpipe.models import (
     Unit,
 )
 from halpipe.quantities import parse_bandwidth, parse_size
-from halpipe.settings import BAD_VALUE, Fields, Stated
+from halpipe.settings import BAD_VALUE, Fields, Stated, Words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -225,7 +225,7 @@ def _is_name(text: str, f: Fields, at: Location) -> bool:
 
 
 def _binding(text: str) -> Binding:
-    return Binding(values.one_of(*_BINDINGS)(text))
+    return Binding(Words(*_BINDINGS)(text))
 
 
 def _split(f: Fields) -> Stated[Split] | None:
@@ -264,7 +264,7 @@ def _version(f: Fields, name: str) -> VersionEntry:
 def _access(f: Fields) -> Access | None:
     start, end = f.get("start", Duration.parse), f.get("end", values.positive)
     resource = f.get("resource", values.name)
-    kind = f.get("kind", values.one_of(*_KINDS))
+    kind = f.get("kind", Words(*_KINDS))
     transfers = tuple(_transfer(t) for t in f.items("transfers", ("buffer", "symbol", "size"), f"{f.path} transfer"))
     if not f.require("resource", "start", "end") or resource is None or start is None or end is None:
         return None
@@ -310,7 +310,7 @@ def _source(f: Fields) -> Stated[Source] | None:
 def _window(f: Fields) -> Precedence | None:
     """Read ``{from: task, after: start|end, min: 0ms, max: 2ms}``; the window counts from that instant of `from`."""
     task = f.get("from", values.name)
-    anchor = f.value("after", values.one_of(*_ANCHORS), Anchor.START)
+    anchor = f.value("after", Words(*_ANCHORS), Anchor.START)
     least, high = f.value("min", Duration.parse, ZERO), f.get("max", Duration.parse)
     if not f.require("from", "max") or task is None or high is None:
         return None

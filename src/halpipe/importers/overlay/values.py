@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.overlay.patterns import is_glob
 from halpipe.quantities import parse_rational
-from halpipe.suggest import did_you_mean
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
 _ONE = Fraction(1)
@@ -86,14 +81,3 @@ def number(text: str) -> int:
 def splitting(text: str) -> Duration | str:
     """Read a split point, or where else jobs may be split: ``anywhere`` or ``none``."""
     return text if text in ("anywhere", "none") else positive(text)
-
-
-def one_of(*words: str) -> Callable[[str], str]:
-    """Return a reader of one of `words`."""
-
-    def read(text: str) -> str:
-        if text not in words:
-            raise ValueError(f"{text[:80]!r} is not known; {did_you_mean(text, words, 'write ' + ' or '.join(words))}")
-        return text
-
-    return read

@@ -8,7 +8,8 @@ from fractions import Fraction
 
 from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.platform import read_platform
-from halpipe.exporters.regulator.tables import AUTO, TableBuilder
+from halpipe.exporters.regulator.tables import TableBuilder
+from halpipe.exporters.regulator.words import AUTO
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import access, job, mode, model, ms, task, version
 

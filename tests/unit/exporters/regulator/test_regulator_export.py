@@ -6,14 +6,14 @@ import pytest
 from regulator_samples import FULL, PLATFORM, platform_file, switching, two_units
 
 from halpipe.bundles import open_bundle
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.regulator import FORMAT, RegulatorOptions, codes
 from halpipe.exporters.regulator.platform import BACKENDS
-from halpipe.files import parse_yaml, sha256, write_directory
+from halpipe.files import sha256, write_directory
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.verify import verify
-from halpipe.settings import Fields
+from stated_options import stated
 
 SHARED = {
     "manifest.json", "model.xml", "schedule.xml", "platform.yaml", "tables.json", "report.json", "report.txt",
@@ -98,14 +98,10 @@ def test_errors_of_the_back_end_stop_the_export_with_the_warnings(tmp_path):
     assert [d.code for d in refused.value.diagnostics] == [codes.UNKNOWN_UNIT.id, codes.DOES_NOT_FIT.id]
 
 
-def stated(text):
-    findings = Findings()
-    fields = Fields("p.yaml", findings, parse_yaml(text.encode(), "p.yaml"), "export", ())
-    return FORMAT.options(ExportOptions(mode="m"), fields, "/base"), findings.items
-
-
 def test_pipeline_files_state_its_options():
-    found, problems = stated("platform: sub/p.yaml\nbackend: axi-realm\nrounding: controlled\n")
+    found, problems = stated(
+        FORMAT, "platform: sub/p.yaml\nbackend: axi-realm\nrounding: controlled\n", "/base", mode="m"
+    )
     assert problems == []
     assert found == RegulatorOptions(mode="m", platform="/base/sub/p.yaml", backend="axi-realm", rounding="controlled")
 
@@ -120,6 +116,6 @@ def test_pipeline_files_state_its_options():
     ],
 )
 def test_what_pipeline_files_state_wrongly(text, code):
-    _, problems = stated(text)
+    _, problems = stated(FORMAT, text, "/base", mode="m")
     assert [d.code for d in problems] == [code]
     assert all(d.help for d in problems)

@@ -14,7 +14,7 @@ from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.phases import check_phases, served
 from halpipe.exporters.regulator.picture import COLUMNS, Steps, draw, draw_bounds
 from halpipe.exporters.regulator.report import describe_export, describe_tables, format_json, summarise
-from halpipe.exporters.regulator.rounding import CONTROLLED, WHOLE
+from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.models import Resource, Transfer
 from support import access, job, model, task, version
 

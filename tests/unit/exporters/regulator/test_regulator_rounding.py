@@ -8,8 +8,6 @@ from regulator_samples import FULL, build, gang, one_mode, switching, two_units
 
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.rounding import (
-    CONTROLLED,
-    WHOLE,
     Overload,
     Promise,
     charged,
@@ -18,6 +16,7 @@ from halpipe.exporters.regulator.rounding import (
     overload,
     whole,
 )
+from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from support import access, job, model, task, version
 
 A, B = Row("a", "read"), Row("b", "read")

@@ -10,9 +10,9 @@ from regulator_samples import FULL, PLATFORM, build, gang, one_mode, switching, 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.rounding import CONTROLLED, WHOLE
 from halpipe.exporters.regulator.tables import Entry, Switch
 from halpipe.exporters.regulator.windows import cut
+from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.models import Resource
 from support import access, job, model, ms, task, version
 
