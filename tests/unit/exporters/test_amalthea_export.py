@@ -6,7 +6,6 @@ import pytest
 from exporter_samples import roboracer
 from golden_file import assert_golden
 from lxml import etree
-from stated_options import stated
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
@@ -14,6 +13,7 @@ from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, UNKNOWN_MODE
 from halpipe.models import ModeSchedule, Status
+from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 XSI = "{http://www.w3.org/2001/XMLSchema-instance}type"

@@ -6,7 +6,6 @@ import pytest
 from exporter_samples import hostile, roboracer, thirds, two_modes
 from golden_file import assert_golden
 from lxml import etree
-from stated_options import stated
 
 from arxml_reading import NS, all_of, by_path, name_of, q, special, text, texts, write
 from halpipe.diagnostics import HalpipeError
@@ -15,6 +14,7 @@ from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PAR
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNKNOWN_MODE
 from halpipe.models import ChainLatency, ModeSchedule, Status
+from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 PUMP = task("/pump", "10ms", version("fast", "2ms", "u1 u2"), version("slow", "1/3ms", "u2"))

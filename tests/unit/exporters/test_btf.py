@@ -6,7 +6,6 @@ from itertools import pairwise
 import pytest
 from exporter_samples import many, roboracer, thirds, two_modes
 from golden_file import assert_golden
-from stated_options import stated
 
 from halpipe.diagnostics import Severity
 from halpipe.durations import ZERO
@@ -17,6 +16,7 @@ from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.compare import CompareOptions, compare
+from stated_options import stated
 from support import ms
 
 ROUNDING = ms("1ns")

@@ -9,7 +9,6 @@ import pytest
 from exporter_samples import many, roboracer, two_modes
 from hypothesis import given
 from hypothesis import strategies as st
-from stated_options import stated
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO, Duration
@@ -22,6 +21,7 @@ from halpipe.importers.account import format_account
 from halpipe.importers.base import Coverage, Imported
 from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
 from halpipe.pipeline.measure import latency
+from stated_options import stated
 from support import model, ms, task, version
 
 # ------------------------------------------------------------------------------------------------ modes

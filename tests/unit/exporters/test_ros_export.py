@@ -7,13 +7,13 @@ import pytest
 import yaml
 from exporter_samples import roboracer, thirds, two_modes
 from golden_file import assert_golden
-from stated_options import choice_of, stated
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.models import Part
+from stated_options import choice_of, stated
 from support import access, job, model, ms, schedule, task, version
 
 

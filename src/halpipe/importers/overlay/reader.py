@@ -410,8 +410,8 @@ def _chains(top: Fields) -> dict[str, Chain]:
 def _rules(top: Fields) -> Iterable[HealthRule]:
     """Read ``{task, on, count, cycles, action, mode}``: what the target does after overruns or faults of a task."""
     for f in top.items("health", _RULE, "health rule"):
-        task, action = f.get("task", values.name), f.get("action", values.one_of(*_ACTIONS))
-        event = f.value("on", values.one_of(*_EVENTS), HealthEvent.ANY)
+        task, action = f.get("task", values.name), f.get("action", Words(*_ACTIONS))
+        event = f.value("on", Words(*_EVENTS), HealthEvent.ANY)
         count, cycles = f.value("count", values.times, 1), f.value("cycles", values.times, 1)
         mode = f.value("mode", values.name, "")
         if not f.require("task", "action") or task is None or action is None:
