@@ -412,7 +412,11 @@ def _form(type: etree._Element) -> str:
 
 
 def main() -> None:
-    """Write the pages."""
+    """Write the schemas, which the pages are made from, and the pages."""
+    from schema_files import ELEMENTS, schema_file
+
+    for path, text in map(schema_file, ELEMENTS):
+        path.write_text(text, encoding="utf-8")
     REFERENCE.mkdir(exist_ok=True)
     for name, text in pages().items():
         (REFERENCE / name).write_text(text, encoding="utf-8")

@@ -12,8 +12,8 @@ from halpipe.diagnostics import REGISTER, Exit
 SCRIPT = Path(__file__).parents[2] / "docs" / "generate.py"
 
 
-def load_script():
-    spec = importlib.util.spec_from_file_location("generate_docs", SCRIPT)
+def load_script(path=SCRIPT):
+    spec = importlib.util.spec_from_file_location(f"docs_{path.stem}", path)
     script = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(script)
     return script
@@ -29,6 +29,21 @@ def test_page_is_up_to_date(pages, name):
     on_disk = SCRIPT.parent / "reference" / name
     assert on_disk.exists(), "run make docs"
     assert on_disk.read_text(encoding="utf-8") == pages[name], f"docs/reference/{name} is out of date: run make docs"
+
+
+@pytest.mark.parametrize("kind", ["task-model", "schedule"])
+def test_schema_says_of_attributes_what_their_fields_say(kind):
+    path, text = load_script(SCRIPT.with_name("schema_files.py")).schema_file(kind)
+    assert path.read_text(encoding="utf-8") == text, f"{path.name} is out of date: run make docs"
+
+
+def test_every_attribute_of_a_schema_is_a_field_of_a_class():
+    """But for `split`, which two fields make up, and for what lists state for all their elements."""
+    script = load_script(SCRIPT.with_name("schema_files.py"))
+    for kind, types in script.ELEMENTS.items():
+        stated = {attribute.name for _, *table in types for attribute in script.attributes(*table)}
+        text = script.schema_file(kind)[1]
+        assert set(re.findall(r'<xs:attribute name="([\w-]+)"', text)) - stated <= {"split"}
 
 
 def test_every_code_has_a_section(pages):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
+from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
 from halpipe.models.system import HealthAction, HealthEvent, Word
 
 if TYPE_CHECKING:
@@ -25,10 +26,14 @@ class Status(Word):
 class Part:
     """A part k of a job with gaps: wall-clock [start, end), execution [executed_from, executed_to) (MODEL 8.2)."""
 
-    start: Duration
-    end: Duration
-    executed_from: Duration
-    executed_to: Duration
+    start: Duration = field(metadata=attribute(DURATION))
+    end: Duration = field(metadata=attribute(DURATION))
+    executed_from: Duration = field(
+        metadata=attribute(
+            DURATION, "What the part executes: from here, in execution time from the start of the job,", name="from"
+        )
+    )
+    executed_to: Duration = field(metadata=attribute(DURATION, "to here.", name="to"))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -41,12 +46,17 @@ class Job:
     modulo t_P.
     """
 
-    task: str
-    index: int
-    start: Duration
-    end: Duration
-    version: str
-    units: tuple[str, ...]
+    task: str = field(metadata=attribute(NAME))
+    index: int = field(metadata=attribute(INDEX, "Counts from 0 in each task."))
+    start: Duration = field(metadata=attribute(DURATION, "In [0, hyperperiod); in a transition table, in [0, length)."))
+    end: Duration = field(
+        metadata=attribute(
+            DURATION,
+            "Start plus WCET, in one piece without interrupts; beyond the hyperperiod where the job wraps round.",
+        )
+    )
+    version: str = field(metadata=attribute(NAME))
+    units: tuple[str, ...] = field(metadata=attribute(NAMES, "As many as the gang size."))
     parts: tuple[Part, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -63,49 +73,51 @@ class CostTerms:
     of jobs, `occupancy` and `timeliness` shares in [0, 1]. F = `total` is at most 0 exactly when the mode is valid.
     """
 
-    total: Fraction
-    overlap: Fraction
-    access: Fraction
-    precedence: Fraction
-    unit: Fraction
-    occupancy: Fraction
-    timeliness: Fraction
+    total: Fraction = field(metadata=attribute(NUMBER))
+    overlap: Fraction = field(metadata=attribute(NUMBER))
+    access: Fraction = field(metadata=attribute(NUMBER))
+    precedence: Fraction = field(metadata=attribute(NUMBER))
+    unit: Fraction = field(metadata=attribute(NUMBER))
+    occupancy: Fraction = field(metadata=attribute(NUMBER))
+    timeliness: Fraction = field(metadata=attribute(NUMBER))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnitLoad:
     """Busy time of a unit in one hyperperiod, and its share of it."""
 
-    unit: str
-    busy: Duration
-    share: Fraction
+    unit: str = field(metadata=attribute(NAME))
+    busy: Duration = field(metadata=attribute(DURATION, "In one hyperperiod."))
+    share: Fraction = field(metadata=attribute(NUMBER, "Of the hyperperiod."))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ResourceLoad:
     """Highest and mean sum of the bounds in force on a resource over one hyperperiod."""
 
-    resource: str
-    peak: Fraction
-    mean: Fraction
+    resource: str = field(metadata=attribute(NAME))
+    peak: Fraction = field(metadata=attribute(NUMBER, "Highest sum of the bounds in force."))
+    mean: Fraction = field(metadata=attribute(NUMBER, "Mean sum of the bounds in force."))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainLatency:
     """Worst reaction time and data age of a chain (MODEL 3); None where no instance ever gets through."""
 
-    name: str
-    reaction: Duration | None
-    age: Duration | None
+    name: str = field(metadata=attribute(NAME))
+    reaction: Duration | None = field(
+        default=None, metadata=attribute(DURATION, "Absent where no instance of the chain ever gets through.")
+    )
+    age: Duration | None = field(default=None, metadata=attribute(DURATION, "Absent as above."))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeSchedule:
     """The cyclic schedule of one mode."""
 
-    name: str
-    hyperperiod: Duration
-    status: Status
+    name: str = field(metadata=attribute(NAME))
+    hyperperiod: Duration = field(metadata=attribute(DURATION))
+    status: Status = field(metadata=attribute(word(Status), "A claim; only verify decides."))
     jobs: tuple[Job, ...]
     cost: CostTerms | None = None
     unit_loads: tuple[UnitLoad, ...] = ()
@@ -122,11 +134,13 @@ def _latencies(mode: ModeSchedule) -> str:
 class TransitionTable:
     """The jobs started between the last hyperperiod of `source` and the first of `target` (MODEL 5)."""
 
-    source: str
-    target: str
-    length: Duration
-    worst_latency: Duration
-    status: Status
+    source: str = field(metadata=attribute(NAME, name="from"))
+    target: str = field(metadata=attribute(NAME, name="to"))
+    length: Duration = field(metadata=attribute(DURATION, "Of the table; 0 where the modes fit end to end."))
+    worst_latency: Duration = field(
+        metadata=attribute(DURATION, "From a request to the first instant of the new mode.")
+    )
+    status: Status = field(metadata=attribute(word(Status)))
     jobs: tuple[Job, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -139,14 +153,20 @@ class Reaction:
     has none.
     """
 
-    mode: str
-    task: str
-    event: HealthEvent
-    count: int
-    cycles: int
-    action: HealthAction
-    target: str = ""
-    within: Duration | None = None
+    mode: str = field(metadata=attribute(NAME, "In which mode the rule holds."))
+    task: str = field(metadata=attribute(NAME))
+    event: HealthEvent = field(metadata=attribute(word(HealthEvent), name="on"))
+    count: int = field(metadata=attribute(TIMES))
+    cycles: int = field(metadata=attribute(TIMES))
+    action: HealthAction = field(metadata=attribute(word(HealthAction)))
+    target: str = field(default="", metadata=attribute(NAME, "The mode that a switch leads to.", name="to"))
+    within: Duration | None = field(
+        default=None,
+        metadata=attribute(
+            DURATION,
+            "The longest time from the last event to the first instant of that mode, or to the end of the last table.",
+        ),
+    )
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -154,12 +174,12 @@ class Reaction:
 class Schedule:
     """Schedules of all modes of one model, tied to it by `model` (its name) and `model_sha256` (its file)."""
 
-    model: str
-    model_sha256: str
-    generator: str = ""
-    solver: str = ""
-    seed: int | None = None
-    tick: Duration | None = None
+    model: str = field(metadata=attribute(NAME))
+    model_sha256: str = field(default="", metadata=attribute(DIGEST, always=True))
+    generator: str = field(default="", metadata=attribute(TEXT))
+    solver: str = field(default="", metadata=attribute(TEXT))
+    seed: int | None = field(default=None, metadata=attribute(INDEX))
+    tick: Duration | None = field(default=None, metadata=attribute(DURATION))
     modes: tuple[ModeSchedule, ...] = ()
     transitions: tuple[TransitionTable, ...] = ()
     reactions: tuple[Reaction, ...] = ()

@@ -13,6 +13,25 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
 from halpipe.durations import ZERO, Duration
+from halpipe.models.attributes import (
+    BANDWIDTH,
+    BOUND,
+    DURATION,
+    GANG,
+    GAPS,
+    INDEX,
+    NAME,
+    NAMES,
+    POSITIVE,
+    SHARE,
+    SIZE,
+    TEXT,
+    TEXTS,
+    TIMES,
+    TOKEN,
+    attribute,
+    word,
+)
 from halpipe.models.coercion import Coercion
 
 if TYPE_CHECKING:
@@ -38,9 +57,9 @@ class Element:
 class Origin:
     """Where an element was imported from: file name, line, and the element's own path in that file."""
 
-    file: str = ""
-    line: int = 0
-    path: str = ""
+    file: str = field(metadata=attribute(TEXT, "As the user named it."))
+    line: int = field(default=0, metadata=attribute(INDEX, "0 where the format has no lines."))
+    path: str = field(default="", metadata=attribute(TEXT, "The element's own path in that file."))
 
     @property
     def location(self) -> Location:
@@ -106,9 +125,9 @@ class HealthAction(Word):
 class Interrupt(Element):
     """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
 
-    name: str
-    distance: Duration
-    wcet: Duration
+    name: str = field(metadata=attribute(NAME))
+    distance: Duration = field(metadata=attribute(POSITIVE, "The least time between two of them."))
+    wcet: Duration = field(metadata=attribute(POSITIVE, "The longest time that one takes."))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -117,8 +136,8 @@ class Interrupt(Element):
 class Unit(Element):
     """An execution unit u of U, with the interrupts that it serves besides the table."""
 
-    name: str
-    type: str = ""
+    name: str = field(metadata=attribute(NAME))
+    type: str = field(default="", metadata=attribute(NAME, "Such as the kind of core; not interpreted."))
     interrupts: tuple[Interrupt, ...] = ()
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -128,8 +147,10 @@ class Unit(Element):
 class Resource(Element):
     """A shared resource r of R; `bandwidth` is its peak in bytes per second, for the exporters."""
 
-    name: str
-    bandwidth: int | None = None
+    name: str = field(metadata=attribute(NAME))
+    bandwidth: int | None = field(
+        default=None, metadata=attribute(BANDWIDTH, "The peak, for exporters; no rule depends on it.")
+    )
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -138,9 +159,9 @@ class Resource(Element):
 class Transfer(Element):
     """Data moved in an access phase between a buffer in main memory and a symbol of the task; `size` in bytes."""
 
-    buffer: str
-    symbol: str
-    size: int
+    buffer: str = field(metadata=attribute(NAME, "In the shared memory."))
+    symbol: str = field(metadata=attribute(NAME, "In the task's program."))
+    size: int = field(metadata=attribute(SIZE))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -148,11 +169,15 @@ class Transfer(Element):
 class Access(Element):
     """An access phase of A_i^v with its bound B_i^v: in force on [start, end) from the job's start."""
 
-    resource: str
-    start: Duration
-    end: Duration
-    bound: Fraction = Fraction(1)
-    kind: AccessKind | None = None
+    resource: str = field(metadata=attribute(NAME))
+    start: Duration = field(metadata=attribute(DURATION, "From the start of the job."))
+    end: Duration = field(
+        metadata=attribute(POSITIVE, "From the start of the job; at most the WCET. The span is half-open.")
+    )
+    bound: Fraction = field(
+        default=Fraction(1), metadata=attribute(BOUND, "The share of the resource: above 0, at most 1.", always=True)
+    )
+    kind: AccessKind | None = field(default=None, metadata=attribute(word(AccessKind)))
     transfers: tuple[Transfer, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -161,10 +186,15 @@ class Access(Element):
 class Precedence(Element):
     """A constraint of P_i^v: some job of `task` starts (or ends) between `min` and `max` before this job starts."""
 
-    task: str
-    min: Duration = ZERO
-    max: Duration
-    anchor: Anchor = Anchor.START
+    task: str = field(metadata=attribute(NAME, "The predecessor."))
+    anchor: Anchor = field(
+        default=Anchor.START,
+        metadata=attribute(
+            word(Anchor), "The instant of the predecessor from which the window counts.", name="from", always=True
+        ),
+    )
+    min: Duration = field(default=ZERO, metadata=attribute(DURATION, always=True))
+    max: Duration = field(metadata=attribute(DURATION))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -173,9 +203,11 @@ class Precedence(Element):
 class Source(Element):
     """The C sources of a version, for deployment: files, entry function, preprocessor definitions."""
 
-    files: tuple[str, ...]
-    entry: str
-    defines: tuple[str, ...] = ()
+    files: tuple[str, ...] = field(metadata=attribute(TEXTS, "Names without white space."))
+    entry: str = field(metadata=attribute(TOKEN, "The function of one job."))
+    defines: tuple[str, ...] = field(
+        default=(), metadata=attribute(TEXTS, "Definitions for the preprocessor, such as PARTICLES=500.")
+    )
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -190,9 +222,14 @@ class Split(Element):
 
     points: tuple[Duration, ...] = ()
     anywhere: bool = False
-    resume: Duration = ZERO
-    max_gaps: int | None = None
-    min_part: Duration | None = None
+    resume: Duration = field(default=ZERO, metadata=attribute(DURATION, "Time lost when a job goes on after a gap."))
+    max_gaps: int | None = field(
+        default=None, metadata=attribute(GAPS, 'Absent: no limit, for split points; must be stated for "anywhere".')
+    )
+    min_part: Duration | None = field(
+        default=None,
+        metadata=attribute(POSITIVE, 'The least execution time of each part of a job with gaps; for "anywhere" only.'),
+    )
 
     @property
     def is_allowed(self) -> bool:
@@ -217,10 +254,23 @@ class Version(Element):
     `wcet` is None while no source has stated it: an imported model may be stored so, but not scheduled.
     """
 
-    name: str
-    wcet: Duration | None = None
-    units: tuple[str, ...] = ()
-    gang: int = 1
+    name: str = field(metadata=attribute(NAME))
+    wcet: Duration | None = field(
+        default=None,
+        metadata=attribute(
+            POSITIVE, "Absent in an imported model whose source states no WCET; such a model cannot be scheduled yet."
+        ),
+    )
+    units: tuple[str, ...] = field(
+        default=(),
+        metadata=attribute(
+            NAMES,
+            "Absent in an imported model whose source states how many units a job takes, but not which.",
+            name="names",
+            element="units",
+        ),
+    )
+    gang: int = field(default=1, metadata=attribute(GANG, "How many of them a job takes together.", element="units"))
     accesses: tuple[Access, ...] = ()
     precedences: tuple[Precedence, ...] = ()
     source: Source | None = None
@@ -237,13 +287,41 @@ class Task(Element):
     (default: the distance) counts from the arrival (MODEL 8.1).
     """
 
-    name: str
-    period: Duration | None = None
-    slack: Fraction = Fraction(0)
-    offset: Duration | None = None
-    deadline: Duration | None = None
-    distance: Duration | None = None
-    binding: Binding = Binding.JOB
+    name: str = field(metadata=attribute(NAME))
+    period: Duration | None = field(
+        default=None,
+        metadata=attribute(POSITIVE, "Absent: the task runs on demand of the precedence constraints that name it."),
+    )
+    slack: Fraction = field(
+        default=Fraction(0),
+        metadata=attribute(SHARE, "The share of the period by which a job may start after its release."),
+    )
+    offset: Duration | None = field(
+        default=None, metadata=attribute(DURATION, "The first release, modulo the period. Absent: free.")
+    )
+    deadline: Duration | None = field(
+        default=None,
+        metadata=attribute(
+            POSITIVE,
+            "Counted from the release, or, with a distance, from the arrival. Absent: the period, or the distance.",
+        ),
+    )
+    distance: Duration | None = field(
+        default=None,
+        metadata=attribute(
+            POSITIVE,
+            "The least time between two of the sporadic arrivals that the task serves by polling with its period.",
+        ),
+    )
+    binding: Binding = field(
+        default=Binding.JOB,
+        metadata=attribute(
+            word(Binding),
+            "Whether its jobs keep to one set of units: each for itself, in each mode, or in the whole system. "
+            "Absent: as stated for all tasks.",
+            common=True,
+        ),
+    )
     versions: tuple[Version, ...] = ()
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -260,10 +338,15 @@ class Task(Element):
 class Chain(Element):
     """A cause-effect chain: tasks in order, with optional limits on reaction time and data age."""
 
-    name: str
-    tasks: tuple[str, ...]
-    max_reaction: Duration | None = None
-    max_age: Duration | None = None
+    name: str = field(metadata=attribute(NAME))
+    tasks: tuple[str, ...] = field(metadata=attribute(NAMES, "In the order of the data."))
+    max_reaction: Duration | None = field(
+        default=None, metadata=attribute(POSITIVE, "From a stimulus to the end of the last task that has seen it.")
+    )
+    max_age: Duration | None = field(
+        default=None,
+        metadata=attribute(POSITIVE, "From the start of the first task to the end of the last that uses its data."),
+    )
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -272,8 +355,8 @@ class Chain(Element):
 class Run(Element):
     """A task that runs in a mode, with the versions available there."""
 
-    task: str
-    versions: tuple[str, ...]
+    task: str = field(metadata=attribute(NAME))
+    versions: tuple[str, ...] = field(metadata=attribute(NAMES, "Those available in the mode."))
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
@@ -281,7 +364,7 @@ class Run(Element):
 class Mode(Element):
     """An execution mode M_n; a task without a run is not scheduled in it."""
 
-    name: str
+    name: str = field(metadata=attribute(NAME))
     runs: tuple[Run, ...]
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -291,9 +374,11 @@ class Mode(Element):
 class Transition(Element):
     """An ordered pair of modes that may be switched, optionally within a maximum length of the table."""
 
-    source: str
-    target: str
-    max_length: Duration | None = None
+    source: str = field(metadata=attribute(NAME, name="from"))
+    target: str = field(metadata=attribute(NAME, name="to"))
+    max_length: Duration | None = field(
+        default=None, metadata=attribute(DURATION, "Of the table between the two modes. Absent: any.")
+    )
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -305,12 +390,29 @@ class HealthRule(Element):
     `mode` is where a switch leads; there the rule does not hold.
     """
 
-    task: str
-    event: HealthEvent = HealthEvent.ANY
-    count: int = 1
-    cycles: int = 1
-    action: HealthAction = HealthAction.SWITCH
-    mode: str = ""
+    task: str = field(metadata=attribute(NAME))
+    event: HealthEvent = field(
+        default=HealthEvent.ANY,
+        metadata=attribute(
+            word(HealthEvent),
+            "What counts: an execution or a transfer that is not over in time; "
+            "a trap, or a transfer that fails; or both.",
+            name="on",
+        ),
+    )
+    count: int = field(default=1, metadata=attribute(TIMES, "After how many of them"))
+    cycles: int = field(
+        default=1, metadata=attribute(TIMES, "in how many tables in a row, those of modes and of transitions.")
+    )
+    action: HealthAction = field(
+        default=HealthAction.SWITCH,
+        metadata=attribute(
+            word(HealthAction),
+            "Switch to a mode through the transition table; restart the cores of the job; or stop after the table.",
+            required=True,
+        ),
+    )
+    mode: str = field(default="", metadata=attribute(NAME, "Where a switch leads; required there, and only there."))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -322,7 +424,7 @@ class TaskModel(Element):
     A model that is changed, as by ``dataclasses.replace``, has none: it is no longer that of the file.
     """
 
-    name: str
+    name: str = field(metadata=attribute(NAME))
     units: tuple[Unit, ...] = ()
     resources: tuple[Resource, ...] = ()
     tasks: tuple[Task, ...] = ()

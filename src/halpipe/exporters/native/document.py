@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import re
-from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
 from halpipe.diagnostics import HalpipeError, error
+from halpipe.models.attributes import attributes, texts
 from halpipe.schemas import check, namespace
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-
-    from halpipe.durations import Duration
-
 
 UNWRITABLE = error(
     "HAL0104",
@@ -28,42 +25,41 @@ UNWRITABLE = error(
 _ILLEGAL = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")  # all that XML 1.0 has not
 
 
-def document(kind: str, **attributes: str | int | Duration | None) -> etree._Element:
+def document(kind: str, attributes: Mapping[str, str]) -> etree._Element:
     """Start a document of a kind, with its default namespace."""
     uri = namespace(kind)
-    return etree.Element(f"{{{uri}}}{kind}", _texts(attributes), nsmap={None: uri})
+    return etree.Element(f"{{{uri}}}{kind}", _legal(attributes), nsmap={None: uri})
 
 
-def add(parent: etree._Element, tag: str, **attributes: str | int | Duration | None) -> etree._Element:
-    """Append a child; attributes that are None are left out, and ``_`` in their names stands for ``-``.
-
-    A trailing ``_`` escapes a Python keyword: ``from_`` writes ``from``.
-    """
-    return etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag, _texts(attributes))
+def add(parent: etree._Element, tag: str, attributes: Mapping[str, str] | None = None) -> etree._Element:
+    """Append a child."""
+    return etree.SubElement(parent, parent.tag.rpartition("}")[0] + "}" + tag, _legal(attributes or {}))
 
 
-def _texts(attributes: Mapping[str, str | int | Duration | None]) -> dict[str, str]:
-    return {_attribute(name): _legal(str(value)) for name, value in attributes.items() if value is not None}
+def add_element(parent: etree._Element, tag: str, value: Any) -> etree._Element:
+    """Append an element of the model or schedule as a child with its attributes."""
+    return add(parent, tag, attributes_of(value))
 
 
-@cache
-def _attribute(name: str) -> str:
-    return name.rstrip("_").replace("_", "-")
+def attributes_of(value: Any, element: str = "") -> dict[str, str]:
+    """Return the attributes of an element; raise `HalpipeError` for lists that would be read back differently."""
+    for stated in attributes(type(value), element):
+        if stated.codec.is_list:
+            _check_items(getattr(value, stated.field))
+    return texts(value, element=element)
 
 
-def _legal(text: str) -> str:
-    """Return `text` without what XML cannot hold: file names may; in a name the replacement is found by the schema."""
-    return text if text.isprintable() else _ILLEGAL.sub("\ufffd", text)
+def _legal(attributes: Mapping[str, str]) -> dict[str, str]:
+    """Return texts without what XML cannot hold: file names may; in a name the replacement is found by the schema."""
+    return {name: text if text.isprintable() else _ILLEGAL.sub("\ufffd", text) for name, text in attributes.items()}
 
 
-def listed(items: Iterable[str]) -> str:
-    """Return a blank-separated list; raise `HalpipeError` for an item that would be read back as several."""
-    found = list(items)
-    for item in found:
+def _check_items(items: Iterable[str]) -> None:
+    """Raise `HalpipeError` for an item that would be read back as several."""
+    for item in items:
         if not item or _BLANK.search(item):
             help = "rename it without white space"
             raise HalpipeError(UNWRITABLE(f"{item!r} cannot be an item of a list of names", help=help))
-    return " ".join(found)
 
 
 _BLANK = re.compile(r"[ \t\r\n]")

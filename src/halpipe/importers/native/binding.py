@@ -2,48 +2,25 @@
 
 from __future__ import annotations
 
-import re
-from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from halpipe.diagnostics import Findings, Location, error
-from halpipe.durations import Duration
-from halpipe.quantities import parse_rational
+from halpipe.models.attributes import attributes_by_name
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from fractions import Fraction
-
     from lxml import etree
+
+    from halpipe.models.attributes import Codec
 
 Children: TypeAlias = "dict[str, list[etree._Element]]"  # noqa: SLF001 - lxml's only name for it
 """The children of an element by their names."""
-
-T = TypeVar("T")
 
 BAD_VALUE = error(
     "HAL0103",
     "Value cannot be used",
     "The value has the right form but no exact meaning here, such as a size that is not a whole number of bytes.",
 )
-
-_ITEM = re.compile(r"[^ \t\r\n]+")
-
-# A model states few distinct durations many times.
-duration = lru_cache(maxsize=4096)(Duration.parse)
-
-
-def durations(text: str) -> tuple[Duration, ...]:
-    """Read blank-separated durations."""
-    return tuple(map(duration, _items(text)))
-
-
-@lru_cache(maxsize=4096)
-def rational(text: str) -> Fraction:
-    """Read an exact number, which may carry a minus sign."""
-    stripped = text.strip()
-    return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(text)
 
 
 class Binder:
@@ -66,30 +43,28 @@ class Binder:
                 found.setdefault(child.tag[self._prefix :], []).append(child)
         return found
 
-    def names(self, element: etree._Element, name: str) -> tuple[str, ...]:
-        """Return an attribute's blank-separated names; only what is white space in XML separates them."""
-        return _items(element.get(name, ""))
+    def values(self, kind: type, element: etree._Element | None, within: str = "") -> dict[str, Any]:
+        """Return the attributes of a class that an element has, by field; what cannot be read is a finding."""
+        if element is None:
+            return {}
+        table, found = attributes_by_name(kind, within), {}
+        for name, text in element.items():
+            stated = table.get(name)
+            if stated is not None:
+                found[stated.field] = self.read(element, name, text, stated.codec)
+        return found
 
-    def read(self, element: etree._Element, name: str, parse: Callable[[str], T], default: T) -> T:
-        """Return what `parse` makes of an attribute, `default` when it is absent; what it refuses is a finding."""
-        text = element.get(name)
-        if text is None:
-            return default
+    def read(self, element: etree._Element, name: str, text: str, codec: Codec) -> Any:
+        """Return what an attribute says; a blank value, with a finding, where it cannot be read."""
         try:
-            return parse(text)
+            return codec.parse(text)
         except ValueError as failure:
             tag = element.tag[self._prefix :]
             self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
-            return default
+            return codec.blank
 
 
 def only(children: Children, name: str) -> etree._Element | None:
     """Return the only child called `name`, if any."""
     found = children.get(name)
     return found[0] if found else None
-
-
-@lru_cache(maxsize=4096)
-def _items(text: str) -> tuple[str, ...]:
-    """Split a list of names; in large models the same units stand in thousands of versions."""
-    return tuple(_ITEM.findall(text))

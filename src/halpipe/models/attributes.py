@@ -1,0 +1,176 @@
+"""The one statement of each scalar attribute of models and schedules: its type, default, name in files and meaning.
+
+A field of a dataclass carries it as metadata. Readers, writers, overlays and the XML schemas go by these tables, so
+that a new attribute is one field::
+
+    period: Duration | None = field(default=None, metadata=attribute(POSITIVE, "Absent: runs on demand."))
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import MISSING, Field, dataclass, fields
+from fractions import Fraction
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING, Any
+
+from halpipe.durations import ZERO, Duration
+from halpipe.quantities import (
+    format_bandwidth,
+    format_rational,
+    format_size,
+    parse_bandwidth,
+    parse_rational,
+    parse_size,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from enum import Enum
+
+_ITEM = re.compile(r"[^ \t\r\n]+")
+_KEY = "attribute"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Codec:
+    """A type of attributes: `schema` is its simple type in the XML schemas, `blank` a value where one must stand.
+
+    `parse` raises ``ValueError`` for what it cannot read; `words` is the enumeration, if the type is one.
+    """
+
+    schema: str
+    parse: Callable[[str], Any]
+    text: Callable[[Any], str] = str
+    blank: Any = ""
+    words: type[Enum] | None = None
+    is_list: bool = False
+
+
+@lru_cache(maxsize=4096)  # in large models the same units stand in thousands of versions
+def _items(text: str) -> tuple[str, ...]:
+    """Split a list; only what is white space in XML separates its items."""
+    return tuple(_ITEM.findall(text))
+
+
+@lru_cache(maxsize=4096)
+def _number(text: str) -> Fraction:
+    """Read an exact number, which may carry a minus sign."""
+    stripped = text.strip()
+    return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(text)
+
+
+_duration = lru_cache(maxsize=4096)(Duration.parse)  # a model states few distinct durations many times
+
+NAME = Codec("name", str)
+TEXT = Codec("xs:string", str)
+TOKEN = Codec("xs:token", lambda text: " ".join(_items(text)))
+DIGEST = Codec("digest", str.strip)
+DURATION = Codec("duration", _duration, blank=ZERO)
+POSITIVE = Codec("duration", _duration, blank=ZERO)
+"""A duration that makes sense above zero only; validate judges it, and settings refuse others at once."""
+SHARE = Codec("share", _number, format_rational, Fraction(0))
+BOUND = Codec("share", _number, format_rational, Fraction(1))
+"""A share above zero."""
+NUMBER = Codec("number", _number, format_rational, Fraction(0))
+INDEX = Codec("xs:nonNegativeInteger", int, blank=0)
+GAPS = Codec("gaps", int, blank=0)
+TIMES = Codec("times", int, blank=1)
+GANG = Codec("gang", int, blank=1)
+SIZE = Codec("size", parse_size, format_size, 0)
+BANDWIDTH = Codec("bandwidth", parse_bandwidth, format_bandwidth, 0)
+DURATIONS = Codec("split", lambda text: tuple(map(_duration, _items(text))), lambda held: " ".join(map(str, held)), ())
+"""Split points; the simple type allows words for them, too."""
+NAMES = Codec("names", _items, " ".join, (), is_list=True)
+TEXTS = Codec("texts", _items, " ".join, (), is_list=True)
+
+
+@cache
+def word(kind: type[Enum]) -> Codec:
+    """Return the codec of an enumeration, whose simple type has its name."""
+    schema = re.sub("(?<!^)(?=[A-Z])", "-", kind.__name__).lower()
+    return Codec(schema, lambda text: kind(text.strip()), str, next(iter(kind)), kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Attribute:
+    """A scalar attribute: `field` in Python, `name` in files, there in the child called `element` if that is given.
+
+    It is written where it differs from `default`, or always. One that is required stands in every file, whatever a
+    Python program may leave out. A common one may be stated once for a list of elements.
+    """
+
+    field: str
+    name: str
+    codec: Codec
+    default: Any
+    meaning: str
+    element: str
+    is_always_written: bool
+    is_common: bool
+    is_required: bool
+
+
+def attribute(
+    codec: Codec,
+    meaning: str = "",
+    *,
+    name: str = "",
+    element: str = "",
+    always: bool = False,
+    common: bool = False,
+    required: bool = False,
+) -> Any:
+    """Return the metadata of a field: what it is, and, for the reader of a schema, what it means."""
+    return {_KEY: (codec, meaning, name, element, always, common, required)}
+
+
+def attributes(kind: type, element: str = "") -> tuple[Attribute, ...]:
+    """Return the scalar attributes of a class in the order of its fields: its own, or those in the child `element`."""
+    return _attributes(kind, element)
+
+
+@cache
+def _attributes(kind: type, element: str) -> tuple[Attribute, ...]:
+    found = [_attribute(field, *field.metadata[_KEY]) for field in fields(kind) if _KEY in field.metadata]
+    return tuple(stated for stated in found if stated.element == element)
+
+
+def _attribute(
+    field: Field[Any],
+    codec: Codec,
+    meaning: str,
+    name: str,
+    element: str,
+    always: bool,
+    common: bool,
+    required: bool,
+) -> Attribute:
+    name, required = name or field.name.replace("_", "-"), required or field.default is MISSING
+    return Attribute(field.name, name, codec, field.default, meaning, element, always or required, common, required)
+
+
+@cache
+def attributes_by_name(kind: type, element: str = "") -> dict[str, Attribute]:
+    """Return the scalar attributes of a class by their names in files."""
+    return {stated.name: stated for stated in attributes(kind, element)}
+
+
+def texts(value: Any, *without: str, element: str = "") -> dict[str, str]:
+    """Return the attributes of a value as files have them, by name, without those that need not be written."""
+    found = {}
+    for stated in attributes(type(value), element):
+        held = getattr(value, stated.field)
+        if (stated.is_always_written or held != stated.default) and stated.name not in without:
+            found[stated.name] = stated.codec.text(held)
+    return found
+
+
+def read_attributes(kind: type, stated: Mapping[str, str], *without: str) -> dict[str, Any]:
+    """Return the values of the attributes that are stated, by field; raise ``ValueError`` for what is unreadable."""
+    table = attributes_by_name(kind)
+    return {
+        table[name].field: table[name].codec.parse(text)
+        for name, text in stated.items()
+        if name in table and name not in without
+    }
