@@ -13,8 +13,8 @@ from halpipe.models import Binding, Interrupt, Split, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes
+from halpipe.pipeline.solve.edf.moves import Draws
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
-from halpipe.pipeline.solve.edf.search import Draws
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -203,12 +203,88 @@ def refused(owner, **options):
     return [d.code for d in failure.value.diagnostics]
 
 
-def test_split_jobs_stay_as_they_shipped_all_together_or_are_not_frozen():
+def placed(found):
+    return {(j.task, j.index): j for table in found.schedule.modes for j in table.jobs}
+
+
+def test_split_jobs_stay_as_they_shipped_and_others_are_placed_around_them():
+    owner = short_beside_long(3, 6)
+    shipped = scheduled(owner)
+    grown = model(*owner.tasks, task("new", 10, split(version("v", 2), 1), slack=1))
+    for seed in (5, 6):
+        found = scheduled(grown, shipped=shipped.schedule, seed=seed)
+        assert found.is_complete
+        assert placed(shipped).items() <= placed(found).items()
+
+
+def test_a_split_task_that_has_changed_is_placed_anew_and_reported():
+    owner = short_beside_long(3, 6)
+    shipped = scheduled(owner)
+    longer = model(owner.task("short"), task("long", 20, split(version("v", 11), 3, 6), slack=1))
+    found = scheduled(longer, shipped=shipped.schedule)
+    assert found.is_complete
+    assert [d.path for d in found.diagnostics if d.code == codes.CANNOT_STAY.id] == ['mode "all" task "long"']
+    assert {k: j for k, j in placed(found).items() if k[0] == "short"}.items() <= placed(shipped).items()
+
+
+def test_what_begins_in_a_gap_of_a_job_that_stays_ends_in_it():
+    """The core is free in [1, 3) ms beside the gap of 2 ms only, so that the new job must fit one of them."""
+    long = task("long", 20, split(version("v", 10), 5), slack=1)
+    shipped = scheduled(model(long, task("mid", 20, version("v", 3, "u1"), slack=1)))
+    found = scheduled(model(long, task("new", 20, split(version("v", 4), 2), slack=1)), shipped=shipped.schedule)
+    assert found.is_complete
+    assert placed(found)["long", 0] == placed(shipped)["long", 0]
+
+
+def test_split_jobs_that_collide_where_they_stay_are_not_found():
     owner = short_beside_long(3, 6)
     shipped = scheduled(owner).schedule
-    assert scheduled(owner, shipped=shipped, seed=5).schedule.modes[0].jobs == shipped.modes[0].jobs
-    longer = model(owner.task("short"), task("long", 20, split(version("v", 11), 3, 6), slack=1))
-    assert refused(longer, shipped=shipped) == [codes.FREEZE_WHOLE.id]
+    [table] = shipped.modes
+    there = next(job for job in table.jobs if job.task == "long")
+    moved = [
+        replace(j, start=there.start, end=there.start + (j.end - j.start)) if j.index == 0 else j for j in table.jobs
+    ]
+    jobs = tuple(there if job.task == "long" else job for job in moved)
+    found = scheduled(owner, shipped=replace(shipped, modes=(replace(table, jobs=jobs),)))
+    assert not found.is_complete
+
+
+def test_a_search_that_was_stopped_goes_on_to_the_same_bytes():
+    """Stopped at every so many tables, and gone on with each time, as the one that was never stopped."""
+    from halpipe.exporters.native import format_schedule
+    from halpipe.pipeline.solve.schedule import schedule_model as search
+
+    owner = model(
+        task("a", 10, split(version("v", 4, "u1 u2"), 2), slack=1),
+        task("b", 20, split(version("v", 4, "u1 u2"), 2), slack=1),
+        task("c", 10, version("v", 1, "u1 u2"), slack=1),
+        chains=(chain("a-c", "a b c"), chain("c-b", "c b")),
+        units="u1 u2",
+    )
+    whole = search(owner, SearchOptions(budget=50, quality=Quality.COST), lambda *_: True)
+    kept = Keeper()
+    for tables in (2, 5, 30, 10**9):
+        left = iter(range(tables))
+        options = SearchOptions(budget=50, quality=Quality.COST, keeper=kept)
+        found = search(owner, options, lambda *_, left=left: next(left, None) is not None)
+        assert found.unimproved == (tables < 10**9)
+    assert kept.notes > 30
+    assert format_schedule(found.schedule) == format_schedule(whole.schedule)
+
+
+class Keeper:
+    """Keeps in memory what a checkpoint keeps in its file."""
+
+    def __init__(self):
+        self.facts = {}
+        self.notes = 0
+
+    def note(self, key, facts):
+        self.notes += 1
+        self.facts[key] = {name: values[:] for name, values in facts.items()}
+
+    def noted(self, key):
+        return self.facts.get(key)
 
 
 def test_what_is_near_is_searched_for_where_it_cannot_stay():

@@ -70,6 +70,22 @@ class Judge:
         values = tuple(MEASURES[objective](self.model, placement) for objective in self.objectives)
         return Worth(values, _latencies(self.model, placement) if self.each_chain else ())
 
+    def better(self, jobs: Iterable[Job], first: Worth, best: Worth) -> Worth | None:
+        """Return what a schedule is worth if that is no less than the `best`, and nothing is worse than in the `first`.
+
+        The objectives are measured one by one, as long as there is hope.
+        """
+        placement = Placement.of(self.expansion, jobs, self.model.units)
+        latencies = _latencies(self.model, placement) if self.each_chain else ()
+        if _is_worse(latencies, first.latencies):
+            return None
+        values: tuple[Fraction, ...] = ()
+        for objective in self.objectives:
+            values = (*values, MEASURES[objective](self.model, placement))
+            if values > best.values[: len(values)] or values[-1] > first.values[len(values) - 1]:
+                return None
+        return Worth(values, latencies)
+
     @property
     def chain_weights(self) -> tuple[int, ...]:
         """What a tick of each chain's latencies counts, of the chains whose tasks all run."""
@@ -80,6 +96,10 @@ class Judge:
         """Return whether nothing that counts is worse than in the first schedule."""
         pairs = zip((*first.values, *first.latencies), (*other.values, *other.latencies), strict=True)
         return all(now <= before for before, now in pairs)
+
+
+def _is_worse(now: tuple[Fraction, ...], before: tuple[Fraction, ...]) -> bool:
+    return any(one > other for one, other in zip(now, before, strict=True))
 
 
 def _latencies(model: TaskModel, placement: Placement) -> tuple[Fraction, ...]:

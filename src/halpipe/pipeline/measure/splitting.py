@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 def splitting_cost(placement: Placement) -> int:
     """Return how far the schedule is from keeping the rules `parts`, `nested`, `binding`, and those of arrivals."""
     split = [job for job in placement.jobs if job.parts]
-    cost = sum(_parts_cost(placement, job) for job in split)
+    cost = sum(parts_cost(placement, job) for job in split)
     if split:
         cost += _nesting_cost(placement, split)
     for active in placement.expansion.tasks:
@@ -48,7 +48,7 @@ def _may_be_longer(jobs: list[PlacedJob]) -> bool:
 # ---- parts
 
 
-def _parts_cost(placement: Placement, job: PlacedJob) -> int:
+def parts_cost(placement: Placement, job: PlacedJob) -> int:
     """Return how far the parts of one job are from those that its version allows."""
     tick, split = placement.tick, job.version.split
     wcet, resume = (job.version.wcet or ZERO) // tick, split.resume // tick

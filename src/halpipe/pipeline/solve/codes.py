@@ -80,13 +80,6 @@ EXACT_WHOLE = error(
     "It knows no split points, interrupts, bound tasks and sporadic arrivals (docs/explanation/model.md). The annealer "
     "does.",
 )
-FREEZE_WHOLE = error(
-    "HAL0426",
-    "Split jobs cannot be frozen",
-    "With --freeze, jobs keep their places in the search for the others. That is done for modes of whole jobs only; a "
-    "mode of split jobs stays as it has shipped, or cannot be frozen. Without --freeze, the same model, options and "
-    "seed give the same schedule.",
-)
 GRID_WHOLE = error(
     "HAL0458",
     "Regulator grid is for whole jobs only",
@@ -96,8 +89,8 @@ GRID_WHOLE = error(
 CANNOT_STAY = warning(
     "HAL0412",
     "Shipped task cannot stay",
-    "With --freeze, the jobs of the earlier schedule keep start, version and units. A task whose period, versions or "
-    "units no longer allow that is placed anew.",
+    "With --freeze, the jobs of the earlier schedule keep start, version, units and parts. A task whose period, "
+    "versions, split points or units no longer allow that is placed anew.",
 )
 
 # ---------------------------------------------------------------------------- the grid of regulators (--quantise)

@@ -14,7 +14,6 @@ from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
-    FREEZE_WHOLE,
     NO_OPTION,
     TICK_DOES_NOT_DIVIDE,
 )
@@ -47,7 +46,7 @@ LEAST_MOVES = 1_000_000
 DEFAULT_PORTFOLIO = 4
 """Searches of a mode that take turns."""
 
-POLISH_TABLES = 40
+POLISH_TABLES = 120
 """Whole tables of split jobs that are tried at least to improve a valid one."""
 
 
@@ -283,19 +282,16 @@ def _schedule_parts(
     earlier: Earlier,
 ) -> _Found:
     """Schedule a mode in which jobs may be split: by earliest deadline first over their parts (MODEL 8.3)."""
+    from halpipe.pipeline.solve.edf.fixed import fix
     from halpipe.pipeline.solve.edf.search import Effort, search
     from halpipe.pipeline.solve.edf.works import works_of
+    from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 
     name = expansion.mode.name
-    if options.shipped is not None:
-        table = _as_shipped(model, expansion, tuple(_shipped(expansion, options).values()))
-        if table is not None:
-            return _Found(table, [])
-        text = "its jobs may be split, so they stay all together or not at all, and the model does not let all stay"
-        help = "leave --freeze away; tasks with binding stay on their units"
-        raise HalpipeError(FREEZE_WHOLE(text, at=expansion.mode.at, path=f'mode "{name}"', help=help))
     _check_tick(expansion, options.tick)
     mode = works_of(model, expansion, options.tick or natural_tick(expansion))
+    fixed, changed = fix(mode, _shipped(expansion, options))
+    mode = replace(mode, fixed=fixed)
     _refuse_stuck(
         expansion, [active.name for active, work in zip(expansion.tasks, mode.works, strict=True) if not work.ways]
     )
@@ -303,7 +299,7 @@ def _schedule_parts(
     budget = (options.budget or DEFAULT_BUDGET) * tasks
     found = search(
         mode,
-        model.chains,
+        model,
         _mode_seed(options.seed, number, options.attempt),
         _pinned(expansion, earlier),
         Effort(
@@ -312,25 +308,12 @@ def _schedule_parts(
             lambda placed, excess: on_progress(name, placed, budget, excess),
         ),
         _polish(model, expansion, options, number),
+        None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
     )
     on_progress(name, found.placed, budget, found.excess)
     table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
-    return _Found(table, [], found.placed, found.stopped, found.unimproved)
-
-
-def _as_shipped(model: TaskModel, expansion: Expansion, jobs: tuple[Job, ...]) -> ModeSchedule | None:
-    """Return the table of a mode with all its jobs where they have shipped, if the model still allows that."""
-    units = {(active.name, version.name): version.units for active in expansion.tasks for version in active.versions}
-    expected = {(active.name, index) for active in expansion.tasks for index in range(active.jobs)}
-    if {(job.task, job.index) for job in jobs} != expected:
-        return None
-    if any(not {*job.units} <= {*units.get((job.task, job.version), ())} for job in jobs):
-        return None
-    try:
-        table = mode_report(model, expansion, jobs, Status.VALID)
-    except ValueError:  # a gap inside an access phase
-        return None
-    return table if table.cost is not None and table.cost.total <= 0 else None
+    notes = _changed(expansion, changed, "number of jobs, version, units or parts")
+    return _Found(table, notes, found.placed, found.stopped, found.unimproved)
 
 
 def _pinned(expansion: Expansion, earlier: Earlier) -> dict[str, tuple[str, ...]]:
@@ -353,9 +336,11 @@ def _grid(expansion: Expansion, shipped: dict[tuple[str, int], Job]) -> Duration
     return greatest_common_divisor([natural_tick(expansion), *(job.start for job in shipped.values())])
 
 
-def _changed(expansion: Expansion, tasks: tuple[str, ...]) -> list[Diagnostic]:
+def _changed(
+    expansion: Expansion, tasks: tuple[str, ...], what: str = "number of jobs, version or units"
+) -> list[Diagnostic]:
     path = f'mode "{expansion.mode.name}"'
-    text = "cannot stay as shipped: number of jobs, version or units have changed; it was placed anew"
+    text = f"cannot stay as shipped: {what} have changed; it was placed anew"
     return [CANNOT_STAY(text, at=expansion.by_name[task].task.at, path=f'{path} task "{task}"') for task in tasks]
 
 

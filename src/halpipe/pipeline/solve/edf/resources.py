@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
 
 class Claim(NamedTuple):
@@ -16,13 +17,26 @@ class Claim(NamedTuple):
     end: int
     height: int
 
+    def moved(self, by: int) -> Claim:
+        """Return the claim `by` ticks later."""
+        return self._replace(begin=self.begin + by, end=self.end + by)
+
 
 class Resources:
     """The claims that may still matter, by resource; those that ended before all running parts are forgotten."""
 
-    def __init__(self, capacity: Sequence[int]) -> None:
+    def __init__(self, capacity: Sequence[int], standing: Iterable[Claim] = (), cycle: int = 1) -> None:
+        """Begin with `standing` claims, which come again with every `cycle`."""
         self._capacity = capacity
         self._claims: list[list[Claim]] = [[] for _ in capacity]
+        self._standing: list[list[Claim]] = [[] for _ in capacity]
+        self._cycle = cycle
+        for claim in standing:
+            turn = claim.begin // cycle * cycle
+            self._standing[claim.resource].append(claim.moved(-turn))
+        for claims in self._standing:
+            claims.sort(key=lambda claim: claim.begin)
+        self._longest = [max((c.end - c.begin for c in claims), default=0) for claims in self._standing]
 
     def collision(self, claims: Iterable[Claim]) -> int | None:
         """Return None if all `claims` fit, else an instant up to which one of them does not."""
@@ -35,10 +49,24 @@ class Resources:
     def _first_free(self, claim: Claim) -> int | None:
         room = self._capacity[claim.resource] - claim.height
         near = [c for c in self._claims[claim.resource] if c.begin < claim.end and claim.begin < c.end]
+        near += self._standing_near(claim)
         for instant in sorted({max(claim.begin, other.begin) for other in near}):
             if sum(c.height for c in near if c.begin <= instant < c.end) > room:
                 return min(c.end for c in near if c.begin <= instant < c.end)
         return None
+
+    def _standing_near(self, claim: Claim) -> Iterator[Claim]:
+        """Yield those that stay as they lie around `claim`."""
+        standing = self._standing[claim.resource]
+        earliest = claim.begin - self._longest[claim.resource]
+        for turn in range(earliest // self._cycle, claim.end // self._cycle + 1) if standing else ():
+            shift = turn * self._cycle
+            for place in range(bisect_left(standing, earliest - shift, key=lambda c: c.begin), len(standing)):
+                other = standing[place].moved(shift)
+                if other.begin >= claim.end:
+                    break
+                if claim.begin < other.end:
+                    yield other
 
     def take(self, claims: Iterable[Claim]) -> None:
         """Take what `claims` ask for."""

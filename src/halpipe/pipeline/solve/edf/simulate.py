@@ -8,108 +8,36 @@ before all others. Jobs that have begun are a stack on each unit, so that spans 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
+from halpipe.pipeline.solve.edf.jobs import (
+    Job,
+    Table,
+    first_stop,
+    last_stop,
+    may_stop,
+    reserved,
+    stops_at,
+    wall,
+)
+from halpipe.pipeline.solve.edf.releases import releases_of
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.pipeline.parts import Service
-    from halpipe.pipeline.solve.edf.works import Mode, Way, Window, Work
+    from halpipe.pipeline.solve.edf.fixed import FixedJob
+    from halpipe.pipeline.solve.edf.jobs import Plan, Span
+    from halpipe.pipeline.solve.edf.works import Mode, Window
 
 MOST_CYCLES = 8
 """Hyperperiods after which a table that still changes is given up."""
 
-Span = tuple[int, int, int, int]
-"""A part: start, end, and what it executes, from and to."""
-
-_RELEASE, _STOP, _WAKE = 0, 1, 2
+_RELEASE, _STOP, _WAKE, _FIXED = 0, 1, 2, 3
 
 _AT_ONCE = -1
 """The deadline of a job that can wait no longer."""
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
-
-    `urgency` is the deadline by which jobs are ordered, from their release; they are held back for `holds` after it.
-    With `fresh` a job waits, as long as it can, for the job of its predecessor that was released before it or with it.
-    """
-
-    ways: tuple[Way, ...]
-    phases: tuple[int, ...]
-    urgency: tuple[int, ...]
-    holds: tuple[int, ...]
-    fresh: bool = True
-
-
-@dataclass(slots=True)
-class Job:
-    """A job on its way. `number` counts the jobs of its task from the beginning of time."""
-
-    work: Work
-    task: int
-    number: int
-    release: int
-    due: int
-    latest: int
-    end_by: int
-    way: Way
-    spans: list[list[int]] = field(default_factory=list)
-    executed: int = 0
-    target: int = 0
-    claims: list[Claim] = field(default_factory=list)
-    kept: int = -1
-    ticket: int = 0
-    is_running: bool = False
-
-    @property
-    def order(self) -> tuple[int, int, int]:
-        """Earlier ones run first."""
-        return self.due, self.task, self.number
-
-    @property
-    def last_start(self) -> int:
-        """Return when the job must start at the latest to run in one piece."""
-        return min(self.latest, self.end_by - self.way.length)
-
-    @property
-    def gaps(self) -> int:
-        """Return how many gaps the job has so far."""
-        return len(self.spans) - 1
-
-    def rest(self) -> int:
-        """Return what is left, as one part."""
-        lost = self.way.resume if self.spans else 0
-        return _reserved(self.way.wcet - self.executed + lost, self.way.service)
-
-
-@dataclass(frozen=True, slots=True)
-class Table:
-    """One hyperperiod: the spans of every job by task and index, their starts in [0, hyperperiod).
-
-    `releases` are the instants of release that belong to those starts. `late` sums for each task by how much its jobs
-    start or end too late. A table that is not `closed` does not repeat.
-    """
-
-    jobs: dict[tuple[int, int], tuple[Span, ...]]
-    releases: dict[tuple[int, int], int]
-    late: tuple[int, ...]
-    closed: bool
-
-
-def _reserved(work: int, service: Service[int]) -> int:
-    """Return what `parts.reserved_length` does, of interrupts that are known to leave some of the time."""
-    length, longer = 0, work
-    while service and longer != length:
-        length, longer = longer, work
-        for distance, time in service:
-            longer += -(-length // distance) * time
-    return longer
 
 
 def simulate(mode: Mode, plan: Plan) -> Table:
@@ -124,7 +52,9 @@ class _Simulation:
         self.cycle = mode.hyperperiod
         self.events: list[tuple[int, int, int, Job | None, int]] = []
         self.sequence = 0
-        self.resources = Resources(mode.capacity)
+        claims = (claim for each in mode.fixed.jobs for claim in each.claims)
+        self.resources = Resources(mode.capacity, claims, self.cycle)
+        self.walls = mode.fixed.walls
         self.pending: list[list[Job]] = [[] for _ in mode.units]
         self.stacks: list[list[Job]] = [[] for _ in mode.units]
         self.running: list[Job | None] = [None] * len(mode.units)
@@ -133,14 +63,14 @@ class _Simulation:
         self.ends: list[list[int]] = [[] for _ in mode.works]
         self.unfinished: list[Job | None] = [None] * len(mode.works)
         self.released: list[list[Job]] = [[] for _ in mode.works]
-        self.releases = [_releases(mode, plan, number) for number in range(len(mode.works))]
+        self.releases = [releases_of(mode, plan, number) for number in range(len(mode.works))]
         self.next: list[tuple[int, int]] = []
         self.followers: list[set[int]] = [set() for _ in mode.works]
         self.reach = [0] * len(mode.works)
         self.done: list[Job] = []
         self.hurried = 0
         for task, way in enumerate(plan.ways):
-            for unit in way.units:
+            for unit in way.units if task not in mode.fixed.tasks else ():
                 self.on_unit[unit].append(task)
             for window in way.windows:
                 self.followers[window.task].update(way.units)
@@ -154,6 +84,9 @@ class _Simulation:
             self.next.append((-1, -1))
             if times:
                 self._announce(task, 0)
+        for number, each in enumerate(self.mode.fixed.jobs):
+            for instant in {t for span in each.spans for t in span}:
+                self._at(instant % self.cycle, _FIXED, None, number)
         signature = None
         for cycle in range(1, MOST_CYCLES + 1):
             self._run_until(cycle * self.cycle)
@@ -185,6 +118,8 @@ class _Simulation:
                     touched.update(self._stop(job, now))
                 elif kind == _WAKE:
                     touched.add(number)
+                elif kind == _FIXED:
+                    touched.update(self._pass(self.mode.fixed.jobs[number], number, now))
             for unit in sorted(touched):
                 self._dispatch(unit, now)
 
@@ -244,6 +179,16 @@ class _Simulation:
             self._offer(self.released[job.task].pop(0))
         return touched | self.followers[job.task]
 
+    def _pass(self, fixed: FixedJob, number: int, now: int) -> set[int]:
+        """Note what a job that stays does at an instant, and when it comes by again."""
+        self._at(now + self.cycle, _FIXED, None, number)
+        touched = set(fixed.units)
+        for instant, times in ((fixed.start, self.starts), (fixed.end, self.ends)):
+            if (now - instant) % self.cycle == 0:
+                times[fixed.task].append(now)
+                touched |= self.followers[fixed.task]
+        return touched
+
     # ---- decisions
 
     def _dispatch(self, unit: int, now: int) -> None:
@@ -258,17 +203,18 @@ class _Simulation:
         while hurried != self.hurried:  # who was put first meanwhile has not been asked
             hurried = self.hurried
             waiting: list[Job] = []
-            for job in self._candidates(unit):
+            for job in self._candidates(unit, now):
                 if self._begin(job, waiting, now):
                     return
                 waiting.append(job)
 
-    def _candidates(self, unit: int) -> Iterator[Job]:
+    def _candidates(self, unit: int, now: int) -> Iterator[Job]:
         """Yield the jobs that may take a unit, the most urgent first: those above the job that has begun, and it."""
         stack = self.stacks[unit]
         top = stack[-1] if stack else None
+        waits = top is not None and self._is_shut_out(top, unit, now)
         for job in list(self.pending[unit]):
-            if top is not None and job.order > top.order:
+            if top is not None and job.order > top.order and not waits:
                 break
             yield job
         if top is not None:
@@ -277,19 +223,22 @@ class _Simulation:
     def _begin(self, job: Job, waiting: Sequence[Job], now: int) -> bool:
         """Start a job, or go on with it, if nothing forbids it; else see to it that the question is asked again."""
         begun = bool(job.spans)
-        if not self._is_free_for(job) or (not begun and not self._windows_allow(job, now)):
+        if not self._is_free_for(job, now) or (not begun and not self._windows_allow(job, now)):
             return False
         goes_on = begun and job.spans[-1][1] == now
         start, first = (job.spans[-1][0], job.spans[-1][2]) if goes_on else (now, job.executed)
         lost = job.way.resume if (job.gaps if goes_on else begun) else 0
         gaps = job.gaps if goes_on else job.gaps + 1
-        target = self._target(job, start, first, lost, gaps)
-        end = start + _reserved(lost + target - first, job.way.service)
+        limit = self._limit(job, now)
+        target = self._target(job, start, first, lost, gaps, limit)
+        end = start + reserved(lost + target - first, job.way.service)
+        if limit is not None and end > limit:
+            return False
         claims = [
             Claim(
                 p.resource,
                 start + lost + p.begin - first,
-                start + _reserved(lost + p.end - first, job.way.service),
+                start + reserved(lost + p.end - first, job.way.service),
                 p.height,
             )
             for p in job.way.phases
@@ -313,6 +262,28 @@ class _Simulation:
         self._run(job, end)
         return True
 
+    def _limit(self, job: Job, now: int) -> int | None:
+        """Return until when a job may run from `now` on, before one that stays; None if for ever."""
+        if not self.walls:
+            return None
+        limits = [self.walls[unit].at(now).next_busy for unit in job.way.units if unit in self.walls]
+        return min((limit for limit in limits if limit is not None), default=None)
+
+    def _is_shut_out(self, job: Job, unit: int, now: int) -> bool:
+        """Return whether a job that stays keeps another from a unit: it runs, or what is begun must end before it."""
+        if unit not in self.walls:
+            return False
+        place = self.walls[unit].at(now)
+        if place.is_busy:
+            return True
+        if place.gap is None:
+            return False
+        begin, end = place.gap
+        if job.spans:
+            return job.spans[0][0] < begin
+        others = [other.rest() for other in self.stacks[unit] if other.spans[0][0] >= begin]
+        return now + job.way.length + sum(others) > end
+
     def _enter(self, job: Job, now: int) -> None:
         self.starts[job.task].append(now)
         for unit in job.way.units:
@@ -328,14 +299,16 @@ class _Simulation:
             self.running[unit] = job
         self._at(end, _STOP, job, job.ticket)
 
-    def _is_free_for(self, job: Job) -> bool:
+    def _is_free_for(self, job: Job, now: int) -> bool:
         for unit in job.way.units:
-            if self.running[unit] is not None:
+            if self.running[unit] is not None or (self.walls and self._is_shut_out(job, unit, now)):
                 return False
             top = self.stacks[unit][-1] if self.stacks[unit] else None
             if top is None or top is job:
                 continue
-            if job.spans or job.order > top.order or top.gaps >= top.way.max_gaps or not _may_stop(top):
+            if job.spans or top.gaps >= top.way.max_gaps or not may_stop(top):
+                return False
+            if job.order > top.order and not self._is_shut_out(top, unit, now):
                 return False
         return True
 
@@ -358,17 +331,20 @@ class _Simulation:
         before = self.unfinished[window.task]
         return before is not None and before.release <= job.release and (window.from_end or not before.spans)
 
-    def _target(self, job: Job, start: int, first: int, lost: int, gaps: int) -> int:
+    def _target(self, job: Job, start: int, first: int, lost: int, gaps: int, limit: int | None) -> int:
         """Return up to where a job runs before the next decision: a job without gaps left runs to its end."""
         way = job.way
         if gaps >= way.max_gaps:
             return way.wcet
         if not way.anywhere:
-            return self._next_end(job, start, first, lost)
+            return self._next_end(job, start, first, lost, limit)
         edges = sorted({edge for p in way.phases for edge in (p.begin, p.end) if edge > job.executed})
-        return next((edge for edge in edges if _stops_at(way, first, edge)), way.wcet)
+        target = next((edge for edge in edges if stops_at(way, first, edge)), way.wcet)
+        if limit is not None and start + reserved(lost + target - first, way.service) > limit:
+            return last_stop(way, start, first, lost, limit, job.executed) or target
+        return target
 
-    def _next_end(self, job: Job, start: int, first: int, lost: int) -> int:
+    def _next_end(self, job: Job, start: int, first: int, lost: int, limit: int | None) -> int:
         """Return the next split point, or a later one where until then no job is released that could be more urgent."""
         way = job.way
         least = bisect_right(way.ends, job.executed)
@@ -377,10 +353,12 @@ class _Simulation:
         others = [self.next[task][0] for unit in way.units for task in self.on_unit[unit] if task != job.task]
         others += [other.last_start for unit in way.units for other in self.pending[unit]]
         quiet = min(others, default=start) - start
+        if limit is not None:
+            quiet = min(quiet, limit - start) if others else limit - start
         most = len(way.ends) - 1
         while least < most:
             middle = (least + most + 1) // 2
-            if _reserved(lost + way.ends[middle] - first, way.service) <= quiet:
+            if reserved(lost + way.ends[middle] - first, way.service) <= quiet:
                 least = middle
             else:
                 most = middle - 1
@@ -394,14 +372,14 @@ class _Simulation:
         urgent = self.pending[unit][0]
         if urgent.order > job.order or not self._windows_allow(urgent, now):
             return
-        where = _first_stop(job, now)
+        where = first_stop(job, now)
         if where == job.executed and job.kept == now:
             return  # nobody could take its place at this instant
         if where < job.target:
             job.target = where
             start, _, first, _ = job.spans[-1]
             lost = way.resume if job.gaps else 0
-            end = start + _reserved(lost + where - first, way.service)
+            end = start + reserved(lost + where - first, way.service)
             self.resources.give_back(claim for claim in job.claims if claim.begin >= end)
             self._run(job, end)
 
@@ -428,7 +406,7 @@ class _Simulation:
                     continue
                 free = end
                 if job.way.anywhere and gaps < job.way.max_gaps:
-                    free = min(end, _wall(job.way, start, first, lost, max(release, now), job.executed))
+                    free = min(end, wall(job.way, start, first, lost, max(release, now), job.executed))
                 latest = release - self.plan.holds[task] + min(work.latest, work.deadline - way.length)
                 can_wait = release + way.length + left <= job.end_by and (
                     bool(job.spans) or release + way.length <= job.latest
@@ -440,7 +418,7 @@ class _Simulation:
                     continue
                 free = end
                 if job.way.anywhere and gaps < job.way.max_gaps:
-                    free = min(end, _wall(job.way, start, first, lost, other.last_start, job.executed))
+                    free = min(end, wall(job.way, start, first, lost, other.last_start, job.executed))
                 can_wait = now + other.way.length + left <= job.end_by and (
                     bool(job.spans) or now + other.way.length <= job.latest
                 )
@@ -490,7 +468,7 @@ class _Simulation:
             for kind in (self.starts, self.ends)
             for task, times in enumerate(kind)
         )
-        nexts = tuple(time - now for time, _ in self.next)
+        nexts = tuple(time - now for (time, _), times in zip(self.next, self.releases, strict=True) if times)
         return jobs, released, history, nexts, self.resources.in_force(now)
 
     def _table(self, cycle: int, *, closed: bool) -> Table:
@@ -520,62 +498,3 @@ class _Simulation:
             if not any(job.spans and job.spans[0][0] < end for stack in self.stacks for job in stack):
                 return
             self._run_until(self.events[0][0] + 1)
-
-
-def _releases(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
-    """Return when the jobs of a task are released in the first hyperperiod, with their indices."""
-    work = mode.works[task]
-    if work.is_cyclic:
-        first = plan.phases[task] + plan.holds[task]
-        return [(first + index * work.period, index) for index in range(work.jobs)]
-    found = []
-    for index, (demander, number, slot) in enumerate(work.demands):
-        asked = sum(1 for window in plan.ways[demander].windows if window.task == task)
-        times = {place: time for time, place in _releases(mode, plan, demander)}
-        if slot < asked and number in times:
-            found.append((times[number] + plan.holds[task], index))
-    return sorted(found)
-
-
-def _stops_at(way: Way, first: int, where: int) -> bool:
-    """Return whether a part that began at `first` may end at `where`, in execution time."""
-    if where >= way.wcet:
-        return True
-    if not way.anywhere:
-        return where in way.ends
-    is_long = where - first >= way.min_part and way.wcet - where >= way.min_part
-    return is_long and not any(p.begin < where < p.end for p in way.phases)
-
-
-def _may_stop(job: Job) -> bool:
-    return _stops_at(job.way, job.spans[-1][2], job.executed)
-
-
-def _first_stop(job: Job, now: int) -> int:
-    """Return the least execution time at which the running part may end, at or after the instant `now`."""
-    start, _, first, _ = job.spans[-1]
-    lost = job.way.resume if job.gaps else 0
-    return _stop_after(job.way, start, first, lost, now, job.executed)
-
-
-def _stop_after(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
-    least, most = max(executed, first + 1), way.wcet
-    while least < most:  # the least execution time that the part has reached at `now`
-        middle = (least + most) // 2
-        if start + _reserved(lost + middle - first, way.service) >= now:
-            most = middle
-        else:
-            least = middle + 1
-    where = max(least, first + way.min_part)
-    if way.wcet - where < way.min_part:
-        return way.wcet
-    for phase in sorted(way.phases, key=lambda p: p.begin):
-        if phase.begin < where < phase.end:
-            where = phase.end
-    return where if _stops_at(way, first, where) else way.wcet
-
-
-def _wall(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
-    """Return the first instant from `now` on at which a part may be interrupted."""
-    where = _stop_after(way, start, first, lost, now, executed)
-    return start + _reserved(lost + where - first, way.service)

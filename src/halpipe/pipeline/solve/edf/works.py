@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
+from halpipe.pipeline.solve.edf.fixed import Fixed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -106,7 +107,7 @@ class Work:
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """All works of a mode on one grid; `capacity` has the quanta of each resource."""
+    """All works of a mode on one grid; `capacity` has the quanta of each resource, `fixed` are jobs that stay."""
 
     expansion: Expansion
     tick: Duration
@@ -116,6 +117,7 @@ class Mode:
     services: tuple[Service[Duration], ...]
     works: tuple[Work, ...]
     capacity: tuple[int, ...]
+    fixed: Fixed = field(default_factory=Fixed)
 
 
 def works_of(model: TaskModel, expansion: Expansion, tick: Duration) -> Mode:
