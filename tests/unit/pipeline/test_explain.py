@@ -11,6 +11,7 @@ from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import Verdict, explain
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -35,7 +36,7 @@ def found_codes(explanation):
 
 def remedies(system, tasks=(), go_on=lambda: True):
     """The texts of what helps the only mode."""
-    trials = Trials(system.modes[0].name, 5, go_on)
+    trials = Trials(system.modes[0].name, 5, go_on, natural_tick(expand(system, system.modes[0])))
     return [d.message for d in find_remedies(system, tasks, trials)]
 
 
@@ -203,10 +204,10 @@ def test_the_smallest_steps_and_which_are_proven():
     """2ms + 1.5ms are half a millisecond more than gcd(6ms, 15ms) = 3ms; slack counts like WCET: 0.5/6 = 0.083."""
     system = model(task("a", "6ms", version("v", "1.5ms")), task("b", "15ms", version("v", "2ms")))
     texts = remedies(system, ["a", "b"])
-    proven = "(found sufficient; the next smaller step is proven not to suffice)"
-    assert f'slack of "a" >= 0.09 {proven}' in texts
-    assert f'WCET of "a" at most 990us instead of 1.5ms {proven}' in texts
-    assert f'WCET of "b" at most 1.5ms instead of 2ms {proven}' in texts
+    proven = "; the next smaller step is proven not to suffice)"
+    assert f'slack of "a" >= 0.09 (found sufficient, in steps of 1/100{proven}' in texts
+    assert f'WCET of "a" at most 990us instead of 1.5ms (found sufficient, in steps of 1/100 of it{proven}' in texts
+    assert f'WCET of "b" at most 1.5ms instead of 2ms (found sufficient, in steps of 1/100 of it{proven}' in texts
 
 
 def test_windows_offsets_and_limits():
@@ -217,7 +218,26 @@ def test_windows_offsets_and_limits():
     assert any(t.startswith('window of "b" on "a" up to 5ms instead of 2ms') for t in texts)
     ends = (task("a", 10, version("v", 3), offset="0ms"), task("b", 10, version("v", 2), offset="5ms"))
     slow = model(*ends, chains=[chain("c", "a b", age="6ms")])
-    assert any(t.startswith('limits of chain "c" of data age 7ms') for t in remedies(slow, ["a", "b"]))
+    limits = 'limits of chain "c" of data age 7ms instead of 6ms (found sufficient, in steps of 1ms; with less'
+    assert any(t.startswith(limits) for t in remedies(slow, ["a", "b"]))
+
+
+def test_the_smallest_limit_is_searched_for():
+    """Free, the search leaves the chain as long as it comes; c stands between a and b."""
+    busy = task("c", 40, version("v", 3, "u1"), offset="5ms")
+    ends = (task("a", 40, version("v", 5, "u1"), offset="0ms"), task("b", 40, version("v", 4, "u1")))
+    system = model(*ends, busy, units="u1", chains=[chain("long", "a b", reaction="45ms", age="6ms")])
+    (text,) = (t for t in remedies(system, ["a", "b"]) if t.startswith("limits"))
+    assert "reaction time 52ms instead of 45ms and data age 12ms instead of 6ms" in text
+    assert "with less, none was found" in text
+
+
+def test_a_deadline_is_moved_no_further_than_it_must_be():
+    """b waits for the 3ms of a, which are fixed; its jobs are of 4ms, and may slip by half their period."""
+    fixed = task("a", 20, version("v", 3, "u1"), offset="0ms")
+    late = task("b", 20, version("v", 4, "u1"), offset="0ms", deadline="5ms", slack=Fraction(1, 2))
+    texts = remedies(model(fixed, late, units="u1"), ["b"])
+    assert any(t.startswith('deadline of "b" of 7ms instead of 5ms (found sufficient, in steps of 1ms') for t in texts)
 
 
 def test_several_kinds_of_units_together():

@@ -87,6 +87,17 @@ def without_limits(model: TaskModel, chain: str) -> TaskModel:
     return replace(model, chains=tuple(free))
 
 
+def with_limits(model: TaskModel, chain: str, reaction: Duration | None, age: Duration | None) -> TaskModel:
+    """Give a chain other limits."""
+    limited = (replace(c, max_reaction=reaction, max_age=age) if c.name == chain else c for c in model.chains)
+    return replace(model, chains=tuple(limited))
+
+
+def with_deadline(model: TaskModel, task: str, deadline: Duration) -> TaskModel:
+    """Give a task another deadline."""
+    return _each_task(model, [task], lambda found: replace(found, deadline=deadline))
+
+
 def _each_task(model: TaskModel, tasks: Collection[str], change: Callable[[Task], Task]) -> TaskModel:
     return replace(model, tasks=tuple(change(task) if task.name in tasks else task for task in model.tasks))
 

@@ -18,7 +18,7 @@ from halpipe.pipeline.explain.conflict import describe, find_conflict
 from halpipe.pipeline.explain.invalid import names_in, proves_infeasible
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses
-from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
@@ -143,8 +143,9 @@ class _Question:
     def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
         if not self.remedies:
             return []
-        jobs = expand(self.model, self.mode).job_count
-        return find_remedies(self.model, tasks, Trials(self.mode.name, jobs, self.go_on))
+        expansion = expand(self.model, self.mode)
+        trials = Trials(self.mode.name, expansion.job_count, self.go_on, natural_tick(expansion))
+        return find_remedies(self.model, tasks, trials)
 
     def _best(self) -> Schedule:
         """Return the placement to explain: the mode's of the schedule given, or that of a search."""

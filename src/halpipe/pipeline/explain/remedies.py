@@ -12,7 +12,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.durations import ZERO
+from halpipe.durations import ZERO, Duration
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
@@ -26,10 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import ModeSchedule, Task, TaskModel
+    from halpipe.models import Chain, ModeSchedule, Task, TaskModel
 
     Change = Callable[[int], TaskModel]
     """The model changed by a number of steps."""
+
+NANOSECOND = Duration(1)
 
 FINE, COARSE = 100, 20
 """Steps in which a slack, a WCET or a window is relaxed: parts of the period or of the WCET."""
@@ -42,24 +44,32 @@ MAX_PIECES = 16
 MAX_TASKS = 6
 """Tasks of a conflict whose own parameters are tried one by one."""
 
-TRIALS = 60
+TRIALS = 90
 WORK = 400_000
 """Searches for one explanation, and jobs placed in each of them, roughly."""
 
 
 @dataclass(slots=True)
 class Trials:
-    """Tries changed models; `go_on` is asked between searches, and ends them all when it says no."""
+    """Tries changed models, with times on multiples of `tick`.
+
+    `go_on` is asked between searches, and ends them all when it says no.
+    """
 
     mode: str
     jobs: int
     go_on: Callable[[], bool]
+    tick: Duration = NANOSECOND
     left: int = TRIALS
 
     @property
     def steps(self) -> int:
         """In how many steps a parameter is relaxed."""
         return FINE if self.jobs <= FEW_JOBS else COARSE
+
+    def step(self, whole: Duration) -> Duration:
+        """Return in what steps a time is relaxed by up to `whole`: multiples of the tick."""
+        return self.tick * max(1, -(-whole // (self.tick * self.steps)))
 
     def schedule(self, model: TaskModel) -> ModeSchedule | None:
         """Return a verified schedule of the mode in a changed model; None where none is found, or effort is spent."""
@@ -120,6 +130,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
         *_units(model, concerned, trials),
         *_limits(model, running, trials),
         *_offsets(model, concerned, trials),
+        *_deadlines(model, concerned, trials),
         *_slack(model, concerned, trials),
         *_pieces(model, concerned, trials),
         *_windows(model, concerned, running, trials),
@@ -132,9 +143,9 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     return found
 
 
-def _remedy(trials: Trials, what: str, smaller: TaskModel | None) -> Diagnostic:
-    """Report a change; `smaller` is the next smaller one that was tried."""
-    status = "found sufficient"
+def _remedy(trials: Trials, what: str, smaller: TaskModel | None, steps: str = "") -> Diagnostic:
+    """Report a change; `smaller` is the next smaller one that was tried, in `steps`."""
+    status = f"found sufficient{f', {steps}' if steps else ''}"
     if smaller is not None:
         proven = trials.is_refuted(smaller)
         status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
@@ -208,7 +219,7 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
         found = trials.smallest(loosen, trials.steps)
         if found:
             text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], trials.steps))}"
-            yield _remedy(trials, text, loosen(found[0] - 1))
+            yield _remedy(trials, text, loosen(found[0] - 1), f"in steps of 1/{trials.steps}")
 
 
 def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -237,9 +248,8 @@ def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
 
         found = trials.smallest(shorten, trials.steps - 1)
         if found:
-            yield _remedy(
-                trials, _wcet_text(group, Fraction(trials.steps - found[0], trials.steps)), shorten(found[0] - 1)
-            )
+            text = _wcet_text(group, Fraction(trials.steps - found[0], trials.steps))
+            yield _remedy(trials, text, shorten(found[0] - 1), f"in steps of 1/{trials.steps} of it")
 
 
 def _wcet_text(group: list[Task], factor: Fraction) -> str:
@@ -258,13 +268,16 @@ def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Tri
         if period is None:
             continue
 
-        def widen(step: int, task: str = task, predecessor: str = predecessor, period: object = period) -> TaskModel:
-            return changes.with_wider_windows(model, task, predecessor, period * Fraction(step, trials.steps))  # type: ignore[operator]
+        unit = trials.step(period)
 
-        found = trials.smallest(widen, trials.steps)
+        def widen(step: int, task: str = task, predecessor: str = predecessor, by: Duration = unit) -> TaskModel:
+            return changes.with_wider_windows(model, task, predecessor, by * step)
+
+        found = trials.smallest(widen, -(-period // unit))
         if found:
-            text = f'window of "{task}" on "{predecessor}" up to {row.max + period * Fraction(found[0], trials.steps)} '
-            yield _remedy(trials, text + f"instead of {row.max}", widen(found[0] - 1))
+            text = f'window of "{task}" on "{predecessor}" up to {row.max + unit * found[0]} '
+            step = f"in steps of {unit}"
+            yield _remedy(trials, text + f"instead of {row.max}", widen(found[0] - 1), step)
 
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -277,14 +290,88 @@ def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Di
 
 
 def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Diagnostic]:
-    """Take the limits of chains away, and say what latencies a schedule then has."""
+    """Take the limits of a chain away, then put them back as close to what is asked as a schedule keeps them."""
     for chain in model.chains:
         limited = chain.max_reaction is not None or chain.max_age is not None
         if not limited or not running.issuperset(chain.tasks):
             continue
         table = trials.schedule(changes.without_limits(model, chain.name))
-        latency = next((c for c in table.chains if c.name == chain.name), None) if table else None
-        if latency is not None:
-            parts = [f"reaction time {latency.reaction}"] if chain.max_reaction is not None else []
-            parts += [f"data age {latency.age}"] if chain.max_age is not None else []
-            yield _remedy(trials, f'limits of chain "{chain.name}" of {" and ".join(parts)}', None)
+        found = _kept(chain, table) if table else None
+        if found is not None:
+            found, step, below = _closest(model, chain, found, trials)
+            parts = [f"{what} {limit} instead of {asked}" for what, asked, limit in _raised(chain, found)]
+            text = f'limits of chain "{chain.name}" of {" and ".join(parts)}'
+            yield _remedy(trials, text, changes.with_limits(model, chain.name, *below), f"in steps of {step}")
+
+
+Limits = tuple["Duration | None", "Duration | None"]
+"""Of reaction time and data age; None where there is none."""
+
+
+def _kept(chain: Chain, table: ModeSchedule) -> Limits | None:
+    """Return the least limits not below those of the chain that a schedule keeps; None if nothing gets through."""
+    latency = next((found for found in table.chains if found.name == chain.name), None)
+    if latency is None or latency.reaction is None or latency.age is None:
+        return None
+    return (
+        None if chain.max_reaction is None else max(chain.max_reaction, latency.reaction),
+        None if chain.max_age is None else max(chain.max_age, latency.age),
+    )
+
+
+def _closest(model: TaskModel, chain: Chain, found: Limits, trials: Trials) -> tuple[Limits, Duration, Limits]:
+    """Halve the way between what is asked and what was found; return what is left, the step, and what is too close."""
+    below = asked = (chain.max_reaction, chain.max_age)
+    steps = [trials.step(far - near) for near, far in zip(asked, found, strict=True) if near and far and far > near]
+    step = max(steps, default=trials.tick)
+    while (middle := _between(below, found, trials.tick)) not in (below, found) and _is_apart(below, found, step):
+        table = trials.schedule(changes.with_limits(model, chain.name, *middle))
+        kept = _kept(chain, table) if table else None
+        if kept is None:
+            below = middle
+        else:
+            found = kept
+            below = tuple(min(one, two) if one and two else None for one, two in zip(below, kept, strict=True))  # type: ignore[assignment]
+    return found, step, below
+
+
+def _between(near: Limits, far: Limits, tick: Duration) -> Limits:
+    reaction, age = (
+        None if one is None or two is None else one + tick * (((two - one) / 2) // tick)
+        for one, two in zip(near, far, strict=True)
+    )
+    return reaction, age
+
+
+def _is_apart(near: Limits, far: Limits, step: Duration) -> bool:
+    return any(two - one > step for one, two in zip(near, far, strict=True) if one is not None and two is not None)
+
+
+def _raised(chain: Chain, found: Limits) -> Iterator[tuple[str, Duration, Duration]]:
+    """Name the limits that are higher than asked for."""
+    asked = (chain.max_reaction, chain.max_age)
+    for what, one, two in zip(("reaction time", "data age"), asked, found, strict=True):
+        if one is not None and two is not None and two > one:
+            yield what, one, two
+
+
+def _deadlines(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
+    """Move the stated deadlines of the tasks one by one, up to where they no longer matter."""
+    for task in [task for task in tasks if task.deadline is not None and task.period is not None][:MAX_TASKS]:
+        deadline, period = task.deadline or ZERO, task.period or ZERO
+        longest = max((v.wcet or ZERO for v in task.versions), default=ZERO)
+        is_split = any(v.split.is_allowed for v in task.versions)
+        room = max(period, longest) + period * task.slack if is_split else period * task.slack + longest
+        if room <= deadline:
+            continue
+
+        unit = trials.step(room - deadline)
+
+        def later(step: int, name: str = task.name, start: Duration = deadline, by: Duration = unit) -> TaskModel:
+            return changes.with_deadline(model, name, start + by * step)
+
+        found = trials.smallest(later, -(-(room - deadline) // unit))
+        if found:
+            text = f'deadline of "{task.name}" of {deadline + unit * found[0]} instead of {deadline}'
+            step = f"in steps of {unit}"
+            yield _remedy(trials, text, later(found[0] - 1), step)
