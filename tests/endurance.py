@@ -1,6 +1,7 @@
 """The worst inputs at 10 MB, each in a process of its own: at most 10 s of processor time and 1 GiB.
 
-Prints a line for each and ends with 1 if one breaks the law that is not known to. Usage: endurance.py [MB] [NAME ...]
+Prints a line for each and ends with 1 if one breaks the law. Usage: endurance.py [MB] [NAME ...]
+Just below a limit of elements a file takes longest, so that sizes below 10 MB are worth a try, too.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from worst_inputs import OPEN, WORST
+from worst_inputs import WORST
 
 SECONDS, MEBIBYTES = 10, 1024
-PATIENCE = 120
+PATIENCE = 60
 
 MODEL = """<task-model xmlns="urn:halpipe:task-model:1" name="m"><platform><unit name="u"/></platform><tasks>
-<task name="a" period="10ms"><version name="v" wcet="1ms"><run-on unit="u"/></version></task>
-</tasks><modes><mode name="all"><run task="a"/></mode></modes></task-model>
+<task name="a" period="10ms"><version name="v" wcet="1ms"><units names="u"/></version></task>
+</tasks><modes><mode name="a"><run task="a" versions="v"/></mode></modes></task-model>
 """
 
 
@@ -42,7 +43,8 @@ def main() -> int:
         folder = Path(place)
         (folder / "model.xml").write_text(MODEL)
         (folder / "tiny.dot").write_text("digraph { a -> b; }")
-        run(folder, "schedule", "model.xml", "-o", "s.xml", "-q")
+        if run(folder, "schedule", "model.xml", "-o", "s.xml", "-q")[0]:
+            sys.exit("the schedule that inputs are held against was not made")
         for kind, (command, file, make) in WORST.items():
             if sys.argv[2:] and kind not in sys.argv[2:]:
                 continue
@@ -50,8 +52,8 @@ def main() -> int:
             code, seconds, memory = run(folder, *[file if word == "FILE" else word for word in command])
             (folder / file).unlink()
             lawful = code in (0, 1, 2) and seconds <= SECONDS and memory <= MEBIBYTES
-            verdict = "ok" if lawful else f"known: {OPEN[kind]}" if kind in OPEN else "BREAKS THE LAW"
-            broken += verdict == "BREAKS THE LAW"
+            verdict = "ok" if lawful else "BREAKS THE LAW"
+            broken += not lawful
             print(f"{kind:36} exit {code:3} {seconds:7.1f} s {memory:6.0f} MiB  {verdict}", flush=True)  # noqa: T201
     return 1 if broken else 0
 

@@ -32,7 +32,8 @@ def arxml(size, elements, before="", after=""):
 def amalthea(size, tasks, rest=""):
     begin = "<am:Amalthea xmlns:am='http://app4mc.eclipse.org/amalthea/3.3.0' xmlns:xmi='http://www.omg.org/XMI' "
     begin += "xmlns:xsi='http://www.w3.org/2001/XMLSchema-instance' xmi:version='2.0'>\n<swModel>\n"
-    return times(size, tasks, begin, f"</swModel>{rest}</am:Amalthea>")
+    stimulus = "<stimuli xsi:type='am:PeriodicStimulus' name='s'><recurrence value='10' unit='ms'/></stimuli>"
+    return times(size, tasks, begin, f"</swModel>{rest}<stimuliModel>{stimulus}</stimuliModel></am:Amalthea>")
 
 
 VALIDATE, SHOW = ["validate", "FILE"], ["show", "FILE"]
@@ -41,7 +42,20 @@ OVERLAY = ["import", "ros", "tiny.dot", "--overlay", "FILE", "-o", "out.xml"]
 RUN, COMPARE = ["run", "FILE"], ["compare", "s.xml", "FILE"]
 PLATFORM = ["export", "regulator", "model.xml", "s.xml", "--platform", "FILE", "-o", "out"]
 CALIBRATE = ["import", "ros", "tiny.dot", "--calibrate", "FILE", "-o", "out.xml"]
-TASK = "<task name='t{i}' period='10ms'><version name='v' wcet='1us'><run-on unit='u'/></version></task>\n"
+VERIFY = ["verify", "model.xml", "FILE"]
+CARET = "named_paths: []\nexecutors: []\nnodes:\n- node_name: /n\n"
+ONE_MODE = "<mode name='a'><run task='t0' versions='v'/></mode>"
+UNITS = "<unit name='u'/><resource name='r'/>"
+RUNS = "<version name='v' wcet='1us'><units names='u'/>"
+ACCESS = "<access resource='r' start='{i}ns' end='1{i}ns' bound='0.{i}1'/>\n"
+CHAIN = "<chain name='c{i}' tasks='t0 t0' max-age='1ms'/>\n"
+VERSION = f"<task name='t0' period='10ms'>{RUNS}BODY</version></task>"
+RUNNABLE = (
+    "<runnables name='r{i}'><activityGraph>"
+    + 2 * "<items xsi:type='am:RunnableCall' runnable='r{j}?type=Runnable'/>"
+    + "</activityGraph></runnables>\n"
+)
+TASK = "<task name='t{i}' period='10ms'><version name='v' wcet='1us'><units names='u'/></version></task>\n"
 
 WORST = {
     # native
@@ -54,7 +68,7 @@ WORST = {
     "model: one name for all": (VALIDATE, "m.xml", lambda n: model(n, "<task name='t' period='1ms'/>\n")),
     "model: unlike periods": (VALIDATE, "m.xml", lambda n: model(n, "<task name='t{i}' period='1{i}7/3ms'/>\n")),
     "model: dangling names": (
-        VALIDATE, "m.xml", lambda n: model(n, "<task name='t{i}' period='1ms'><version name='v' wcet='1us' units='x{i}'/></task>\n"),
+        VALIDATE, "m.xml", lambda n: model(n, "<task name='t{i}' period='1ms'><version name='v' wcet='1us'><units names='x{i}'/></version></task>\n"),
     ),
     "model: a long value": (VALIDATE, "m.xml", lambda n: model(0, f"<task name='{'x' * n}' period='1ms'/>")),
     "model: long digits": (VALIDATE, "m.xml", lambda n: model(n, f"<task name='t{{i}}' period='0.{'1' * 29}ms'/>\n")),
@@ -63,6 +77,25 @@ WORST = {
     "model: processing": (VALIDATE, "m.xml", lambda n: times(n, "<?a?>") + "<!DOCTYPE a><a/>"),
     "schedule: jobs": (SHOW, "x.xml", lambda n: schedule(n, "<job task='t{i}' index='0' start='0ms' end='1ms' version='v' units='u{i}'/>\n")),
     "schedule: unknown": (SHOW, "x.xml", lambda n: schedule(n, "<job tusk='t{i}'/>\n")),
+    "model: tasks": (VALIDATE, "m.xml", lambda n: model(n, TASK)),
+    "model: runs": (VALIDATE, "m.xml", lambda n: model(n // 2, TASK, modes="<mode name='a'>" + times(n // 2, "<run task='t{i}' versions='v'/>\n") + "</mode>")),
+    "model: modes": (VALIDATE, "m.xml", lambda n: model(0, TASK, modes=times(n, "<mode name='m{i}'><run task='t0' versions='v'/></mode>\n"))),
+    "model: chains": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest=f"<chains>{times(n, CHAIN)}</chains>", modes=ONE_MODE)),
+    "model: one long chain": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest=f"<chains><chain name='c' tasks='{'t0 ' * (n // 3)}' max-age='1ms'/></chains>", modes=ONE_MODE)),
+    "model: accesses": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("BODY", times(n, ACCESS)), units=UNITS, modes=ONE_MODE)),
+    "model: precedences": (VALIDATE, "m.xml", lambda n: model(n, f"<task name='t{{i}}' period='10ms'>{RUNS}<precedence task='t{{i}}0' max='1ms'/></version></task>\n")),
+    "model: many precedences": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("BODY", times(n, "<precedence task='t0' max='1ms'/>\n")), modes=ONE_MODE)),
+    "model: split points": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("wcet='1us'", f"wcet='1s' split='{times(n, '{i}ns ')}'").replace("BODY", ""), modes=ONE_MODE)),
+    "model: units": (VALIDATE, "m.xml", lambda n: model(0, TASK, units=times(n, "<unit name='u{i}'/>"), modes=ONE_MODE)),
+    "model: interrupts": (VALIDATE, "m.xml", lambda n: model(0, TASK, units="<unit name='u'>" + times(n, "<interrupt name='i{i}' distance='1{i}us' wcet='1ns'/>") + "</unit>", modes=ONE_MODE)),
+    "model: transitions": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest="", modes=ONE_MODE).replace("</task-model>", times(n, "<x/>", "<transitions>", "</transitions></task-model>").replace("<x/>", "<transition from='a' to='a'/>"))),
+    "verify: jobs of one task": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='a' index='{i}' start='0ms' end='1ms' version='v' units='u'/>\n")),
+    "verify: unlike jobs": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='t{i}' index='0' start='{i}ns' end='1ms' version='v' units='u'/>\n")),
+    "verify: parts": (VERIFY, "x.xml", lambda n: schedule(0, "<job task='a' index='0' start='0ms' end='1ms' version='v' units='u'>" + times(n, "<part start='{i}ns' end='1{i}ns' from='{i}ns' to='1{i}ns'/>\n") + "</job>")),
+    "verify: unlike ends": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='a' index='{i}' start='{i}ns' end='1{i}1/7ms' version='v' units='u'/>\n")),
+    "verify: laps": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='a' index='{i}' start='0ms' end='99999999999999s' version='v' units='u'/>\n")),
+    "verify: modes": (VERIFY, "x.xml", lambda n: times(n, "<mode name='a{i}' hyperperiod='10ms' status='valid'/>\n", f"<schedule xmlns='{SCHEDULE}' model='m'>\n", "</schedule>")),
+    "verify: transitions": (VERIFY, "x.xml", lambda n: times(n, "<transition from='a' to='a{i}' length='0ms' worst-latency='1ms' status='valid'/>\n", f"<schedule xmlns='{SCHEDULE}' model='m'>\n", "</schedule>")),
     # ARXML
     "arxml: unknown elements": (IMPORT["arxml"], "a.arxml", lambda n: arxml(n, "<ZZ><SHORT-NAME>z{i}</SHORT-NAME></ZZ>")),
     "arxml: same paths": (IMPORT["arxml"], "a.arxml", lambda n: arxml(n, "<APPLICATION-SW-COMPONENT-TYPE><SHORT-NAME>c</SHORT-NAME></APPLICATION-SW-COMPONENT-TYPE>")),
@@ -74,7 +107,13 @@ WORST = {
     # AMALTHEA
     "amalthea: tasks": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<tasks name='t{i}' stimuli='s{i}?type=PeriodicStimulus'/>\n")),
     "amalthea: unknown": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<zz name='t{i}'/>\n")),
+    "amalthea: valid tasks": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<tasks name='t{i}' stimuli='s?type=PeriodicStimulus'/>\n")),
     "amalthea: one name": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<tasks name='t'/>\n")),
+    "amalthea: references": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "", "") .replace("</swModel>", "<tasks name='t' stimuli='" + times(n, "s{i}?type=PeriodicStimulus ") + "'/></swModel>")),
+    "amalthea: runnables": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<runnables name='r{i}'><activityGraph><items xsi:type='am:Ticks'><default xsi:type='am:DiscreteValueConstant' value='1{i}'/></items></activityGraph></runnables>\n")),
+    "amalthea: calls": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<items xsi:type='am:RunnableCall' runnable='r?type=Runnable'/>\n").replace("<swModel>", "<swModel><runnables name='r'/><tasks name='t' stimuli='s?type=PeriodicStimulus'><activityGraph>", 1).replace("</swModel>", "</activityGraph></tasks></swModel>")),
+    "amalthea: calls in a ring": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(n, "<runnables name='r{i}'><activityGraph><items xsi:type='am:RunnableCall' runnable='r1{i}?type=Runnable'/><items xsi:type='am:RunnableCall' runnable='r1{i}?type=Runnable'/></activityGraph></runnables>\n")),
+    "amalthea: depth of calls": (IMPORT["amalthea"], "a.amxmi", lambda n: amalthea(0, "".join(RUNNABLE.replace("{i}", str(i)).replace("{j}", str(i + 1)) for i in range(n // 200)) + "<tasks name='t' stimuli='s?type=PeriodicStimulus'><activityGraph><items xsi:type='am:RunnableCall' runnable='r0?type=Runnable'/></activityGraph></tasks>")),
     # YAML
     "yaml: unknown keys": (RUN, "p.yaml", lambda n: times(n, "k{i}: 1\n", "halpipe-pipeline: 1\n")),
     "yaml: a list": (RUN, "p.yaml", lambda n: times(n, "- {i}\n", "halpipe-pipeline: 1\nexports:\n")),
@@ -99,23 +138,25 @@ WORST = {
     "dot: depth": (IMPORT["ros"], "a.dot", lambda n: "digraph " + "{" * n),
     "dot: a string": (IMPORT["ros"], "a.dot", lambda n: 'digraph { "' + "x" * n),
     "dot: comments": (IMPORT["ros"], "a.dot", lambda n: "digraph { " + "/*" * (n // 2)),
+    "caret: contexts": (IMPORT["ros"], "a.yaml", lambda n: times(n, "  - {context_type: tilde, subscription_topic_name: /s, publisher_topic_name: /p}\n", CARET + "  callbacks:\n" + times(n // 4, "  - {callback_name: /n/c{i}, callback_type: subscription_callback, topic_name: /s}\n") + "  publishes: [{topic_name: /p}]\n  message_contexts:\n")),
+    "caret: subscriptions": (IMPORT["ros"], "a.yaml", lambda n: times(n, "  - {topic_name: /t{i}, callback_name: /n/c0}\n", CARET + "  callbacks: [{callback_name: /n/c0, callback_type: timer_callback, period_ns: 1000000}]\n  subscribes:\n")),
+    "caret: members": (IMPORT["ros"], "a.yaml", lambda n: CARET + "  callbacks: [{callback_name: /n/c0, callback_type: timer_callback, period_ns: 1000000}]\n  callback_groups:\n" + times(n, "/n/c0, ", "  - {callback_group_name: g, callback_group_type: reentrant, callback_names: [", "/n/c0]}\n")),
+    "caret: paths": (IMPORT["ros"], "a.yaml", lambda n: times(n, "- {path_name: p{i}, node_chain: [{node_name: /n}]}\n", CARET.replace("named_paths: []\n", "") + "  callbacks: []\nnamed_paths:\n")),
+    "dot: blocks": (IMPORT["ros"], "a.dot", lambda n: "digraph { {" + times(n // 2, "a{i} ") + "} -> {" + times(n // 2, "b{i} ") + "} }"),
+    "dot: vertices": (IMPORT["ros"], "a.dot", lambda n: times(n, "a{i};\n", "digraph {\n", "}\n")),
+    "dot: attributes": (IMPORT["ros"], "a.dot", lambda n: times(n, "a{i}=b,", "digraph { a [", "c=d]; a -> b }")),
+    "dot: a long label": (IMPORT["ros"], "a.dot", lambda n: 'digraph { a [label="' + "\\n" * (n // 2) + '"]; a -> b }'),
+    "dot: html": (IMPORT["ros"], "a.dot", lambda n: "digraph { a [label=" + "<" * n),
     "calibrate: rows": (CALIBRATE, "c.csv", lambda n: times(n, "/n/c{i},1{i}\n", "callback,duration_ns\n")),
     # traces
-    "csv: rows": (COMPARE, "t.csv", lambda n: times(n, "t{i},{i}ms,{i}ms\n", "task,start,end\n")),
+    "csv: rows": (COMPARE, "t.csv", lambda n: times(n, "t{i},{i},1{i}\n", "task,start,end\n")),
     "csv: quotes": (COMPARE, "t.csv", lambda n: "task,start,end\n" + '"' * n),
     "btf: events": (COMPARE, "t.btf", lambda n: times(n, "{i},C,0,T,t{i},0,start\n", "#version 2.1.0\n")),
     "trace: events": (COMPARE, "t.json", lambda n: times(n, '{"name":"t{i}","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),
+    "btf: a job": (COMPARE, "t.btf", lambda n: times(n, "{i},u,0,T,a,0,start\n{i},u,0,T,a,0,terminate\n", "#version 2.1.0\n#timeScale ns\n")),
+    "csv: one task": (COMPARE, "t.csv", lambda n: times(n, "a,{i},1{i}\n", "task,start,end\n")),
+    "csv: columns": (COMPARE, "t.csv", lambda n: times(n, "c{i},", "task,start,end,")),
+    "trace: one task": (COMPARE, "t.json", lambda n: times(n, '{"name":"a","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),
     "trace: depth": (COMPARE, "t.json", lambda n: "[" * n),
     "trace: digits": (COMPARE, "t.json", lambda n: '{"traceEvents":[{"ts":' + "1" * n + "}]}"),
 }  # fmt: skip
-
-OPEN = {
-    "schedule: unknown": "libxml2 reports each of a million violations before one is told; 15 s and 1.3 GiB",
-    "caret: dangling": "each publication looks at all callbacks of its node",
-    "caret: callbacks": "an odd period is held against all others, some hundred microseconds each",
-    "dot: edges": "linear, but several seconds for each megabyte",
-    "dot: a ring": "linear, but several seconds for each megabyte",
-    "amalthea: tasks": "linear, but about a second for each megabyte",
-    "overlay: patterns": "linear, but a second for each megabyte",
-}
-"""What breaks the cost law at 10 MB still, and why; docs/reference/limits.md says so too."""

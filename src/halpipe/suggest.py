@@ -35,9 +35,11 @@ def nearest(name: str, known: Iterable[str], count: int = 3) -> list[str]:
     """Return up to `count` known names that resemble `name`, best first."""
     if len(name) > LONGEST or _Budget.left == 0:
         return []
+    candidates = list(known)
+    if not candidates:
+        return []
     import difflib  # only those who have mistyped something wait for it
 
-    candidates = list(known)
     if _Budget.left is not None:
         _Budget.left = max(0, _Budget.left - len(candidates))
     return difflib.get_close_matches(name, candidates, n=count, cutoff=0.5)

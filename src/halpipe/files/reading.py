@@ -30,6 +30,19 @@ TOO_LARGE = error(
     "File is too large",
     f"Input files may have up to {MAX_INPUT_BYTES // 2**20} MiB. Split the file, or import only the parts needed.",
 )
+TOO_MUCH = error(
+    "HAL0008",
+    "File has more of something than is read",
+    "So that every file is answered within seconds, there is an end to how many elements of a kind are read: "
+    "docs/reference/limits.md. It is far beyond what systems have; split the file, or import only the parts needed.",
+)
+
+
+def refuse_more_than(limit: int, count: int, what: str, at: Location) -> None:
+    """Refuse a file with more of something than there is time to look at."""
+    if count > limit:
+        help = "split the file, or import only the parts needed"
+        raise HalpipeError(TOO_MUCH(f"has {count} {what}; at most {limit} are read", at=at, help=help))
 
 
 def read_bytes(path: str | os.PathLike[str]) -> bytes:

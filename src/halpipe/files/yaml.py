@@ -7,7 +7,7 @@ from typing import Any
 
 from halpipe.diagnostics import HalpipeError, Location, error
 
-MAX_YAML_NODES = 2_000_000
+MAX_YAML_NODES = 500_000
 MAX_YAML_DEPTH = 64
 
 BROKEN_YAML = error(

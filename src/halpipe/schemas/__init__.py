@@ -10,6 +10,7 @@ import re
 from collections import Counter
 from contextlib import suppress
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +66,9 @@ LEAST_PART, LARGEST_PART = 20, 10_000
 """Children of each element that are looked at at once where it could take longer."""
 
 MANY = 100
-"""Violations of which libxml2 tells no more while it parses."""
+"""Violations after which no more are looked for while parsing: libxml2 would remember each of a million."""
+
+_FED_BYTES = 65_536
 
 
 def namespace(kind: str) -> str:
@@ -100,17 +103,21 @@ def _could_be_slow(root: etree._Element) -> bool:
 
 
 def _in_bulk(root: etree._Element, kind: str) -> list[str]:
-    """Return messages without places if there are many: found while parsing, which takes as long as the file is."""
+    """Return messages without places if there are many: found while parsing, which ends as soon as they are."""
     from lxml import etree
 
     etree.clear_error_log()  # it holds the last messages of this thread, of other documents too
     parser = etree.XMLParser(schema=_libxml2_schema(kind), resolve_entities=False, no_network=True, load_dtd=False)
-    try:
-        etree.fromstring(etree.tostring(root), parser)
-    except etree.XMLSyntaxError as failure:
-        if len(failure.error_log) >= MANY:
-            return list(dict.fromkeys(_plain(entry.message, kind) for entry in failure.error_log))
-    return []
+    text = etree.tostring(root)
+    with suppress(etree.XMLSyntaxError):
+        for start in range(0, len(text), _FED_BYTES):
+            parser.feed(text[start : start + _FED_BYTES])
+            if len(parser.feed_error_log) >= MANY:
+                break
+    found = list(islice(parser.feed_error_log, MANY))
+    with suppress(etree.XMLSyntaxError):
+        parser.close()
+    return list(dict.fromkeys(_plain(entry.message, kind) for entry in found)) if len(found) == MANY else []
 
 
 def _placed(messages: Sequence[str], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
@@ -140,6 +147,7 @@ class _Part:
 
         self._whole = whole
         self._kept: dict[etree._Element, list[int]] = {}
+        self._originals: dict[etree._Element, list[etree._Element]] = {}
         self.root = deepcopy(whole)
         for element in [element for element in self.root.iter() if len(element) > 2 * LEAST_PART]:
             count, outer = len(element), len(element) - LEAST_PART
@@ -153,8 +161,10 @@ class _Part:
         parent = element.getparent()
         if parent is None:
             return self._whole
-        index = parent.index(element)
-        return self.original(parent)[self._kept[parent][index] if parent in self._kept else index]
+        if parent not in self._originals:
+            children = list(self.original(parent))  # to ask for one by its number is to count up to it
+            self._originals[parent] = [children[at] for at in self._kept.get(parent, range(len(children)))]
+        return self._originals[parent][parent.index(element)]
 
 
 def _violations(
@@ -245,8 +255,6 @@ def _schema_bytes(kind: str) -> bytes:
 
 def _explain(root: etree._Element, kind: str) -> dict[int, str]:
     """Return, by line, why xmlschema finds the document wrong."""
-    from itertools import islice
-
     import xmlschema
     from lxml import etree
 

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from halpipe.diagnostics import HalpipeError
+from halpipe.files import TOO_MUCH
 from halpipe.importers.ros import codes, dot
 
 
@@ -82,7 +83,22 @@ def test_errors_name_the_line(text, line, part):
 
 def test_edges_between_blocks_are_bounded():
     block = "{" + " ".join(f"a{i}" for i in range(1100)) + "}"
-    assert "more than 1000000 edges" in error_of(f"digraph {{ {block} -> {block} }}").message
+    with pytest.raises(HalpipeError, match="has 1211100 vertices and edges; at most 100000 are read"):
+        dot.parse(f"digraph {{ {block} -> {block} }}", "g.dot")
+
+
+@pytest.mark.parametrize(
+    ("limit", "text"), [("MAX_ELEMENTS", "digraph { a -> b; c }"), ("MAX_TOKENS", "digraph { a; }")]
+)
+def test_what_is_just_within_the_limits_is_read(monkeypatch, limit, text):
+    least = {"MAX_ELEMENTS": 4, "MAX_TOKENS": 5}[limit]
+    monkeypatch.setattr(dot, limit, least)
+    assert dot.parse(text, "g.dot").vertices
+    monkeypatch.setattr(dot, limit, least - 1)
+    with pytest.raises(HalpipeError) as refused:
+        dot.parse(text, "g.dot")
+    (found,) = refused.value.diagnostics
+    assert (found.code, found.at.line) == (TOO_MUCH.id, 1)
 
 
 @given(st.text(string.printable, max_size=80))

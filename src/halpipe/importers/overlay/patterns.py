@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 EVERYTHING = "*"
+MAX_GLOBS = 1000
+"""Globs of one overlay: each is tried on every name."""
+
 _GLOB_CHARACTERS = re.compile(r"[*?\[]")
 
 

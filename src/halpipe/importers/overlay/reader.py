@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import ZERO, Duration
-from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
 from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay, TaskEntry, VersionEntry, merge
+from halpipe.importers.overlay.patterns import MAX_GLOBS, is_glob
 from halpipe.models import (
     Access,
     AccessKind,
@@ -35,7 +36,7 @@ from halpipe.quantities import parse_bandwidth, parse_size
 from halpipe.settings import BAD_VALUE, Fields, Stated, Words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 T = TypeVar("T")
 E = TypeVar("E", Unit, Resource)
@@ -64,7 +65,25 @@ def read_overlays(paths: Sequence[str]) -> Overlay:
     findings = Findings()
     overlays = [_read_file(path, findings) for path in paths]
     findings.stop_on_errors()
-    return merge(overlays)
+    merged = merge(overlays)
+    globs = [stated for stated in _patterns(merged) if is_glob(stated.value)]
+    if globs:
+        refuse_more_than(MAX_GLOBS, len(globs), "patterns with * ? or [", globs[min(MAX_GLOBS, len(globs) - 1)].at)
+    return merged
+
+
+def _patterns(overlay: Overlay) -> Iterator[Stated[str]]:
+    """Yield whatever may be a glob, with its place."""
+    yield from (stated for stated, _ in overlay.sources)
+    yield from overlay.drops
+    for entry in overlay.tasks:
+        yield Stated(entry.pattern, entry.at)
+        for version in (entry.common, *(stated.value for stated in entry.versions.values())):
+            if version.units is not None:
+                yield from (Stated(unit, version.units.at) for unit in version.units.value)
+    for mode in overlay.modes.values():
+        yield from mode.tasks
+        yield from (pattern for pattern, _ in mode.versions)
 
 
 def _read_file(path: str, findings: Findings) -> Overlay:

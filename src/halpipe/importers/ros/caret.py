@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, Location
+from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Group, Node, Path, RosGraph, Step
 from halpipe.importers.ros.nodes import UNDEFINED, NodeReader
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from halpipe.files import YamlMap
     from halpipe.importers.base import Coverage
 
+MAX_ELEMENTS = 20_000
 _TOP_KEYS = ("named_paths", "path_name_aliases", "executors", "nodes")
 _EXECUTOR_KEYS = ("executor_type", "executor_name", "callback_group_names")
 _PATH_KEYS = ("path_name", "node_chain")
@@ -36,6 +38,7 @@ def read_caret(document: YamlMap, file: str, findings: Findings, coverage: Cover
     """Read a recognised architecture.yaml; every finding is collected, elements in error are left out."""
     reader = Reader(file, findings)
     reader.check_keys(document, "file", _TOP_KEYS)
+    _bound(document, file)
     nodes = [NodeReader(reader, entry, coverage) for entry in reader.entries(document, "nodes", "file")]
     _check_unique(nodes, reader)
     groups = [group for node in nodes for group in node.groups]
@@ -50,6 +53,14 @@ def read_caret(document: YamlMap, file: str, findings: Findings, coverage: Cover
         groups=(*executors, *groups),
         paths=_paths(document, {node.name for node in nodes}, reader),
     )
+
+
+def _bound(document: YamlMap, file: str) -> None:
+    """Refuse graphs that are far larger than those of any vehicle before each of their elements is looked at."""
+    nodes = [node for node in document.get("nodes") or () if isinstance(node, dict)]
+    lists = [value for node in nodes for value in node.values() if isinstance(value, list)]
+    count = len(nodes) + sum(map(len, lists))
+    refuse_more_than(MAX_ELEMENTS, count, "nodes, callbacks, publications and the like", Location(file, document.line))
 
 
 def _flat(lists: list[list[Callback]]) -> tuple[Callback, ...]:

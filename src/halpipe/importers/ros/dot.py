@@ -1,7 +1,7 @@
 """The DOT language, as much of it as states a graph: vertices, edges, attributes and their defaults.
 
 A tokenizer and a recursive descent parser after the grammar at https://graphviz.org/doc/info/lang.html.
-Ports and the look of things are read over. Depth of blocks and number of edges are bounded.
+Ports and the look of things are read over. Depth, words, vertices and edges are bounded.
 """
 
 from __future__ import annotations
@@ -12,10 +12,14 @@ from itertools import pairwise
 from typing import NoReturn
 
 from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
 
 _MAX_DEPTH = 100
-_MAX_EDGES = 1_000_000
+MAX_ELEMENTS = 100_000
+"""Vertices and edges of a graph together."""
+
+MAX_TOKENS = 600_000
 _TOKEN = re.compile(
     r"""(?P<space>\s+|//[^\n]*|/\*.*?\*/|(?<![^\n])\#[^\n]*)
       | (?P<quoted>"[^"\\]*+(?:\\.[^"\\]*+)*+")
@@ -29,7 +33,7 @@ _ESCAPE = re.compile(r"\\(\r?\n|.)", re.DOTALL)
 _KEYWORDS = ("graph", "node", "edge", "subgraph", "digraph", "strict")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Token:
     """A token; `kind` is word, quoted, html, arrow, sign or end."""
 
@@ -112,6 +116,7 @@ def tokenize(text: str, file: str) -> list[Token]:
             tokens.append(Token("quoted", raw[1:-1], line))
         elif kind != "space":
             tokens.append(Token(kind, raw, line))
+        refuse_more_than(MAX_TOKENS, len(tokens), "words and signs", Location(file, line))
         position += len(raw)
         line += raw.count("\n")
     tokens.append(Token("end", "the end of the file", line))
@@ -188,8 +193,8 @@ class _Parser:
             return
         attributes = self._attributes(dict(scope.edge))
         for tails, heads in pairwise(operands):
-            if len(self._graph.edges) + len(tails) * len(heads) > _MAX_EDGES:
-                raise _malformed(self._file, line, f"has more than {_MAX_EDGES} edges")
+            more = len(tails) * len(heads)
+            self._bound(len(self._graph.vertices) + len(self._graph.edges) + more, line)
             self._graph.edges.extend(Edge(tail, head, line, attributes) for tail in tails for head in heads)
 
     def _operand(self, scope: _Scope, depth: int) -> list[str]:
@@ -207,6 +212,7 @@ class _Parser:
         while self._sign(":"):
             self._name()
         if id not in self._graph.vertices:
+            self._bound(len(self._graph.vertices) + len(self._graph.edges) + 1, token.line)
             self._graph.vertices[id] = Vertex(id, token.line, dict(scope.node))
         scope.members[id] = None
         return [id]
@@ -219,6 +225,9 @@ class _Parser:
                 if not self._sign(","):
                     self._sign(";")
         return into
+
+    def _bound(self, count: int, line: int) -> None:
+        refuse_more_than(MAX_ELEMENTS, count, "vertices and edges", Location(self._file, line))
 
     # ---------------------------------------------------------------------------------------------- tokens
 

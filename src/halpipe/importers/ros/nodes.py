@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location
 from halpipe.durations import Duration
+from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Flow, Group, Kind, Publication, Subscription
 from halpipe.importers.ros.periods import STATED, snap
-from halpipe.importers.ros.publishers import Context, publishers_of
+from halpipe.importers.ros.publishers import Context, Publishers
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from halpipe.importers.base import Coverage
     from halpipe.importers.ros.yaml_reader import Reader
 
+MAX_FLOWS = 50_000
 UNDEFINED = "UNDEFINED"
 """What CARET writes where it found nothing out."""
 
@@ -77,7 +79,9 @@ class NodeReader:
         self.groups = [self._group(e) for e in reader.entries(entry, "callback_groups", self._path)]
         self.flows = self._passings()
         contexts = [self._context(e) for e in reader.entries(entry, "message_contexts", self._path)]
-        self.publications = [self._publication(e, contexts) for e in reader.entries(entry, "publishes", self._path)]
+        self._publishers = Publishers(self.callbacks, contexts)
+        self._inputs = {callback.name: callback.inputs for callback in reversed(self.callbacks)}
+        self.publications = [self._publication(e) for e in reader.entries(entry, "publishes", self._path)]
         self._flows_of_contexts(contexts)
         self.subscriptions = [self._subscription(e) for e in reader.entries(entry, "subscribes", self._path)]
 
@@ -191,12 +195,12 @@ class NodeReader:
         callbacks = self._references(entry, path, "callbacks") if kind == "callback_chain" else ()
         return Context(kind=kind, subscribed=subscribed, published=published, callbacks=callbacks)
 
-    def _publication(self, entry: YamlMap, contexts: list[Context]) -> Publication:
+    def _publication(self, entry: YamlMap) -> Publication:
         topic = self._reader.text(entry, "topic_name", self._path)
         path = f'{self._path} publishing "{topic}"'
         self._reader.check_keys(entry, path, _PUBLISH_KEYS)
         stated = self._references(entry, path, "callback_names", "callback_name", "callback_ids", "callback_id")
-        callbacks, certainty = publishers_of(topic, stated, self.callbacks, contexts)
+        callbacks, certainty = self._publishers.of(topic, stated)
         at = Location(self._reader.file, entry.line)
         return Publication(node=self.name, topic=topic, callbacks=callbacks, certainty=certainty, at=at)
 
@@ -206,13 +210,11 @@ class NodeReader:
         for context in contexts:
             if context.kind == UNDEFINED:
                 continue
-            readers = [c.name for c in self.callbacks if context.subscribed in c.inputs]
-            self.flows.extend(
-                Flow(writer=writer, reader=reader)
-                for writer in readers
-                for reader in publishing.get(context.published, ())
-                if writer != reader
-            )
+            writers = self._publishers.readers.get(context.subscribed, ())
+            readers = publishing.get(context.published, ())
+            count = len(self.flows) + len(writers) * len(readers)
+            refuse_more_than(MAX_FLOWS, count, "flows of data within a node", self.at)
+            self.flows.extend(Flow(writer=w, reader=r) for w in writers for r in readers if w != r)
 
     def _subscription(self, entry: YamlMap) -> Subscription:
         topic = self._reader.text(entry, "topic_name", self._path)
@@ -221,7 +223,7 @@ class NodeReader:
         name = self._reference(entry, path, "callback_name", "callback_id")
         if name is None and len(self.callbacks) == 1:
             name = self._poll(topic)
-        elif name and topic not in next((c.inputs for c in self.callbacks if c.name == name), (topic,)):
+        elif name and topic not in self._inputs.get(name, (topic,)):
             self._reader.malformed(f'callback "{name}" does not read this topic', entry.line_of("callback_name"), path)
         return Subscription(node=self.name, topic=topic, callback=name, at=self._reader.at(entry))
 

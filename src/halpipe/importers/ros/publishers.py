@@ -31,28 +31,39 @@ class Context:
     callbacks: tuple[str, ...] = ()
 
 
-def publishers_of(
-    topic: str, stated: tuple[str, ...], callbacks: Sequence[Callback], contexts: Sequence[Context]
-) -> tuple[tuple[str, ...], Certainty]:
-    """Return the callbacks that may publish `topic`, none if it is published outside of callbacks.
+class Publishers:
+    """The callbacks of one node that may publish, looked through once for all its topics."""
 
-    Several that are assumed are candidates, of which `activation.settled` takes one.
-    """
-    if stated:
-        return stated, Certainty.STATED
-    able = [callback for callback in callbacks if callback.kind is not Kind.SERVICE]
-    if len(able) <= 1:
-        return tuple(callback.name for callback in able), Certainty.INFERRED
-    about = [context for context in contexts if context.published == topic]
-    ends = dict.fromkeys(context.callbacks[-1] for context in about if context.callbacks)
-    if ends:
-        return tuple(ends), Certainty.INFERRED if len(ends) == 1 else Certainty.ASSUMED
-    kept = [context.subscribed for context in about if context.kind in _CARRYING]
-    carrying = [callback.name for callback in able if any(read in kept for read in callback.inputs)]
-    if carrying:
-        return tuple(carrying), Certainty.ASSUMED
-    timers = [(callback.period, position) for position, callback in enumerate(able) if callback.period is not None]
-    if timers:
-        _, fastest = min(timers)
-        return (able[fastest].name,), Certainty.ASSUMED
-    return tuple(callback.name for callback in able), Certainty.ASSUMED
+    def __init__(self, callbacks: Sequence[Callback], contexts: Sequence[Context]) -> None:
+        self.readers: dict[str, list[str]] = {}
+        """By topic, the names of the callbacks that it triggers."""
+        able = [callback for callback in callbacks if callback.kind is not Kind.SERVICE]
+        timers = [(callback.period, position) for position, callback in enumerate(able) if callback.period is not None]
+        self._able = tuple(callback.name for callback in able)
+        self._fastest = able[min(timers)[1]].name if timers else None
+        self._position = {name: position for position, name in enumerate(self._able)}
+        for callback in callbacks:
+            for topic in dict.fromkeys(callback.inputs):
+                self.readers.setdefault(topic, []).append(callback.name)
+        self._about: dict[str, list[Context]] = {}
+        for context in contexts:
+            self._about.setdefault(context.published, []).append(context)
+
+    def of(self, topic: str, stated: tuple[str, ...]) -> tuple[tuple[str, ...], Certainty]:
+        """Return the callbacks that may publish `topic`, none if it is published outside of callbacks.
+
+        Several that are assumed are candidates, of which `activation.settled` takes one.
+        """
+        if stated:
+            return stated, Certainty.STATED
+        if len(self._able) <= 1:
+            return self._able, Certainty.INFERRED
+        about = self._about.get(topic, ())
+        ends = dict.fromkeys(context.callbacks[-1] for context in about if context.callbacks)
+        if ends:
+            return tuple(ends), Certainty.INFERRED if len(ends) == 1 else Certainty.ASSUMED
+        kept = dict.fromkeys(context.subscribed for context in about if context.kind in _CARRYING)
+        carrying = {name for read in kept for name in self.readers.get(read, ()) if name in self._position}
+        if carrying:
+            return tuple(sorted(carrying, key=self._position.__getitem__)), Certainty.ASSUMED
+        return (self._able if self._fastest is None else (self._fastest,)), Certainty.ASSUMED

@@ -24,6 +24,9 @@ MAX_TICKS = 2**62
 _MAX_COMPARED = 100
 """The most used periods, against which every period is compared to see how well it fits."""
 
+_MAX_COMPARISONS = 200_000
+"""Of more than two thousand periods, each is held against fewer than that."""
+
 _MAX_MISFIT = 100
 """How many times longer than both a hyperperiod may become by a period that still fits it well."""
 
@@ -188,7 +191,8 @@ def _by_fit(counts: dict[Duration, int]) -> list[Duration]:
 
     Of equals, the one that is shorter to write is the rounder, and comes first.
     """
-    popular = sorted(counts, key=lambda period: (-counts[period], period))[:_MAX_COMPARED]
+    compared = min(_MAX_COMPARED, max(1, _MAX_COMPARISONS // max(1, len(counts))))
+    popular = sorted(counts, key=lambda period: (-counts[period], period))[:compared]
     fit = {
         period: sum(counts[other] for other in popular if not (period % other and other % period)) for period in counts
     }
