@@ -13,10 +13,11 @@ import pytest
 
 import halpipe
 import regulator_bundles as bundles
+import regulator_mutants as mutants
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes, stimuli
 from halpipe.deploy.regulator.engines import Icarus, Verilator
-from halpipe.deploy.regulator.formal import PARTS, missing, prove
+from halpipe.deploy.regulator.formal import PARTS, missing
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import CYCLES, STEPPED_CYCLES, design_of, play, simulate
@@ -113,43 +114,16 @@ def test_excess_is_caught_without_greedy_masters(files, tables, player, fault):
 
 # ------------------------------------------------------------------------------------------------ faulty Verilog
 
-GATE, PLAYER, UNIT, FRAME = (f"table/rtl/halpipe_regulator{part}.v" for part in ("_gate", "_player", "_unit", ""))
-FAULTS = {
-    "credit is never spent": (GATE, "left <= left - cost;", "left <= left;", codes.SPENT_TOO_MUCH),
-    "credit is kept": (GATE, "? budget - kept : 32'd0", "? left + budget - kept : 32'd0", codes.SPENT_TOO_MUCH),
-    "a burst may overdraw": (GATE, "(left >= cost)", "(left != 32'd0)", codes.SPENT_TOO_MUCH),
-    "what was shown is withdrawn": (GATE, "= shown | covered;", "= covered;", codes.BROKE_PROTOCOL),
-    "what was shown is free": (GATE, "(budget > kept) ? budget - kept : 32'd0", "budget", codes.SPENT_TOO_MUCH),
-    "ready is given away": (GATE, "ready_o = ready_i & passes", "ready_o = ready_i", codes.BROKE_PROTOCOL),
-    "data goes ahead": (UNIT, "(owed != 8'd0)", "1'b1", codes.BROKE_PROTOCOL),
-    "directions are swapped": (PLAYER, "entry[63:32] : rd_now", "entry[31:0] : rd_now", codes.SPENT_TOO_MUCH),
-    "an entry comes a window late": (PLAYER, "window_now + 32'd1);", "window_now);", codes.GOT_TOO_LITTLE),
-    "requests are forgotten": (PLAYER, "pending <= 1'b1; pending_table", "pending_table", codes.PLAYED_WRONG),
-    "late requests are lost": (PLAYER, "& ~requested_late", "", codes.PLAYED_WRONG),
-    "requests are followed for ever": (PLAYER, "requested) pending <= 1'b0;", "requested) ;", codes.PLAYED_WRONG),
-    "a table ends early": (PLAYER, "32'd1 == windows)", "32'd2 == windows)", codes.PLAYED_WRONG),
-    "go is ignored": (FRAME, "go <= 1'b0;", "go <= 1'b1;", codes.PLAYED_WRONG),
-    "windows are a cycle longer": (FRAME, "cycles - 32'd1 : cycle", "cycles : cycle", codes.PLAYED_WRONG),
-    "defaults are ignored": (PLAYER, "!plays ? def_rd", "!plays ? 32'd0", codes.GOT_TOO_LITTLE),
-    "a register is not what it should": (UNIT, "32'h48425754", "32'h48425755", codes.BROKE_PROTOCOL),
-}  # fmt: skip
+PLAYER = "table/rtl/halpipe_regulator_player.v"
 
 
 @icarus
-@pytest.mark.parametrize("fault", sometimes_slow(FAULTS, 1))
-def test_each_fault_of_the_verilog_is_caught(files, tables, tmp_path, fault):
-    """Greedy masters, and such with a shallow queue behind them, see through each of them."""
-    name, old, new, code = FAULTS[fault]
-    text = files[name].decode()
-    assert text.count(old) == 1
-    faulty = {**files, name: text.replace(old, new).encode()}
-    player = Icarus().build(design_of(bundles.target(faulty).bundle, tables), str(tmp_path))
-    caught = set()
-    for number, seed in ((0, 1), (2, 1), (0, 2), (0, 3), (0, 33)):  # 33: a late request alone
-        caught |= found(faulty, tables, player, TRAFFIC[number], seed=seed, windows=250)
-        if code.id in caught:
-            break
-    assert code.id in caught
+@pytest.mark.parametrize("mutant", sometimes_slow([m for m in mutants.MUTANTS if m not in mutants.UNSEEN], 1))
+def test_each_fault_of_the_verilog_is_caught(files, mutant):
+    """By the runs that a check does, and requests at further instants."""
+    caught = mutants.simulated(mutants.mutated(files, mutant), Icarus())
+    assert caught
+    assert codes.ENGINE_FAILED.id not in caught
 
 
 # ------------------------------------------------------------------------------------------------ registers
@@ -360,7 +334,6 @@ def test_the_registers_are_reached_through_axi4_lite(tmp_path):
 # ------------------------------------------------------------------------------------------------ proof
 
 formal = pytest.mark.skipif(bool(missing()), reason=f"not installed: {missing()}")
-AXIL = "table/rtl/halpipe_regulator_axil.v"
 
 
 @formal
@@ -372,29 +345,11 @@ def test_the_regulator_is_proven_for_all_traffic(files):
     assert all(line.endswith(" proven") for line in checked.lines[2:])
 
 
-UNSEEN = {
-    "a burst that fits exactly waits": (GATE, "(left >= cost)", "(left > cost)", "gate", "progress"),
-    "late requests survive another": (PLAYER, "entry_requested) pending", "1'b0) pending", "player", "requests"),
-    "a table never written plays": (PLAYER, "(entry_windows == 32'd0)", "1'b0", "player", "reads"),
-    "too many writes are owed": (UNIT, ".room(owed != 8'hff)", ".room(1'b1)", "unit", "bounded"),
-    "requests out of range count": (UNIT, "& ({24'd0, req_table} < TABLES)", "", "unit", "requests"),
-    "tables open while they play": (UNIT, "reg_write & ~go;", "reg_write;", "unit", "stored"),
-    "windows may be too short": (FRAME, "(reg_wdata < 32'd4) ? 32'd4 : reg_wdata", "reg_wdata", "frame", "counts"),
-    "parts of words are written": (AXIL, "(s_wstrb == 4'hf);", "(s_wstrb != 4'h0);", "axil", "whole_"),
-}
-
-
 @formal
-@pytest.mark.parametrize("fault", [pytest.param(f, marks=() if "parts" in f else pytest.mark.slow) for f in UNSEEN])
-def test_faults_that_no_simulation_shows_are_refuted(files, fault, tmp_path):
-    """Of the part that has the fault; the others have nothing to do with it."""
-    name, old, new, part, name_of_property = UNSEEN[fault]
-    text = files[name].decode()
-    assert text.count(old) == 1
-    bundle = bundles.target({**files, name: text.replace(old, new).encode()}).bundle
-    (proof,) = prove(bundle, part)
-    assert {d.code for d in proof.findings} == {codes.NOT_PROVEN.id}
-    assert any(f'"{name_of_property}"' in d.message for d in proof.findings)
+@pytest.mark.parametrize("mutant", [pytest.param(m, marks=pytest.mark.slow) for m in mutants.MUTANTS])
+def test_each_fault_of_the_verilog_is_refuted(files, mutant):
+    """By the proof of the part that has it, whether a simulation shows it or not."""
+    assert mutants.refuted(mutants.mutated(files, mutant), mutants.MUTANTS[mutant][0])
 
 
 def test_what_is_missing_for_a_proof_is_named(files, monkeypatch):

@@ -23,6 +23,8 @@ _FAULTS = (
     "a burst passed on one side of the regulator only",
     "data was shown to the memory before its address",
     "table or window changed within a window",
+    "data was held back although its address had been shown",
+    "more than 255 writes were shown whose data had not passed",
 )
 _HELP = "the Verilog in the bundle or its tables were changed; export the bundle again"
 

@@ -63,22 +63,18 @@ def design_of(bundle: Bundle, tables: Tables) -> Design:
     bench = {path.name: path.read_bytes() for path in BENCH.iterdir() if path.name.endswith((".v", ".cpp"))}
     clocks = {"clocked.v", "clocked.cpp"}
     units = len(tables.units)
-    entries = max(sum(len(t.entries[unit.name]) for t in tables.tables) + 1 for unit in tables.units)
+    depth, headers = stimuli.sizes(tables)
     return Design(
         sources={**sources, **{name: data for name, data in bench.items() if name not in clocks}},
         for_verilator={"clocked.cpp": bench["clocked.cpp"]},
         for_icarus={"clocked.v": bench["clocked.v"]},
         parameters={
             "UNITS": units,
-            "DEPTH": max(1024, _power_of_two(entries)),
-            "TABLES": max(16, _power_of_two(len(tables.tables))),
+            "DEPTH": depth,
+            "TABLES": headers,
             "FIRST": stimuli.first_window(units),
         },
     )
-
-
-def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()
 
 
 def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycles: int) -> Iterator[Played]:
@@ -119,9 +115,10 @@ def _arguments(tables: Tables, run: Run) -> list[str]:
         "cycles": run.cycles,
         "windows": len(run.expected),
         "seed": run.seed % 2**32,
+        "hold": len(run.expected) * run.cycles * 3 // 4 if run.traffic.is_owing else 0,
         "latency": min(run.traffic.latency, max(0, run.cycles - 2 * len(tables.units) * longest)),
         "depth": run.traffic.depth,
-        "longest": longest,
+        "longest": 1 if run.traffic.is_owing else longest,
         "size": platform.bus_bytes.bit_length() - 1,
     }
     return [*(f"+{name}={value}" for name, value in settings.items()), f"+kinds={kinds}"]

@@ -19,12 +19,25 @@ if TYPE_CHECKING:
 
 GREEDY = 1
 LENGTHS, GAPS, CLUSTERS = 2, 4, 8
-FRAME_ID, FRAME_GO, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x018, 0x01C
-UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE = 0x010, 0x014, 0x018
+FRAME_ID, FRAME_GO, FRAME_WINDOW, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x010, 0x018, 0x01C
+PARAMS, VERSION = 0x004, 1 << 24
+UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE, UNIT_REQUEST = 0x010, 0x014, 0x018, 0x01C
 UNIT_HEADERS, UNIT_ENTRIES = 0x800, 0x1000
 NOT_RUNNING = 2**32 - 1
-MIN_CYCLES = 8
-"""A window that is shorter leaves no room to draw instants in."""
+LEAST_CYCLES = 4
+"""The shortest window that there is; one that is asked to be shorter is as long."""
+
+WHOLE, OKAY, SLVERR = 0xF, 0, 2
+"""Strobes of a whole word, and what AXI4-Lite answers."""
+
+LITE_CYCLES = 4
+"""From one order through AXI4-Lite to the next; its answer is taken by then."""
+
+READS, IGNORED, THROUGH_LITE = 200, 60, 20
+"""How many registers are read in a run, and orders given that must change nothing; and reads through AXI4-Lite."""
+
+MOST_TABLES, MOST_ENTRIES = 256, 65_280
+"""As many as have addresses."""
 
 
 def unit_address(index: int, offset: int) -> int:
@@ -35,6 +48,16 @@ def unit_address(index: int, offset: int) -> int:
 def first_window(units: int) -> int:
     """Return the cycle in which the first window begins that counts; the defaults are written before it."""
     return 64 + 4 * units
+
+
+def sizes(tables: Tables) -> tuple[int, int]:
+    """Return the entries and the headers of every unit: powers of two, with a header that no table has."""
+    entries = max(sum(len(t.entries[unit.name]) for t in tables.tables) + 1 for unit in tables.units)
+    return max(1024, _power_of_two(entries)), min(MOST_TABLES, max(16, _power_of_two(len(tables.tables) + 1)))
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << (least - 1).bit_length()
 
 
 class Draw:
@@ -62,11 +85,13 @@ class Traffic:
     depth: int = 64
     latency: int = 20
     by_software: bool = False
+    """Whether the tables are written through the registers instead of being in the memory images."""
     cycles: int = 0
     """Cycles of a window; 0: those of the platform."""
     is_silent: bool = False
     """Nobody asks for anything: the run is about tables and budgets alone, and ends when all tables were played."""
-    """Whether the tables are written through the registers instead of being in the memory images."""
+    is_owing: bool = False
+    """Bursts are of one beat, and the memory takes no data of writes in the first three quarters of the run."""
 
     def kinds(self, tables: Tables, draw: Draw) -> list[int]:
         """Return for every unit what its reader (low half) and its writer (high half) do."""
@@ -81,8 +106,8 @@ class Traffic:
         return kinds
 
 
-STEPPED = Traffic(name="every table, stepped", cycles=16, is_silent=True)
-"""Windows of a few cycles, so that tables of any length are played to their ends in a moment."""
+STEPPED = Traffic(name="every table, stepped", cycles=LEAST_CYCLES, is_silent=True)
+"""Windows as short as they can be, so that tables of any length are played to their ends in a moment."""
 
 TRAFFIC = (
     Traffic(name="greedy", greedy=True),
@@ -90,6 +115,7 @@ TRAFFIC = (
     Traffic(name="clusters, shallow queues", flags=LENGTHS | CLUSTERS, depth=2, latency=45),
     Traffic(name="greedy, shallow queues", flags=0, depth=1, latency=3, by_software=True),
     Traffic(name="each master different", mixed=True, depth=8),
+    Traffic(name="data of writes waits", depth=512, is_owing=True),
 )
 
 
@@ -118,7 +144,7 @@ class Run:
     script: tuple[tuple[int, str, int, int], ...]
     expected: tuple[Expected, ...]
     reads: tuple[tuple[int, int, int], ...]
-    """(cycle, address, value) of what the software must read."""
+    """(cycle, address, value) of what the software must read, or be answered."""
 
     @property
     def switches(self) -> int:
@@ -136,6 +162,7 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
     writer = _Software(tables, draw, traffic.cycles or tables.platform.window_cycles)
     writer.start(by_software=traffic.by_software)
     writer.tour(windows, repeats, tables_only=traffic.is_silent)
+    writer.ask_for_nothing()
     script, reads = writer.script(windows)
     return Run(
         traffic=traffic,
@@ -159,13 +186,21 @@ class _Software:
         self._tables, self._draw = tables, draw
         self._cycles = cycles
         self._first = first_window(len(tables.units))
+        self._entries, self._headers = sizes(tables)
+        self._now = 0
         self._orders: dict[int, tuple[str, int, int]] = {}
+        self._lite: set[int] = set()
         self._reads: list[tuple[int, int, int]] = []
         self.expected: list[Expected] = []
 
     def start(self, *, by_software: bool) -> None:
-        """Set up as firmware does: the window, the defaults, the tables where they are not in the images; then GO."""
-        cycle = self._write(0, FRAME_CYCLES, self._cycles)
+        """Set up as firmware does: the window, the defaults, the tables where they are not in the images; then GO.
+
+        The shortest window is asked for as one that is shorter still. What is written beyond the tables is nowhere.
+        """
+        cycle = self._write(0, FRAME_CYCLES, self._cycles if self._cycles > LEAST_CYCLES else LEAST_CYCLES - 1)
+        self._read(cycle, FRAME_CYCLES, self._cycles)
+        cycle = self._write_beyond(cycle + 1)
         for unit in self._tables.units:
             cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_READ), unit.default["read"])
             cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"])
@@ -174,12 +209,25 @@ class _Software:
         cycle += 2
         if by_software:
             cycle = self._load(cycle)
-        cycle = max(cycle, self._first + self._draw.below(2 * self._cycles))
-        self._write(cycle, FRAME_GO, 1)
+        cycle = max(cycle + LITE_CYCLES, self._first + self._draw.below(2 * self._cycles))
+        self._write_lite(cycle - LITE_CYCLES, FRAME_CYCLES, self._cycles + 1, strobes=1 + self._draw.below(WHOLE - 1))
+        self._write_lite(cycle, FRAME_GO, 1)
         waiting = (cycle - self._first) // self._cycles + 1 if cycle >= self._first else 0
         if cycle == self._tick(waiting):  # written in the last cycle of a window: one window later
             waiting += 1
         self.expected = [*[Expected(table=0, window=NOT_RUNNING)] * waiting, _CALM]
+
+    def _write_beyond(self, cycle: int) -> int:
+        """Write the first header and the first entry that there are not; in a memory of their size they are number 0."""
+        unit = self._draw.below(len(self._tables.units))
+        if self._headers < MOST_TABLES:
+            at = unit_address(unit, UNIT_HEADERS + 8 * self._headers)
+            cycle = self._write(self._write(cycle, at, 1), at + 4, 0xFF << 24 | 1)
+        if self._entries < MOST_ENTRIES:
+            at = unit_address(unit, UNIT_ENTRIES + 16 * self._entries)
+            for word, value in enumerate((1, 1, 0)):
+                cycle = self._write(cycle, at + 4 * word, value)
+        return cycle
 
     def _load(self, cycle: int) -> int:
         for unit in self._tables.units:
@@ -224,7 +272,7 @@ class _Software:
                 continue
             self._play(self._mode_table(mode), max(repeats, 2))
             rest = sorted({s.source for s in self._tables.switches if (s.source, s.target) not in made} | left)
-            if not rest or self._cycles < MIN_CYCLES:
+            if not rest:
                 return
             self._restart(self._mode_table(mode), self._mode_table(rest[0]))
             mode = rest[0]
@@ -241,6 +289,13 @@ class _Software:
         self._write(start + self._cycles, FRAME_REQUEST, begin)
         self._write(start + self._cycles + 1 + self._draw.below(self._cycles - 2), FRAME_GO, 1)
         self.expected += [Expected(table=table, window=0), Expected(table=0, window=NOT_RUNNING), _CALM]
+
+    def ask_for_nothing(self) -> None:
+        """Request a table that was never written: the defaults come for a window, then table 0."""
+        if self._headers > len(self._tables.tables) and self._now == self._tables.tables[self._now].successor:
+            self._play(self._now, 1, len(self._tables.tables))
+            self.expected += [Expected(table=0, window=NOT_RUNNING), _CALM]
+            self._append(0, self._tables.tables[0].windows)
 
     def _path(self, mode: str, made: set[tuple[str, str]]) -> tuple[str, str] | None:
         """Return the next switch on the shortest way to one that was not made yet; drawn among equals."""
@@ -288,11 +343,19 @@ class _Software:
             self._write(middle + self._draw.below(end - 2 - middle), FRAME_REQUEST, request)
 
     def _append(self, table: int, length: int) -> None:
+        self._now = table
         self.expected += [Expected(table=table, window=window) for window in range(length)]
 
     def _tick(self, window: int) -> int:
         """Return the last cycle before a window begins."""
         return self._first + window * self._cycles - 1
+
+    def _write_lite(self, cycle: int, address: int, value: int, *, strobes: int = WHOLE) -> None:
+        """Write through AXI4-Lite: all of a word, or part of it, which must change nothing."""
+        address |= strobes << 26
+        self._orders[cycle] = ("l", address, value)
+        self._lite.add(cycle)
+        self._reads.append((cycle, address, OKAY if strobes == WHOLE else SLVERR))
 
     def _write(self, cycle: int, address: int, value: int) -> int:
         assert cycle not in self._orders
@@ -301,17 +364,55 @@ class _Software:
 
     def script(self, windows: int) -> tuple[list[tuple[int, str, int, int]], list[tuple[int, int, int]]]:
         """Return the orders by cycle, with looks at registers between them, and what these must show."""
-        for _ in range(200):
-            number = self._draw.below(min(windows, len(self.expected)))
+        played = min(windows, len(self.expected))
+        for _ in range(IGNORED):
+            self._disturb(self._draw.below(played))
+        for count in range(READS):
+            number = self._draw.below(played)
             cycle = self._first + number * self._cycles + self._draw.below(self._cycles)
-            unit = self._draw.below(len(self._tables.units))
-            self._read(cycle, unit_address(unit, UNIT_WINDOW), self.expected[number].window)
+            self._read(cycle, *self._look(number), order="a" if count < THROUGH_LITE else "r")
         return [(cycle, *self._orders[cycle]) for cycle in sorted(self._orders)], sorted(self._reads)
 
-    def _read(self, cycle: int, address: int, value: int) -> None:
+    def _look(self, number: int) -> tuple[int, int]:
+        """Draw a register, in half of the cases the window of a unit; return what it must hold in a window."""
+        unit = self._tables.units[self._draw.below(len(self._tables.units))]
+        known = [
+            (unit_address(unit.index, UNIT_DEF_READ), unit.default["read"]),
+            (unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"]),
+            (unit_address(unit.index, PARAMS), VERSION | (self._headers & 0xFF) << 16 | self._entries & 0xFFFF),
+            (PARAMS, VERSION | len(self._tables.units)),
+            (FRAME_WINDOW, number + 1),
+            (FRAME_CYCLES, self._cycles),
+        ]
+        window = unit_address(unit.index, UNIT_WINDOW), self.expected[number].window
+        return window if self._draw.below(2) else known[self._draw.below(len(known))]
+
+    def _disturb(self, number: int) -> None:
+        """Give an order in a window that must change nothing, since a table is played or there is no such table."""
+        if not all(expected.running for expected in self.expected[number : number + 2]):
+            return
+        cycle = self._first + number * self._cycles + self._draw.below(self._cycles)
+        unit = self._draw.below(len(self._tables.units))
+        table = self._draw.below(len(self._tables.tables))
+        beyond = self._headers + self._draw.below(MOST_TABLES - self._headers or 1)
+        entries = sum(len(t.entries[self._tables.units[unit].name]) for t in self._tables.tables)
+        orders = [
+            (unit_address(unit, UNIT_HEADERS + 8 * table + 4 * self._draw.below(2)), 1),
+            (unit_address(unit, UNIT_ENTRIES + 16 * self._draw.below(entries) + 8), 1),
+            *((at, beyond) for at in (FRAME_REQUEST, unit_address(unit, UNIT_REQUEST)) if beyond < MOST_TABLES),
+        ]
         if cycle not in self._orders:
-            self._orders[cycle] = ("r", address, 0)
-            self._reads.append((cycle, address, value))
+            self._write(cycle, *orders[self._draw.below(len(orders))])
+
+    def _read(self, cycle: int, address: int, value: int, *, order: str = "r") -> None:
+        """Read a register, unless something else is done in that cycle, or an order through AXI4-Lite is too near."""
+        near = range(cycle - LITE_CYCLES + 1, cycle + LITE_CYCLES)
+        if cycle in self._orders or (order == "a" and not self._lite.isdisjoint(near)):
+            return
+        if order == "a":
+            self._lite.add(cycle)
+        self._orders[cycle] = (order, address, 0)
+        self._reads.append((cycle, address, value))
 
 
 def format_script(script: Sequence[tuple[int, str, int, int]]) -> bytes:

@@ -132,7 +132,7 @@ def test_another_table_or_window_is_told(tables, wrong):
 @pytest.mark.parametrize(
     ("bit", "code"),
     [(0, codes.BROKE_PROTOCOL), (1, codes.BROKE_PROTOCOL), (2, codes.BROKE_PROTOCOL), (3, codes.BROKE_PROTOCOL),
-     (4, codes.PLAYED_WRONG)],
+     (4, codes.PLAYED_WRONG), (5, codes.BROKE_PROTOCOL), (6, codes.BROKE_PROTOCOL)],
 )  # fmt: skip
 def test_each_fault_of_the_bus_is_told_once(tables, bit, code):
     lines = [window(tables, n, u2_faults=1 << bit) for n in range(2)]

@@ -1,5 +1,6 @@
 // The regulators of a bundle between masters and a shared memory, and a monitor that counts what passes. What software
-// would do, a script does: lines "cycle w address data" and "cycle r address 0", in cycles since reset, one per cycle.
+// would do, a script does: lines "cycle w address data" and "cycle r address 0", in cycles since reset, one per cycle. The
+// same through AXI4-Lite: "l" and "a", with the strobes of a write in bits 29:26 of its address; four cycles apart.
 //
 // The trace has for every window "W", its number, and for every unit: table, window (as the unit says), then for reads and
 // writes the bytes taken, carried over and waiting, then beats of data read and written, the faults seen so far, and what
@@ -16,15 +17,16 @@ module bench #(
   // ---------------------------------------------------------------------------------------------- set-up
   integer script, trace, fields;
   // verilator lint_off UNUSEDSIGNAL
-  reg [31:0] cycles, windows, seed, latency, depth, longest, size;
+  reg [31:0] cycles, windows, seed, latency, hold, depth, longest, size;
   // verilator lint_on UNUSEDSIGNAL
   reg [8*UNITS-1:0] kinds;             // of each unit: reads in the low half, writes in the high half
   initial begin
-    cycles = 1024; windows = 10; seed = 1; latency = 20; depth = 64; longest = 16; size = 4; kinds = 0;
+    cycles = 1024; windows = 10; seed = 1; latency = 20; hold = 0; depth = 64; longest = 16; size = 4; kinds = 0;
     if (!$value$plusargs("cycles=%d", cycles)) $display("cycles: default");
     if (!$value$plusargs("windows=%d", windows)) $display("windows: default");
     if (!$value$plusargs("seed=%d", seed)) $display("seed: default");
     if (!$value$plusargs("latency=%d", latency)) $display("latency: default");
+    if (!$value$plusargs("hold=%d", hold)) $display("hold: default");
     if (!$value$plusargs("depth=%d", depth)) $display("depth: default");
     if (!$value$plusargs("longest=%d", longest)) $display("longest: default");
     if (!$value$plusargs("size=%d", size)) $display("size: default");
@@ -63,6 +65,28 @@ module bench #(
     end
   end
 
+  // AXI4-Lite: an order is shown for one cycle, its answer is taken two cycles after.
+  reg [1:0] since; reg [31:0] asked_at, asked_address;
+  wire answers = (since == 2'd2);
+  wire lite_writes = acts & (order == "l");
+  wire lite_reads = acts & (order == "a");
+  always @(posedge clk)
+    if (!rst_n) begin since <= 0; asked_at <= 0; asked_address <= 0; end
+    else if (lite_writes | lite_reads) begin since <= 2'd1; asked_at <= now; asked_address <= address; end
+    else since <= ((since == 0) | answers) ? 2'd0 : since + 2'd1;
+  // verilator lint_off UNUSEDSIGNAL
+  wire lite_awready, lite_wready, lite_arready; wire [1:0] lite_rresp;
+  // verilator lint_on UNUSEDSIGNAL
+  wire lite_bvalid, lite_rvalid, lite_write; wire [1:0] lite_bresp;
+  wire [25:0] lite_addr; wire [31:0] lite_rdata, lite_wdata;
+  halpipe_regulator_axil lite (
+    .clk(clk), .rst_n(rst_n), .s_awvalid(lite_writes), .s_awready(lite_awready), .s_awaddr(lite_writes ? address[25:0] : 26'd0),
+    .s_wvalid(lite_writes), .s_wready(lite_wready), .s_wdata(word), .s_wstrb(address[29:26]), .s_bvalid(lite_bvalid),
+    .s_bready(answers), .s_bresp(lite_bresp), .s_arvalid(lite_reads), .s_arready(lite_arready),
+    .s_araddr(lite_reads ? address[25:0] : 26'd0), .s_rvalid(lite_rvalid), .s_rready(answers), .s_rdata(lite_rdata), .s_rresp(lite_rresp),
+    .reg_write(lite_write), .reg_addr(lite_addr), .reg_wdata(lite_wdata), .reg_rdata(reg_rdata));
+  wire is_lite = lite_writes | lite_reads;
+
   // ---------------------------------------------------------------------------------------------- windows of the bench
   reg [31:0] left, number;
   wire ends = (left == 0);
@@ -79,14 +103,15 @@ module bench #(
   wire [8*UNITS-1:0] arlen, awlen;
   wire tick;
   halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .CYCLES(FIRST), .IMAGES("./")) dut (
-    .clk(clk), .rst_n(rst_n), .reg_write(acts & (order == "w")), .reg_addr(address[25:0]), .reg_wdata(word),
+    .clk(clk), .rst_n(rst_n), .reg_write(lite_write | (acts & (order == "w"))),
+    .reg_addr(is_lite ? lite_addr : address[25:0]), .reg_wdata(is_lite ? lite_wdata : word),
     .reg_rdata(reg_rdata), .tick(tick),
     .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready),
     .s_wvalid(s_wvalid), .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast),
     .arlen(arlen), .arsize({UNITS{size[2:0]}}), .awlen(awlen), .awsize({UNITS{size[2:0]}}));
   memory #(.PORTS(UNITS)) memory (
-    .clk(clk), .rst_n(rst_n), .depth(depth[6:0]), .latency(latency),
+    .clk(clk), .rst_n(rst_n), .depth(depth[9:0]), .latency(latency), .hold(hold),
     .ar_valid(m_arvalid), .ar_ready(m_arready), .ar_len(arlen), .aw_valid(m_awvalid), .aw_ready(m_awready),
     .aw_len(awlen), .w_valid(m_wvalid), .w_ready(m_wready), .r_beat(r_beat));
 
@@ -120,7 +145,7 @@ module bench #(
       .waiting(aw_waiting), .retracted(aw_retracted), .unequal(aw_unequal), .first(aw_first));
 
     // Data: beats in the window, and whether any was shown before its address.
-    reg [31:0] r_beats, w_beats, r_sum, w_sum; reg [15:0] addresses; reg early, moved;
+    reg [31:0] r_beats, w_beats, r_sum, w_sum; reg [15:0] addresses; reg early, held, many, moved;
     wire [31:0] r_now = r_sum + {31'd0, r_beat[i]};
     wire [31:0] w_now = w_sum + {31'd0, m_wvalid[i] & m_wready[i]};
     reg [31:0] table_before, window_before; reg ended;
@@ -130,12 +155,15 @@ module bench #(
     reg [31:0] rd_begin, wr_begin, rd_of, wr_of;
     always @(posedge clk)
       if (!rst_n) begin
-        r_beats <= 0; w_beats <= 0; r_sum <= 0; w_sum <= 0; addresses <= 0; early <= 0; moved <= 0; ended <= 0;
+        r_beats <= 0; w_beats <= 0; r_sum <= 0; w_sum <= 0; addresses <= 0; early <= 0; held <= 0; many <= 0;
+        moved <= 0; ended <= 0;
         table_before <= 0; window_before <= 32'hffffffff; table_of <= 0; window_of <= 0;
         rd_begin <= 0; wr_begin <= 0; rd_of <= 0; wr_of <= 0;
       end else begin
         addresses <= addresses + {15'd0, aw_first} - {15'd0, m_wvalid[i] & m_wready[i] & s_wlast[i]};
         if (m_wvalid[i] & (addresses == 0)) early <= 1;
+        if (s_wvalid[i] & ~m_wvalid[i] & (addresses != 0)) held <= 1;
+        if (addresses > 16'd255) many <= 1;
         table_before <= table_now; window_before <= window_now; ended <= ends;
         if (((table_before != table_now) | (window_before != window_now)) & ~ended) moved <= 1;
         if (tick != ends) moved <= 1;
@@ -150,7 +178,7 @@ module bench #(
           r_sum <= r_now; w_sum <= w_now;
         end
       end
-    wire [31:0] faults = {27'd0, moved, early, aw_unequal | ar_unequal, aw_retracted, ar_retracted};
+    wire [31:0] faults = {25'd0, many, held, moved, early, aw_unequal | ar_unequal, aw_retracted, ar_retracted};
     assign seen[416*i +: 416] = {wr_of, rd_of, faults, w_beats, r_beats, aw_waiting, aw_carried, aw_taken, ar_waiting, ar_carried, ar_taken,
                                  window_of, table_of};
   end endgenerate
@@ -160,6 +188,8 @@ module bench #(
   always @(posedge clk) begin
     report <= rst_n & ends & (number != 32'hffffffff);
     if (acts & (order == "r")) $fwrite(trace, "R %0d %0d %0d\n", now, address, reg_rdata);
+    if (answers & lite_rvalid) $fwrite(trace, "R %0d %0d %0d\n", asked_at, asked_address, lite_rdata);
+    if (answers & lite_bvalid) $fwrite(trace, "R %0d %0d %0d\n", asked_at, asked_address, lite_bresp);
     if (report) begin
       $fwrite(trace, "W %0d", number - 1);
       for (column = 0; column < 13 * UNITS; column = column + 1) $fwrite(trace, " %0d", seen[32*column +: 32]);

@@ -1,13 +1,14 @@
 // The shared memory: one beat in every cycle, reads and writes together, round robin over all queues. A read is served
-// LATENCY cycles after its address was taken, or later; a write when its data is there.
+// LATENCY cycles after its address was taken, or later; a write when its data is there, but none before cycle HOLD.
 `default_nettype none
 module memory #(
   parameter integer PORTS = 4
 )(
   input  wire               clk,
   input  wire               rst_n,
-  input  wire [6:0]         depth,       // addresses that a queue takes before it says no, 1..64
+  input  wire [9:0]         depth,       // addresses that a queue takes before it says no, 1..512
   input  wire [31:0]        latency,
+  input  wire [31:0]        hold,        // data of writes is not taken before this cycle
   input  wire [PORTS-1:0]   ar_valid,
   output wire [PORTS-1:0]   ar_ready,
   input  wire [8*PORTS-1:0] ar_len,
@@ -39,7 +40,7 @@ module memory #(
     memory_queue write (
       .clk(clk), .rst_n(rst_n), .now(now), .depth(depth), .latency(32'd0),
       .valid(aw_valid[p]), .ready(aw_ready[p]), .len(aw_len[8*p +: 8]),
-      .has_data(w_valid[p]), .want(want[2*p+1]), .grant(grant[2*p+1]));
+      .has_data(w_valid[p] & (now >= hold)), .want(want[2*p+1]), .grant(grant[2*p+1]));
     assign w_ready[p] = grant[2*p+1];
     assign r_beat[p] = grant[2*p];
   end endgenerate

@@ -4,7 +4,7 @@ module memory_queue (
   input  wire        clk,
   input  wire        rst_n,
   input  wire [31:0] now,
-  input  wire [6:0]  depth,
+  input  wire [9:0]  depth,
   input  wire [31:0] latency,
   input  wire        valid,
   output wire        ready,
@@ -13,10 +13,10 @@ module memory_queue (
   output wire        want,
   input  wire        grant
 );
-  reg [7:0]  beats [0:63];
-  reg [31:0] due [0:63];
-  reg [5:0]  head, tail;
-  reg [6:0]  count;
+  reg [7:0]  beats [0:511];
+  reg [31:0] due [0:511];
+  reg [8:0]  head, tail;
+  reg [9:0]  count;
   reg [7:0]  beat;
   // verilator lint_off UNUSEDSIGNAL
   wire [31:0] waited = now - due[head];
@@ -30,11 +30,11 @@ module memory_queue (
       head <= 0; tail <= 0; count <= 0; beat <= 0;
     end else begin
       if (push) begin
-        beats[tail] <= len; due[tail] <= now + latency; tail <= tail + 6'd1;
+        beats[tail] <= len; due[tail] <= now + latency; tail <= tail + 9'd1;
       end
       if (grant) beat <= pop ? 8'd0 : beat + 8'd1;
-      if (pop) head <= head + 6'd1;
-      count <= count + {6'd0, push} - {6'd0, pop};
+      if (pop) head <= head + 9'd1;
+      count <= count + {9'd0, push} - {9'd0, pop};
     end
 endmodule
 `default_nettype wire

@@ -46,23 +46,23 @@ module traffic #(
     end
 
   // Lengths of the bursts whose data is still to come.
-  reg [7:0] fifo [0:63];
-  reg [5:0] head, tail;
-  reg [6:0] held;
+  reg [7:0] fifo [0:511];
+  reg [8:0] head, tail;
+  reg [9:0] held;
   reg [7:0] beat;
   wire push = (DATA != 0) & (!valid || ready) & start & (x != 0);
   wire pop  = data_valid & data_ready & data_last;
-  assign fits = (DATA == 0) | (held < 7'd62);
+  assign fits = (DATA == 0) | (held < 10'd510);
   assign data_valid = (held != 0);
   assign data_last = (beat == fifo[head]);
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
       head <= 0; tail <= 0; held <= 0; beat <= 0;
     end else begin
-      if (push) begin fifo[tail] <= drawn; tail <= tail + 6'd1; end
+      if (push) begin fifo[tail] <= drawn; tail <= tail + 9'd1; end
       if (data_valid & data_ready) beat <= data_last ? 8'd0 : beat + 8'd1;
-      if (pop) head <= head + 6'd1;
-      held <= held + {6'd0, push} - {6'd0, pop};
+      if (pop) head <= head + 9'd1;
+      held <= held + {9'd0, push} - {9'd0, pop};
     end
 endmodule
 `default_nettype wire
