@@ -304,7 +304,7 @@ def test_every_table_is_stepped_through_to_its_end(files, tables, player):
 @icarus
 @pytest.mark.parametrize("cycles", sometimes_slow([800, 12_000], 1))
 def test_tables_that_were_not_played_to_their_end_are_named(files, monkeypatch, cycles):
-    monkeypatch.setitem(CYCLES, "icarus", (cycles, 100))
+    monkeypatch.setitem(CYCLES, "icarus", (3 * cycles, 300))
     monkeypatch.setitem(STEPPED_CYCLES, "icarus", cycles // 8)
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="icarus"))
     told = [line for line in checked.lines if "not played to the end" in line]

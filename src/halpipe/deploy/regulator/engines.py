@@ -77,7 +77,7 @@ class Verilator:
     def build(self, design: Design, folder: str) -> Player:
         """Compile, or take what an earlier check compiled."""
         versions = [_version([tool, "--version"]) for tool in ("verilator", "g++")]
-        name = design.digest(self.name, *versions)
+        name = design.digest(self.name, *versions, *_FLAGS)
         kept = cache_folder(CACHE)
         if kept is not None and is_ours(kept / name) and os.access(kept / name, os.X_OK):
             return Player((str(kept / name),))
@@ -113,12 +113,17 @@ Engine = Verilator | Icarus
 ENGINES = (Verilator(), Icarus())
 
 
+_FLAGS = (
+    *("--cc", "--exe", "--build", "-j", "1", "-O3", "--x-assign", "fast", "--noassert"),
+    *("-MAKEFLAGS", "OPT_GLOBAL=-O1"),  # Verilator's own library: most of the time of a build, little of a run
+)
+
+
 def _verilate(design: Design, folder: str) -> Path:
     names = _write(folder, {**design.sources, **design.for_verilator})
     parameters = [f"-G{name}={value}" for name, value in design.parameters.items()]
-    flags = ["--cc", "--exe", "--build", "-j", "1", "-O3", "--x-assign", "fast", "--noassert", "-CFLAGS", "-O2"]
     quiet = ["-Wno-fatal", "-Wno-lint", "-Wno-style", "--top-module", TOP, "--Mdir", "made", "-o", TOP]
-    _call(["verilator", *flags, *quiet, *parameters, *names], folder, BUILD_SECONDS)
+    _call(["verilator", *_FLAGS, *quiet, *parameters, *names], folder, BUILD_SECONDS)
     return Path(folder, "made", TOP)
 
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.stimuli import Run
 
 BENCH = files("halpipe.deploy.regulator") / "bench"
-CYCLES = {"verilator": (16_000_000, 2_000_000), "icarus": (200_000, 40_000)}
-"""Cycles of the greedy run and of each other, if the user does not say how many hyperperiods: some seconds."""
+CYCLES = {"verilator": (16_000_000, 3_000_000), "icarus": (800_000, 160_000)}
+"""Cycles of the greedy run and of each other, of all units together, if the user does not say how many hyperperiods."""
 
 STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}
 """Cycles of the run that steps through every table: whatever it takes, or what an interpreter does in some seconds."""
@@ -87,6 +87,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
         player = engine.build(design_of(bundle, tables), folder)
         for number, traffic in enumerate((stimuli.STEPPED, *stimuli.TRAFFIC)):
             share = STEPPED_CYCLES[engine.name] if traffic.is_silent else CYCLES[engine.name][number > 1]
+            share = share if traffic.is_silent else share // len(tables.units)
             length = traffic.cycles or tables.platform.window_cycles
             windows = 2**31 if cycles and not traffic.is_silent else max(4, share // length)
             run = stimuli.plan(tables, traffic, seed, windows=windows, repeats=1 if traffic.is_silent else cycles or 1)

@@ -218,7 +218,7 @@ class _Software:
         self.expected = [*[Expected(table=0, window=NOT_RUNNING)] * waiting, _CALM]
 
     def _write_beyond(self, cycle: int) -> int:
-        """Write the first header and the first entry that there are not; in a memory of their size they are number 0."""
+        """Write the first header and the first entry that there are not; in a memory of their size they are 0."""
         unit = self._draw.below(len(self._tables.units))
         if self._headers < MOST_TABLES:
             at = unit_address(unit, UNIT_HEADERS + 8 * self._headers)

@@ -102,6 +102,7 @@ module bench #(
   wire [UNITS-1:0] s_wvalid, s_wready, s_wlast, m_wvalid, m_wready, r_beat;
   wire [8*UNITS-1:0] arlen, awlen;
   wire tick;
+  reg gather = 0;                      // the figures of a window that just closed stand there
   halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .CYCLES(FIRST), .IMAGES("./")) dut (
     .clk(clk), .rst_n(rst_n), .reg_write(lite_write | (acts & (order == "w"))),
     .reg_addr(is_lite ? lite_addr : address[25:0]), .reg_wdata(is_lite ? lite_wdata : word),
@@ -115,7 +116,7 @@ module bench #(
     .ar_valid(m_arvalid), .ar_ready(m_arready), .ar_len(arlen), .aw_valid(m_awvalid), .aw_ready(m_awready),
     .aw_len(awlen), .w_valid(m_wvalid), .w_ready(m_wready), .r_beat(r_beat));
 
-  wire [32*13*UNITS-1:0] seen;         // a line of the trace
+  reg [31:0] seen [0:13*UNITS-1];      // a line of the trace, gathered in the cycle after a window
   genvar i;
   generate for (i = 0; i < UNITS; i = i + 1) begin : manager
     wire unused_data, unused_last;
@@ -179,20 +180,26 @@ module bench #(
         end
       end
     wire [31:0] faults = {25'd0, many, held, moved, early, aw_unequal | ar_unequal, aw_retracted, ar_retracted};
-    assign seen[416*i +: 416] = {wr_of, rd_of, faults, w_beats, r_beats, aw_waiting, aw_carried, aw_taken, ar_waiting, ar_carried, ar_taken,
-                                 window_of, table_of};
+    always @(posedge clk) if (gather) begin
+      seen[13*i] <= table_of; seen[13*i+1] <= window_of;
+      seen[13*i+2] <= ar_taken; seen[13*i+3] <= ar_carried; seen[13*i+4] <= ar_waiting;
+      seen[13*i+5] <= aw_taken; seen[13*i+6] <= aw_carried; seen[13*i+7] <= aw_waiting;
+      seen[13*i+8] <= r_beats; seen[13*i+9] <= w_beats; seen[13*i+10] <= faults;
+      seen[13*i+11] <= rd_of; seen[13*i+12] <= wr_of;
+    end
   end endgenerate
 
   // ---------------------------------------------------------------------------------------------- trace
   reg report = 0; integer column;
   always @(posedge clk) begin
-    report <= rst_n & ends & (number != 32'hffffffff);
+    gather <= rst_n & ends & (number != 32'hffffffff);
+    report <= gather;
     if (acts & (order == "r")) $fwrite(trace, "R %0d %0d %0d\n", now, address, reg_rdata);
     if (answers & lite_rvalid) $fwrite(trace, "R %0d %0d %0d\n", asked_at, asked_address, lite_rdata);
     if (answers & lite_bvalid) $fwrite(trace, "R %0d %0d %0d\n", asked_at, asked_address, lite_bresp);
     if (report) begin
       $fwrite(trace, "W %0d", number - 1);
-      for (column = 0; column < 13 * UNITS; column = column + 1) $fwrite(trace, " %0d", seen[32*column +: 32]);
+      for (column = 0; column < 13 * UNITS; column = column + 1) $fwrite(trace, " %0d", seen[column]);
       $fwrite(trace, "\n");
       if (number == windows) begin
         $fclose(trace);
