@@ -142,5 +142,5 @@ def simulated(files, engine):
 
 
 def refuted(files, part):
-    """Messages of the properties of a part that the solver refutes."""
-    return [d.message for proof in prove(bundles.target(files).bundle, part) for d in proof.findings]
+    """What the solver says of the properties of a part that it refutes."""
+    return [d for proof in prove(bundles.target(files).bundle, part) for d in proof.findings]
