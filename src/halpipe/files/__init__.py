@@ -33,7 +33,7 @@ from halpipe.files.writing import (
     write_output,
     write_outputs,
 )
-from halpipe.files.xml import BROKEN_XML, HAS_DOCTYPE, parse_large_xml, parse_xml
+from halpipe.files.xml import BROKEN_XML, HAS_DOCTYPE, LargeXmlParser, parse_xml
 from halpipe.files.yaml import BROKEN_YAML, YamlList, YamlMap, parse_yaml
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     "STDIO",
     "TOO_LARGE",
     "TOO_MUCH",
+    "LargeXmlParser",
     "SourceLines",
     "YamlList",
     "YamlMap",
@@ -61,7 +62,6 @@ __all__ = [
     "is_input",
     "mapped",
     "open_input",
-    "parse_large_xml",
     "parse_xml",
     "parse_yaml",
     "plain_files",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, Location, error
@@ -51,44 +52,67 @@ def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Ele
     return root
 
 
-def parse_large_xml(
-    stream: BinaryIO, name: str, tags: Collection[str], is_dropped: Callable[[etree._Element], bool]
-) -> etree._Element:
-    """Parse hostile XML in parts, leaving out elements of `tags` that are dropped as soon as they are complete.
+class LargeXmlParser:
+    """Parses hostile XML in parts, leaving out elements of `tags` that are dropped as soon as they are complete.
 
-    As `parse_xml`, but the memory grows with what is kept only, and no text has more than 10 MB.
+    As `parse_xml`, but the memory grows with what is kept only, and no text has more than 10 MB. Every tree keeps its
+    parser, so one should read all files.
     """
-    from lxml import etree
 
-    _refuse_doctype(stream.read(_HEAD_BYTES), name)
-    stream.seek(0)
-    parser = etree.iterparse(
-        stream,
-        events=("end",),
-        tag=list(tags),
-        remove_blank_text=True,
-        remove_comments=True,
-        remove_pis=True,
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        huge_tree=False,
-    )
-    try:
-        for _, element in parser:
-            holder = element.getparent()
-            if holder is not None and is_dropped(element):
-                holder.remove(element)
-    except (etree.XMLSyntaxError, ValueError) as failure:
-        raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
-    root: etree._Element = parser.root
-    docinfo: Any = root.getroottree().docinfo
-    if docinfo.doctype:
-        raise _doctype(name, 1)
-    return root
+    def __init__(self, tags: Collection[str]) -> None:
+        self._tags = tuple(tags)
+        self._parser: etree.XMLPullParser | None = None
+
+    def parse(
+        self,
+        stream: BinaryIO,
+        name: str,
+        is_dropped: Callable[[etree._Element], bool],
+        on_read: Callable[[int], None] | None = None,
+    ) -> etree._Element:
+        """Return the root of what is kept; `on_read` is told the bytes read so far."""
+        from lxml import etree
+
+        parser, self._parser = self._parser or self._new_parser(), None  # one that failed is of no more use
+        done = 0
+        try:
+            for chunk in iter(partial(stream.read, _CHUNK_BYTES), b""):
+                if not done:
+                    _refuse_doctype(chunk, name)
+                done += len(chunk)
+                parser.feed(chunk)
+                for _, element in parser.read_events():
+                    holder = element.getparent()
+                    if holder is not None and is_dropped(element):
+                        holder.remove(element)
+                if on_read:
+                    on_read(done)
+            root: etree._Element = parser.close()
+        except (etree.XMLSyntaxError, ValueError) as failure:
+            raise HalpipeError(*_syntax_errors(parser, failure, name)) from None
+        docinfo: Any = root.getroottree().docinfo
+        if docinfo.doctype:
+            raise _doctype(name, 1)
+        self._parser = parser
+        return root
+
+    def _new_parser(self) -> etree.XMLPullParser:
+        from lxml import etree
+
+        return etree.XMLPullParser(
+            events=("end",),
+            tag=self._tags,
+            remove_blank_text=True,
+            remove_comments=True,
+            remove_pis=True,
+            resolve_entities=False,
+            no_network=True,
+            load_dtd=False,
+            huge_tree=False,
+        )
 
 
-_HEAD_BYTES = 2**20
+_CHUNK_BYTES = 2**18  # of which the first has the whole prolog
 _LONG_TEXT = re.compile("Text node too long|huge text node|Buffer size limit|too big found")
 _PLAIN_ENCODING = re.compile(
     rb"""(?:\xef\xbb\xbf)?\s*<(?!\?xml(?![^>]*encoding=["'](?i:utf-8|us-ascii|iso-8859-1|windows-1252)["'])[^>]*encoding)"""

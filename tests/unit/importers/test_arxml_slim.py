@@ -21,7 +21,7 @@ from arxml_case import (
     write,
 )
 
-from halpipe.files import BROKEN_XML, HAS_DOCTYPE
+from halpipe.files import BROKEN_XML, HAS_DOCTYPE, xml
 from halpipe.importers.account import format_account
 from halpipe.importers.arxml.files import sniff
 
@@ -125,6 +125,25 @@ def test_progress_is_told_in_bytes(tmp_path):
     read(tmp_path, on_progress=lambda done, total: told.append((done, total)))
     sizes = {p: p.stat().st_size for p in (path, second)}
     assert told == [(0, sum(sizes.values())), (sizes[second], sum(sizes.values()))]
+
+
+@pytest.mark.usefixtures("large")
+def test_progress_is_told_inside_a_file_too(tmp_path, monkeypatch):
+    monkeypatch.setattr(xml, "_CHUNK_BYTES", 512)
+    path = system(tmp_path)
+    total = path.stat().st_size
+    told = []
+    read(path, on_progress=lambda done, total: told.append((done, total)))
+    assert told == [(min(done, total), total) for done in range(0, total + 512, 512)]
+
+
+@pytest.mark.usefixtures("large")
+def test_a_broken_file_does_not_spoil_the_next(tmp_path):
+    (tmp_path / "a.arxml").write_text("<AUTOSAR>")
+    write(tmp_path, package("T", PUMP), name="b.arxml")
+    found = read(tmp_path)
+    assert [task.name for task in found.model.tasks] == ["Pump/Step"]
+    assert "HAL0506" in {d.code for d in found.diagnostics}
 
 
 def test_only_large_inputs_are_slimmed():

@@ -6,12 +6,15 @@ Only what nothing else refers to, or is referred to by its path alone, may be le
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from lxml import etree
 
-_CONTAINER, _ADMIN = "ECUC-CONTAINER-VALUE", "ADMIN-DATA"
+_CONTAINER, _ADMIN, _PACKAGE = "ECUC-CONTAINER-VALUE", "ADMIN-DATA", "AR-PACKAGE"
 _PARAMETERS = ("ECUC-NUMERICAL-PARAM-VALUE", "ECUC-TEXTUAL-PARAM-VALUE")
 # How the definitions of containers begin that say what runs, when and where, by their module.
 _KEPT = {
@@ -56,6 +59,24 @@ STATIC-MEMORYS SW-DATA-DEF-PROPS
 """
 
 
+def tags_to_drop(namespace: str) -> list[str]:
+    """Return the tags, with their namespace, of what may be dropped, or is made smaller."""
+    tags = (*_ELEMENTS.split(), *_PARTS.split(), *_PARAMETERS, _CONTAINER, _ADMIN, _PACKAGE)
+    return [f"{{{namespace}}}{tag}" for tag in tags]
+
+
+@cache
+def _marked(namespace: str) -> Callable[[etree._Element], list[etree._Element]]:
+    """Return a query for what is in a package, but in no package inside it, with attributes that nothing reads."""
+    from lxml import etree
+
+    # lxml types the result of a query as anything that XPath can return.
+    where = "ar:ELEMENTS/descendant::*[@UUID or self::ar:DEFINITION-REF/@DEST]"
+    query: Any = etree.XPath(where, namespaces={"ar": namespace})
+    finds_elements: Callable[[etree._Element], list[etree._Element]] = query
+    return finds_elements
+
+
 class Slimming:
     """Decides what of one file is dropped, and remembers what that was.
 
@@ -65,50 +86,62 @@ class Slimming:
 
     def __init__(self, namespace: str) -> None:
         self._ns = f"{{{namespace}}}"
-        self.tags = [self._ns + tag for tag in (*_ELEMENTS.split(), *_PARTS.split(), *_PARAMETERS, _CONTAINER, _ADMIN)]
+        self._short_name, self._definition = self._ns + "SHORT-NAME", self._ns + "DEFINITION-REF"
+        self._numerical = self._ns + _PARAMETERS[0]
+        self._special = {
+            **dict.fromkeys((self._ns + tag for tag in _PARAMETERS), self._drops_parameter),
+            self._ns + _CONTAINER: self._drops_container,
+            self._ns + _ADMIN: self._drops_admin,
+            self._ns + _PACKAGE: self._strips,
+        }
+        self._marked = _marked(namespace)
         self.dropped: Counter[str] = Counter()
         self.symbols: dict[str, dict[str, int]] = {}
 
     def drops(self, element: etree._Element) -> bool:
         """Return whether a complete element is dropped, and count what is dropped with it."""
-        tag = str(element.tag).removeprefix(self._ns)
-        if tag in _PARAMETERS:
-            return self._drops_parameter(element)
-        if tag == _CONTAINER:
-            if self._keeps_container(element):
-                return False
-        elif tag == _ADMIN and any((e.get("GID") or "").startswith(_OWN) for e in element.iter(self._ns + "SDG")):
-            return False
-        for name in element.iter(self._ns + "SHORT-NAME"):
+        special = self._special.get(element.tag)
+        return self._count(element) if special is None else special(element)
+
+    def _count(self, element: etree._Element) -> bool:
+        """Count what is dropped with an element."""
+        for name in element.iter(self._short_name):
             holder = name.getparent()
             if holder is not None:
-                self.dropped[str(holder.tag).removeprefix(self._ns)] += 1
+                self.dropped[holder.tag.removeprefix(self._ns)] += 1
         return True
 
-    def strip(self, root: etree._Element) -> None:
-        """Remove the attributes that nothing reads from what was kept."""
-        for element in root.iterfind(".//*[@UUID]"):
-            del element.attrib["UUID"]
-        for element in root.iter(self._ns + "DEFINITION-REF"):
+    def _strips(self, package: etree._Element) -> bool:
+        """Remove the attributes that nothing reads from what is kept of a package; it stays."""
+        for element in self._marked(package):
+            element.attrib.pop("UUID", None)
             element.attrib.pop("DEST", None)
+        return False
 
-    def _keeps_container(self, container: etree._Element) -> bool:
-        steps = self._definition(container)
+    def _drops_container(self, container: etree._Element) -> bool:
+        steps = self._steps(container)
         for module, kinds in _KEPT.items():
             if module in steps:
-                return steps[-1].startswith(kinds)
-        return False
+                return not steps[-1].startswith(kinds) and self._count(container)
+        return self._count(container)
+
+    def _drops_admin(self, admin: etree._Element) -> bool:
+        return not any((e.get("GID") or "").startswith(_OWN) for e in admin.iter(self._ns + "SDG"))
 
     def _drops_parameter(self, value: etree._Element) -> bool:
         """Drop a parameter that nothing reads; one that a symbolic period may be the name of is remembered."""
-        steps = self._definition(value)
-        if steps[-1].startswith(_KEPT_PARAMETERS) or ("Os" in steps and value.tag == self._ns + _PARAMETERS[0]):
+        steps = self._steps(value)
+        if steps[-1].startswith(_KEPT_PARAMETERS) or (value.tag == self._numerical and "Os" in steps):
             return False
-        definition = value.find(self._ns + "DEFINITION-REF")
-        text = (value.findtext(self._ns + "VALUE") or "").strip()
-        if definition is not None and text and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):
-            self.symbols.setdefault(steps[-1], {}).setdefault(text, value.sourceline or 0)
+        definition = value.find(self._definition)
+        if definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):
+            text = (value.findtext(self._ns + "VALUE") or "").strip()
+            if text:
+                self.symbols.setdefault(steps[-1], {}).setdefault(text, value.sourceline or 0)
         return True
 
-    def _definition(self, element: etree._Element) -> list[str]:
-        return "".join((element.findtext(self._ns + "DEFINITION-REF") or "").split()).split("/")
+    def _steps(self, element: etree._Element) -> list[str]:
+        """Return the short names of the path of a definition."""
+        for definition in element.iterchildren(self._definition):
+            return "".join((definition.text or "").split()).split("/")
+        return [""]

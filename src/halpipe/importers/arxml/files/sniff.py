@@ -16,22 +16,22 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.files import (
     MAX_INPUT_BYTES,
     STDIO,
+    LargeXmlParser,
     find_inputs,
     input_size,
     open_input,
-    parse_large_xml,
     parse_xml,
     read_bytes,
 )
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
-from halpipe.importers.arxml.files.slim import Slimming
+from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
 from halpipe.importers.arxml.files.spelling import report_misspelt
 from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
 from halpipe.importers.inputs import read_inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, KeysView, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from lxml import etree
 
@@ -63,12 +63,12 @@ class Document:
     release: str = ""
     dropped: Counter[str] = field(default_factory=Counter)
     symbols: dict[str, dict[str, int]] = field(default_factory=dict)
-    tags: KeysView[str] = field(init=False)
+    tags: tuple[str, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         tags = cast("Iterable[str]", map(attrgetter("tag"), self.root.iter("{*}*")))
         shared = map(sys.intern, dict.fromkeys(tags))  # thousands of files have the same few hundred tags
-        object.__setattr__(self, "tags", dict.fromkeys(shared).keys())
+        object.__setattr__(self, "tags", tuple(shared))
 
 
 def load(
@@ -86,8 +86,9 @@ def load(
     """
     suffixes = (".arxml", ".xdm")
     is_large = not whole and sum(map(input_size, find_inputs(paths, suffixes))) > LARGE_INPUT
-    read = read_slim if is_large else read_whole
-    documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings, on_progress)
+    slim = SlimReader(on_progress)
+    read, note = (slim, slim.show) if is_large else (read_whole, on_progress)
+    documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings, note)
     findings.stop_on_errors()
     _report_releases(documents, findings)
     for document in documents:
@@ -100,23 +101,39 @@ def read_whole(name: str) -> Document:
     return recognise(parse_xml(read_bytes(name), name, long_texts=True), name)
 
 
-def read_slim(name: str) -> Document:
-    """Parse a file of a large input, without what cannot matter to timing."""
-    if name == STDIO:
-        return read_whole(name)
-    slim = Slimming(NAMESPACE)
-    try:
-        with open_input(name) as stream:
-            root = parse_large_xml(stream, name, slim.tags, slim.drops)
-    except HalpipeError:
-        if not 0 < input_size(name) <= MAX_INPUT_BYTES:
-            raise
-        return read_whole(name)  # which has no limit on texts, and finds every syntax error
-    slim.strip(root)
-    document = recognise(root, name)
-    document.dropped.update(slim.dropped)
-    document.symbols.update(slim.symbols)
-    return document
+class SlimReader:
+    """Parses the files of a large input, without what cannot matter to timing."""
+
+    def __init__(self, on_progress: Callable[[int, int], None] | None = None) -> None:
+        self._on_progress = on_progress
+        self._parser = LargeXmlParser(tags_to_drop(NAMESPACE))
+        self._done = self._total = 0
+
+    def show(self, done: int, total: int) -> None:
+        """Tell how many bytes of all files are read before the next one."""
+        self._done, self._total = done, total
+        self._show(0)
+
+    def _show(self, read: int) -> None:
+        if self._on_progress:
+            self._on_progress(self._done + read, self._total)
+
+    def __call__(self, name: str) -> Document:
+        """Parse a file."""
+        if name == STDIO:
+            return read_whole(name)
+        slim = Slimming(NAMESPACE)
+        try:
+            with open_input(name) as stream:
+                root = self._parser.parse(stream, name, slim.drops, self._show)
+        except HalpipeError:
+            if not 0 < input_size(name) <= MAX_INPUT_BYTES:
+                raise
+            return read_whole(name)  # which has no limit on texts, and finds every syntax error
+        document = recognise(root, name)
+        document.dropped.update(slim.dropped)
+        document.symbols.update(slim.symbols)
+        return document
 
 
 def recognise(root: etree._Element, name: str) -> Document:

@@ -88,7 +88,7 @@ class Data:
 
 def each_data(tree: Tree, node: Node, kind: str) -> Iterator[Data]:
     """Yield the special data of a kind that an element has."""
-    for element, file in node.elements("ADMIN-DATA/SDGS/SDG"):
+    for element, file in tree.elements(node, "ADMIN-DATA/SDGS/SDG"):
         if element.get("GID") == _PREFIX + kind:
             yield Data(tree, node, element, file)
 

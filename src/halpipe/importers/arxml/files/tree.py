@@ -185,7 +185,7 @@ class Tree:
         self.dropped: Counter[str] = Counter()
         self.symbols: dict[str, list[Text]] = {}
         for document in documents:
-            self._tags |= document.tags
+            self._tags.update(document.tags)
             self.dropped += document.dropped
             for name, values in document.symbols.items():
                 found = [Text(value, Location(document.name, line)) for value, line in values.items()]

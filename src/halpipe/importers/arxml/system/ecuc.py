@@ -12,7 +12,7 @@ from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.files.special import Data, each_data
-from halpipe.importers.arxml.files.tree import NS, place
+from halpipe.importers.arxml.files.tree import NS, place, qualified
 from halpipe.importers.arxml.system.values import (
     Configuration,
     Core,
@@ -30,13 +30,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from fractions import Fraction
 
+    from lxml import etree
+
     from halpipe.importers.arxml.files.tree import Node, Ref, Tree
 
 _MODULES = ("Os", "Rte", "EcuC")
 _CONTAINER = "ECUC-CONTAINER-VALUE"
 _MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
 _FREQUENCIES = ("OsTickFrequency", "ArcOsTickFrequency")  # of the OsOS of some vendors, in ticks per second
-_VALUE_PATHS = ("VALUE-REF", "VALUE-IREF/TARGET-REF")
+_VALUE_PATHS = tuple(map(qualified, ("VALUE-REF", "VALUE-IREF/TARGET-REF")))
 
 
 class Container:
@@ -46,6 +48,8 @@ class Container:
         self.node = node
         self.kind = kind
         self._tree = tree
+        self._parameters: dict[str, list[tuple[etree._Element, str]]] | None = None
+        self._references: dict[str, list[tuple[etree._Element, str]]] | None = None
 
     def data(self) -> list[Data]:
         """Return the special data of a container that halpipe put on top of a project."""
@@ -59,9 +63,9 @@ class Container:
     def value(self, name: str) -> Stated | None:
         """Return the parameter `name`; report a conflict if two parts of the container state it differently."""
         first: Stated | None = None
-        for element, file in self.node.elements("PARAMETER-VALUES/*"):
-            if _last(element.findtext(NS + "DEFINITION-REF")) != name:
-                continue
+        if self._parameters is None:
+            self._parameters = self._by_definition("PARAMETER-VALUES/*")
+        for element, file in self._parameters.get(name, ()):
             text = (element.findtext(NS + "VALUE") or "").strip()
             found = Stated(text, place(element, file))
             if first is None:
@@ -90,16 +94,24 @@ class Container:
 
     def refs(self, *names: str) -> list[Ref]:
         """Return the targets of the references called one of `names`."""
-        found = []
-        for element, file in self.node.elements("REFERENCE-VALUES/*"):
-            if _last(element.findtext(NS + "DEFINITION-REF")) not in names:
-                continue
-            for path in _VALUE_PATHS:
-                value = element.find("/".join(NS + step for step in path.split("/")))
-                ref = self._tree.reference(self.node, value, file) if value is not None else None
-                if ref is not None:
-                    found.append(ref)
-        return list({ref.path: ref for ref in found}.values())
+        if self._references is None:
+            self._references = self._by_definition("REFERENCE-VALUES/*")
+        found: dict[str, Ref] = {}
+        for name in names:
+            for element, file in self._references.get(name, ()):
+                for path in _VALUE_PATHS:
+                    value = element.find(path)
+                    ref = self._tree.reference(self.node, value, file) if value is not None else None
+                    if ref is not None:
+                        found[ref.path] = ref
+        return list(found.values())
+
+    def _by_definition(self, path: str) -> dict[str, list[tuple[etree._Element, str]]]:
+        """Return values with their files by the short names of their definitions."""
+        found: dict[str, list[tuple[etree._Element, str]]] = {}
+        for element, file in self.node.elements(path):
+            found.setdefault(_last(element.findtext(NS + "DEFINITION-REF")), []).append((element, file))
+        return found
 
     def targets(self, *names: str) -> list[str]:
         """Return the paths of the existing targets of references; report those that dangle."""
