@@ -22,7 +22,7 @@ uses_tmp_path = examples(60, HealthCheck.function_scoped_fixture)
 
 def entries(stated):
     return tuple(
-        TaskEntry(pattern=p, at=Location("o", n), common=VersionEntry(wcet=Stated(ms(w), Location("o", n))))
+        TaskEntry(pattern=p, at=Location("o", n), common=VersionEntry(stated={"wcet": Stated(ms(w), Location("o", n))}))
         for n, (p, w) in enumerate(stated, 1)
     )
 

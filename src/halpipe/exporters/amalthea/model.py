@@ -13,6 +13,7 @@ from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, 
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
 from halpipe.exporters.selection import require_mode, select
+from halpipe.models.attributes import texts
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.amalthea import AmaltheaOptions
-    from halpipe.models import HealthRule, Schedule, TaskModel, Transition
+    from halpipe.models import HealthRule, Schedule, TaskModel
 
 
 def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:
@@ -42,7 +43,7 @@ def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etre
     add_property(root, "name", model.name)
     add_property(root, "modes", "literals" if model.modes else NONE)
     if model.transitions:
-        add_structure(root, "transitions", [_transition(transition) for transition in model.transitions])
+        add_structure(root, "transitions", [texts(transition) for transition in model.transitions])
     if model.health:
         add_structure(root, "health", [_rule(rule) for rule in model.health])
     definitions = definitions_of(model)
@@ -56,13 +57,6 @@ def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etre
     write_constraints(add(root, "constraintsModel"), model, events, software.runnables)
     write_mapping(add(root, "mappingModel"), model, stimuli)
     return root
-
-
-def _transition(transition: Transition) -> dict[str, str]:
-    found = {"from": transition.source, "to": transition.target}
-    if transition.max_length is not None:
-        found["max-length"] = str(transition.max_length)
-    return found
 
 
 def _rule(rule: HealthRule) -> dict[str, str | int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.amalthea.document import Unique, add, add_property, add_structure, named, ref, refs
+from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,8 +42,7 @@ def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mappin
         element.set("frequencyDomain", ref("FrequencyDomain", _CLOCK))
         element.set("definition", ref("ProcessingUnitDefinition", definitions[unit.type]))
         if unit.interrupts:
-            served = [{"name": i.name, "distance": str(i.distance), "wcet": str(i.wcet)} for i in unit.interrupts]
-            add_structure(element, "interrupts", served)
+            add_structure(element, "interrupts", [texts(interrupt) for interrupt in unit.interrupts])
     for resource in model.resources:
         element = named(structure, "modules", "Memory", resource.name, typed=True)
         element.set("definition", ref("MemoryDefinition", resource.name))

@@ -15,8 +15,9 @@ from halpipe.exporters.amalthea.document import (
     ref,
 )
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import WHOLE, AccessKind, Binding
-from halpipe.quantities import format_rational, format_size
+from halpipe.models import WHOLE, AccessKind
+from halpipe.models.attributes import texts
+from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from halpipe.models import Access, Split, Task, TaskModel, Version
 
 _MODES = "SystemMode"
+_WITH_ELEMENTS = ("name", "period", "offset", "slack", "deadline")
+"""Attributes of a task that AMALTHEA has elements for; the others are custom properties."""
 
 
 class Software:
@@ -63,10 +66,8 @@ class Software:
         add_property(element, "period", _text(task.period))
         add_property(element, "offset", _text(task.offset))
         add_property(element, "slack", format_rational(task.slack))
-        if task.distance is not None:
-            add_property(element, "distance", str(task.distance))
-        if task.binding is not Binding.JOB:
-            add_property(element, "binding", str(task.binding))
+        for name, text in texts(task, *_WITH_ELEMENTS).items():
+            add_property(element, name, text)
         graph = add(element, "activityGraph")
         if len(task.versions) == 1:
             self._call(graph, task, task.versions[0])
@@ -86,8 +87,8 @@ class Software:
         add_property(element, "version", version.name)
         add_property(element, "wcet", _text(version.wcet))
         add_property(element, "units", " ".join(version.units))
-        if version.gang != 1:
-            add_property(element, "gang", str(version.gang))
+        for name, text in (texts(version, "name", "wcet") | texts(version, "names", element="units")).items():
+            add_property(element, name, text)
         if version.accesses:
             add_structure(element, "accesses", [_access(access) for access in version.accesses])
         if version.split != WHOLE:
@@ -158,19 +159,8 @@ def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: 
 
 
 def _access(access: Access) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        "resource": access.resource,
-        "start": str(access.start),
-        "end": str(access.end),
-        "bound": format_rational(access.bound),
-    }
-    if access.kind is not None:
-        found["kind"] = str(access.kind)
-    if access.transfers:
-        found["transfers"] = [
-            {"buffer": t.buffer, "symbol": t.symbol, "size": format_size(t.size)} for t in access.transfers
-        ]
-    return found
+    moved = [texts(transfer) for transfer in access.transfers]
+    return {**texts(access), **({"transfers": moved} if moved else {})}
 
 
 def _preemption(task: Task) -> str:
@@ -184,12 +174,9 @@ def _split(split: Split) -> dict[str, Any]:
     found: dict[str, Any] = {"points": [str(point) for point in split.points]} if split.points else {}
     if split.anywhere:
         found["anywhere"] = True
-    if split.resume:
-        found["resume"] = str(split.resume)
+    found |= texts(split)
     if split.max_gaps is not None:
         found["max-gaps"] = split.max_gaps
-    if split.min_part is not None:
-        found["min-part"] = str(split.min_part)
     return found
 
 

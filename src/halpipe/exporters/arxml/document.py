@@ -6,11 +6,12 @@ import math
 import re
 from decimal import Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
 from halpipe.exporters.arxml import RELEASES
+from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration
@@ -98,6 +99,12 @@ def sd(parent: etree._Element, key: str, value: object) -> None:
     """Append a value to a group; None is left out."""
     if value is not None:
         add(parent, "SD", str(value)).set("GID", key)
+
+
+def sd_attributes(parent: etree._Element, value: Any, *without: str, element: str = "") -> None:
+    """Append the attributes of an element of the model to a group."""
+    for name, text in texts(value, *without, element=element).items():
+        sd(parent, name, text)
 
 
 def sdx(parent: etree._Element, dest: str, path: str) -> None:

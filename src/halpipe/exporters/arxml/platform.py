@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import add, group, named, origin_of, package, ref, sd, special
-from halpipe.quantities import format_bandwidth
+from halpipe.exporters.arxml.document import add, group, named, origin_of, package, ref, sd_attributes, special
 
 if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.layout import Layout
-    from halpipe.models import Origin, TaskModel
+    from halpipe.models import Resource, TaskModel, Unit
 
 
 def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -> None:
@@ -20,18 +19,13 @@ def write_platform(packages: etree._Element, model: TaskModel, layout: Layout) -
     for category in ("ProcessingUnit", "Memory"):
         named(elements, "HW-CATEGORY", category)
     for unit in model.units:
-        data = {"name": unit.name, "type": unit.type or None}
-        group_of = _element(elements, layout, layout.units[unit.name], "unit", "ProcessingUnit", data, unit.origin)
+        group_of = _element(elements, layout, layout.units[unit.name], "unit", "ProcessingUnit", unit)
         for interrupt in unit.interrupts:
             inner = group(group_of, "interrupt")
-            sd(inner, "name", interrupt.name)
-            sd(inner, "distance", interrupt.distance)
-            sd(inner, "wcet", interrupt.wcet)
+            sd_attributes(inner, interrupt)
             origin_of(inner, interrupt.origin)
     for resource in model.resources:
-        bandwidth = None if resource.bandwidth is None else format_bandwidth(resource.bandwidth)
-        data = {"name": resource.name, "bandwidth": bandwidth}
-        _element(elements, layout, layout.resources[resource.name], "resource", "Memory", data, resource.origin)
+        _element(elements, layout, layout.resources[resource.name], "resource", "Memory", resource)
 
 
 def _element(
@@ -40,14 +34,12 @@ def _element(
     short_name: str,
     kind: str,
     category: str,
-    data: dict[str, str | None],
-    origin: Origin | None,
+    stated: Unit | Resource,
 ) -> etree._Element:
     element = named(elements, "HW-ELEMENT", short_name)
     found = special(element, kind)
-    for key, value in data.items():
-        sd(found, key, value)
-    origin_of(found, origin)
+    sd_attributes(found, stated)
+    origin_of(found, stated.origin)
     path = layout.path("Platform", category)
     ref(add(element, "HW-CATEGORY-REFS"), "HW-CATEGORY-REF", "HW-CATEGORY", path)
     return found

@@ -15,13 +15,13 @@ from halpipe.exporters.arxml.document import (
     package,
     ref,
     sd,
+    sd_attributes,
     sdx,
     seconds_text,
     special,
 )
 from halpipe.exporters.arxml.layout import EVENT
-from halpipe.models import WHOLE, Binding
-from halpipe.quantities import format_rational, format_size
+from halpipe.models import WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -68,10 +68,7 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
     data = special(runnable, "task")
     sd(data, "name", task.name)
     sd(data, "period", task.period if rounded else None)
-    sd(data, "slack", format_rational(task.slack) if task.slack else None)
-    sd(data, "offset", task.offset)
-    sd(data, "distance", task.distance)
-    sd(data, "binding", task.binding if task.binding is not Binding.JOB else None)
+    sd_attributes(data, task, "name", "period", "deadline")
     origin_of(data, task.origin)
     add(runnable, "SYMBOL", layout.tasks[task.name])
 
@@ -98,7 +95,8 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
     data = special(element, "version")
     sd(data, "name", version.name)
     sd(data, "wcet", version.wcet if version.wcet is not None and is_rounded(version.wcet) else None)
-    sd(data, "gang", version.gang if version.gang != 1 else None)
+    sd_attributes(data, version, "name", "wcet")
+    sd_attributes(data, version, "names", element="units")
     if version.units:
         units = group(data, "units")
         for unit in version.units:
@@ -128,31 +126,21 @@ def _split(data: etree._Element, split: Split) -> None:
     for point in split.points:
         sd(data, "point", point)
     sd(data, "anywhere", "true" if split.anywhere else None)
-    sd(data, "resume", split.resume if split.resume else None)
-    sd(data, "max-gaps", split.max_gaps)
-    sd(data, "min-part", split.min_part)
+    sd_attributes(data, split)
 
 
 def _access(data: etree._Element, access: Access, layout: Layout) -> None:
     element = group(data, "access")
     sdx(element, "HW-ELEMENT", layout.resource(access.resource))
-    sd(element, "start", access.start)
-    sd(element, "end", access.end)
-    sd(element, "bound", format_rational(access.bound))
-    sd(element, "kind", access.kind)
+    sd_attributes(element, access, "resource")
     for transfer in access.transfers:
-        inner = group(element, "transfer")
-        sd(inner, "buffer", transfer.buffer)
-        sd(inner, "symbol", transfer.symbol)
-        sd(inner, "size", format_size(transfer.size))
+        sd_attributes(group(element, "transfer"), transfer)
 
 
 def _precedence(data: etree._Element, precedence: Precedence, layout: Layout) -> None:
     element = group(data, "precedence")
     sdx(element, "RUNNABLE-ENTITY", layout.runnable(precedence.task))
-    sd(element, "from", precedence.anchor)
-    sd(element, "min", precedence.min)
-    sd(element, "max", precedence.max)
+    sd_attributes(element, precedence, "task")
     origin_of(element, precedence.origin)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO, Duration
+from halpipe.durations import Duration
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.properties import (
@@ -23,8 +23,6 @@ from halpipe.importers.amalthea.stimuli import PERIODIC, Activation, activations
 from halpipe.models import (
     WHOLE,
     Access,
-    AccessKind,
-    Binding,
     HealthAction,
     HealthEvent,
     HealthRule,
@@ -33,20 +31,23 @@ from halpipe.models import (
     Run,
     Source,
     Split,
+    Task,
     Transfer,
     Transition,
     Version,
 )
-from halpipe.quantities import parse_rational, parse_size
+from halpipe.models.attributes import attributes, read_attributes
+from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.models import Task
 
 _PERIOD = "period"
+_WITH_ELEMENTS = ("name", "period", "offset", "slack", "deadline")
+"""Attributes of a task that are read together with the elements that AMALTHEA has for them."""
 _VERSION = "version"
 _NANOSECOND = Duration(1)
 
@@ -92,20 +93,18 @@ def slack_of(forest: Forest, task: Item) -> Fraction:
     return value_of(forest, task, "slack", parse_rational) or Fraction(0)
 
 
-def binding_of(forest: Forest, task: Item) -> Binding:
-    """Return the binding of a carried task."""
-    return value_of(forest, task, "binding", Binding) or Binding.JOB
+def attributes_of(forest: Forest, task: Item) -> dict[str, Any]:
+    """Return the attributes of a carried task that AMALTHEA has no elements for, by field."""
+    wanted = (one for one in attributes(Task) if one.name not in _WITH_ELEMENTS)
+    found = {one.field: value_of(forest, task, one.name, one.codec.parse) for one in wanted}
+    return {field: value for field, value in found.items() if value is not None}
 
 
 def interrupts_of(unit: Item) -> tuple[Interrupt, ...]:
     """Return the interrupts that halpipe wrote to a unit; none if they cannot be read."""
     try:
         return tuple(
-            Interrupt(
-                name=legal(found["name"]),
-                distance=Duration.parse(found["distance"]),
-                wcet=Duration.parse(found["wcet"]),
-            )
+            Interrupt(**{**read_attributes(Interrupt, found), "name": legal(found["name"])})
             for found in structure(text_of(unit, "interrupts") or "[]")
         )
     except (ValueError, KeyError, TypeError, AttributeError):
@@ -189,17 +188,12 @@ def _accesses(text: str) -> tuple[Access, ...]:
 
 
 def _access(found: Mapping[str, Any]) -> Access:
-    return Access(
-        resource=found["resource"],
-        start=Duration.parse(found["start"]),
-        end=Duration.parse(found["end"]),
-        bound=parse_rational(found["bound"]),
-        kind=AccessKind(found["kind"]) if "kind" in found else None,
-        transfers=tuple(
-            Transfer(buffer=legal(t["buffer"]), symbol=legal(t["symbol"]), size=parse_size(t["size"]))
-            for t in found.get("transfers", ())
-        ),
-    )
+    return Access(**read_attributes(Access, found), transfers=tuple(map(_transfer, found.get("transfers", ()))))
+
+
+def _transfer(found: Mapping[str, Any]) -> Transfer:
+    names = {field: legal(found[field]) for field in ("buffer", "symbol")}
+    return Transfer(**{**read_attributes(Transfer, found), **names})
 
 
 def _split(text: str) -> Split:
@@ -207,9 +201,7 @@ def _split(text: str) -> Split:
     return Split(
         points=tuple(Duration.parse(point) for point in found.get("points", ())),
         anywhere=found.get("anywhere") is True,
-        resume=Duration.parse(found["resume"]) if "resume" in found else ZERO,
-        max_gaps=int(found["max-gaps"]) if "max-gaps" in found else None,
-        min_part=Duration.parse(found["min-part"]) if "min-part" in found else None,
+        **read_attributes(Split, found),
     )
 
 
@@ -269,14 +261,7 @@ def transitions_of(forest: Forest, modes: Sequence[Mode]) -> tuple[Transition, .
 
 
 def _transitions(text: str) -> tuple[Transition, ...]:
-    return tuple(
-        Transition(
-            source=t["from"],
-            target=t["to"],
-            max_length=Duration.parse(t["max-length"]) if "max-length" in t else None,
-        )
-        for t in structure(text)
-    )
+    return tuple(Transition(**read_attributes(Transition, found)) for found in structure(text))
 
 
 def rules_of(forest: Forest, tasks: Sequence[Task], modes: Sequence[Mode]) -> tuple[HealthRule, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
@@ -221,16 +221,15 @@ class TaskBuilder:
 
     def _binding(self, draft: Draft) -> Binding:
         """Return `system` for a task that is allocated to one unit: a job of it never runs elsewhere."""
-        if carried.is_carried(draft.task):
-            return carried.binding_of(self._forest, draft.task)
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         return Binding.SYSTEM if bound is not None and len(bound) == 1 else Binding.JOB
 
-    def _distance(self, draft: Draft) -> Duration | None:
-        """Return how far arrivals are apart at least; a model of ours may say it of a task that no stimulus starts."""
+    def _attributes(self, draft: Draft) -> dict[str, Any]:
+        """Return what a task says besides its times: a model of ours all that it has, others what AMALTHEA tells."""
         if carried.is_carried(draft.task):
-            return carried.distance_of(self._forest, draft.task)
-        return None if draft.activation is None else draft.activation.distance
+            return carried.attributes_of(self._forest, draft.task)
+        distance = None if draft.activation is None else draft.activation.distance
+        return {"distance": distance, "binding": self._binding(draft)}
 
     def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
@@ -247,8 +246,7 @@ class TaskBuilder:
             slack=limits.slack,
             offset=None if draft.activation is None else draft.activation.offset,
             deadline=limits.deadline,
-            distance=self._distance(draft),
-            binding=self._binding(draft),
+            **self._attributes(draft),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )

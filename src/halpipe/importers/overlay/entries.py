@@ -7,18 +7,16 @@ overlay as their origin.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-    from fractions import Fraction
 
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
     from halpipe.importers.overlay.use import OverlayUse
     from halpipe.models import (
         Access,
-        Binding,
         Chain,
         HealthRule,
         Interrupt,
@@ -34,18 +32,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VersionEntry:
-    """What an overlay states of a version; None is left to less specific entries, then to the source.
+    """What an overlay states of a version; what is not there is left to less specific entries, then to the source.
 
-    Of `split` only the points, or that it is anywhere, are meant; its settings are stated one by one.
+    `stated` has attributes of the version and of its split, by field; of `units`, patterns. Of `split` only the
+    points, or that it is anywhere, are meant.
     """
 
-    wcet: Stated[Duration] | None = None
-    units: Stated[tuple[str, ...]] | None = None
-    gang: Stated[int] | None = None
+    stated: Mapping[str, Stated[Any]] = field(default_factory=dict)
     split: Stated[Split] | None = None
-    resume: Stated[Duration] | None = None
-    max_gaps: Stated[int] | None = None
-    min_part: Stated[Duration] | None = None
     accesses: Stated[tuple[Access, ...]] | None = None
     precedences: Stated[tuple[Precedence, ...]] | None = None
     source: Stated[Source] | None = None
@@ -53,16 +47,14 @@ class VersionEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskEntry:
-    """What an overlay states of the tasks that `pattern` matches; `common` holds for all their versions."""
+    """What an overlay states of the tasks that `pattern` matches; `common` holds for all their versions.
+
+    `stated` has attributes of the tasks by field.
+    """
 
     pattern: str
     at: Location
-    period: Stated[Duration] | None = None
-    slack: Stated[Fraction] | None = None
-    offset: Stated[Duration] | None = None
-    deadline: Stated[Duration] | None = None
-    distance: Stated[Duration] | None = None
-    binding: Stated[Binding] | None = None
+    stated: Mapping[str, Stated[Any]] = field(default_factory=dict)
     drop: Stated[bool] | None = None
     common: VersionEntry = field(default_factory=VersionEntry)
     versions: Mapping[str, Stated[VersionEntry]] = field(default_factory=dict)

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.durations import Duration
 from halpipe.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
@@ -15,12 +14,7 @@ from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay
 from halpipe.importers.overlay.patterns import MAX_GLOBS, is_glob
 from halpipe.models import (
     Access,
-    AccessKind,
-    Anchor,
-    Binding,
     Chain,
-    HealthAction,
-    HealthEvent,
     HealthRule,
     Interrupt,
     Origin,
@@ -28,15 +22,19 @@ from halpipe.models import (
     Resource,
     Source,
     Split,
+    Task,
     Transfer,
     Transition,
     Unit,
+    Version,
 )
-from halpipe.quantities import parse_bandwidth, parse_size
-from halpipe.settings import BAD_VALUE, Fields, Stated, Words
+from halpipe.models.attributes import attributes
+from halpipe.settings import BAD_VALUE, Fields, Stated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from halpipe.models.attributes import Attribute
 
 T = TypeVar("T")
 E = TypeVar("E", Unit, Resource)
@@ -46,18 +44,24 @@ FORMAT_VERSION = "1"
 
 _TOP = (FORMAT, "platform", "sources", "tasks", "precedence", "modes", "transitions", "chains", "health", "drop")
 _PLATFORM = ("units", "resources", "interrupts")
-_INTERRUPT = ("name", "distance", "wcet")
-_SPLIT = ("split", "resume", "max-gaps", "min-part")
-_VERSION = ("wcet", "units", "gang", *_SPLIT, "access", "precedence", "source")
-_TASK = ("period", "slack", "offset", "deadline", "distance", "binding", "drop", *_VERSION, "versions")
-_ACCESS = ("resource", "start", "end", "bound", "kind", "transfers")
-_WINDOW = ("from", "after", "min", "max")
-_ANCHORS = tuple(str(anchor) for anchor in Anchor)
-_KINDS = tuple(str(kind) for kind in AccessKind)
-_RULE = ("task", "on", "count", "cycles", "action", "mode")
-_EVENTS = tuple(str(event) for event in HealthEvent)
-_ACTIONS = tuple(str(action) for action in HealthAction)
-_BINDINGS = tuple(str(binding) for binding in Binding)
+
+
+def _names(kind: type, *without: str) -> tuple[str, ...]:
+    """Return the keys of the attributes of a class, which are their names in files."""
+    own, units = attributes(kind), attributes(kind, "units")
+    return tuple(_key(one) for one in (*own, *units) if one.field not in without)
+
+
+def _key(one: Attribute) -> str:
+    return "units" if one.field == "units" else one.name
+
+
+_INTERRUPT = _names(Interrupt)
+_VERSION = (*_names(Version, "name"), "split", *_names(Split), "access", "precedence", "source")
+_TASK = (*_names(Task, "name"), "drop", *_VERSION, "versions")
+_ACCESS = (*_names(Access), "transfers")
+_WINDOW = {"task": "from", "anchor": "after", "min": "min", "max": "max"}
+"""The keys of a precedence constraint by the fields that they are."""
 
 
 def read_overlays(paths: Sequence[str]) -> Overlay:
@@ -79,8 +83,9 @@ def _patterns(overlay: Overlay) -> Iterator[Stated[str]]:
     for entry in overlay.tasks:
         yield Stated(entry.pattern, entry.at)
         for version in (entry.common, *(stated.value for stated in entry.versions.values())):
-            if version.units is not None:
-                yield from (Stated(unit, version.units.at) for unit in version.units.value)
+            units = version.stated.get("units")
+            if units is not None:
+                yield from (Stated(unit, units.at) for unit in units.value)
     for mode in overlay.modes.values():
         yield from mode.tasks
         yield from (pattern for pattern, _ in mode.versions)
@@ -114,8 +119,8 @@ def _not_an_overlay(document: Any) -> str:
 def _overlay(top: Fields) -> Overlay:
     platform = top.section("platform", _PLATFORM, "platform")
     return Overlay(
-        units=_listed(platform, "units", ("name", "type", "interrupts"), _unit),
-        resources=_listed(platform, "resources", ("name", "bandwidth"), _resource),
+        units=_listed(platform, "units", (*_names(Unit), "interrupts"), _unit),
+        resources=_listed(platform, "resources", _names(Resource), _resource),
         interrupts=tuple(_interrupts(platform)) if platform is not None else (),
         sources=tuple(_sources(top)),
         tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, "task")),
@@ -157,31 +162,49 @@ def _keep_once(found: dict[Any, T], key: Any, element: T, f: Fields, what: str) 
     found[key] = element
 
 
+def _stated(f: Fields, kind: type, *without: str, keys: Mapping[str, str] | None = None) -> dict[str, Stated[Any]]:
+    """Return what a mapping states of the attributes of a class, by field; `keys` where they are not their names."""
+    found = {}
+    for one in (*attributes(kind), *attributes(kind, "units")):
+        if one.field in without:
+            continue
+        key = (keys or {}).get(one.field, _key(one))
+        read = values.pattern if one.field == "units" else values.reader(one.codec)
+        stated = f.texts_of(key, read) if one.codec.is_list else f.get(key, read)
+        if stated is not None:
+            found[one.field] = stated
+    return found
+
+
+def _values(f: Fields, kind: type, keys: Mapping[str, str] | None = None) -> dict[str, Any] | None:
+    """Return the attributes of an element by field; None where one that it must have is missing or wrong."""
+    found = _stated(f, kind, keys=keys)
+    needed = [one for one in attributes(kind) if one.is_required]
+    is_there = f.require(*((keys or {}).get(one.field, one.name) for one in needed))
+    if not is_there or any(one.field not in found for one in needed):
+        return None
+    return {field: stated.value for field, stated in found.items()}
+
+
 def _unit(f: Fields) -> Unit | None:
-    stated = f.get("name", values.name)
-    type = f.value("type", values.name, "")
-    path = f.path if stated is None else f'platform unit "{stated.value}"'
+    stated = _stated(f, Unit)
+    path = f'platform unit "{stated["name"].value}"' if "name" in stated else f.path
     served: dict[str, Interrupt] = {}
     for inner in f.items("interrupts", _INTERRUPT, f"{path} interrupt"):
         interrupt = _interrupt(inner)
         if interrupt is not None:
             _keep_once(served, interrupt.name, interrupt, inner, f'{path} interrupt "{interrupt.name}"')
-    if stated is None:
+    if "name" not in stated:
         return None
-    interrupts = tuple(served.values())
-    return Unit(name=stated.value, type=type, interrupts=interrupts, origin=_origin(f, path), at=f.at())
+    own = {field: one.value for field, one in stated.items()}
+    return Unit(**own, interrupts=tuple(served.values()), origin=_origin(f, path), at=f.at())
 
 
 def _interrupt(f: Fields) -> Interrupt | None:
-    name, distance, wcet = (
-        f.get("name", values.name),
-        f.get("distance", values.positive),
-        f.get("wcet", values.positive),
-    )
-    if not f.require(*_INTERRUPT) or name is None or distance is None or wcet is None:
+    found = _values(f, Interrupt)
+    if found is None:
         return None
-    path = f'interrupt "{name.value}"'
-    return Interrupt(name=name.value, distance=distance.value, wcet=wcet.value, origin=_origin(f, path), at=f.at())
+    return Interrupt(**found, origin=_origin(f, f'interrupt "{found["name"]}"'), at=f.at())
 
 
 def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
@@ -193,12 +216,11 @@ def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
 
 
 def _resource(f: Fields) -> Resource | None:
-    stated = f.get("name", values.name)
-    bandwidth = f.value("bandwidth", parse_bandwidth, None)
-    if stated is None:
+    found = _stated(f, Resource)
+    if "name" not in found:
         return None
-    path = f'platform resource "{stated.value}"'
-    return Resource(name=stated.value, bandwidth=bandwidth, origin=_origin(f, path), at=f.at())
+    path = f'platform resource "{found["name"].value}"'
+    return Resource(**{field: one.value for field, one in found.items()}, origin=_origin(f, path), at=f.at())
 
 
 def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
@@ -221,12 +243,7 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
     return TaskEntry(
         pattern=pattern,
         at=at,
-        period=f.get("period", values.positive),
-        slack=f.get("slack", values.share),
-        offset=f.get("offset", Duration.parse),
-        deadline=f.get("deadline", values.positive),
-        distance=f.get("distance", values.positive),
-        binding=f.get("binding", _binding),
+        stated=_stated(f, Task, "name"),
         drop=f.flag("drop"),
         common=_version(f, ""),
         versions=versions,
@@ -241,10 +258,6 @@ def _is_name(text: str, f: Fields, at: Location) -> bool:
         f.complain(BAD_VALUE, message, line=at.line, help=help)
         return False
     return True
-
-
-def _binding(text: str) -> Binding:
-    return Binding(Words(*_BINDINGS)(text))
 
 
 def _split(f: Fields) -> Stated[Split] | None:
@@ -265,15 +278,10 @@ def _split(f: Fields) -> Stated[Split] | None:
 def _version(f: Fields, name: str) -> VersionEntry:
     """Read what a version states; a task's entry may state the same for all its versions."""
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
-    windows = tuple(_window(w) for w in f.items("precedence", _WINDOW, f"{f.path} precedence"))
+    windows = tuple(_window(w) for w in f.items("precedence", tuple(_WINDOW.values()), f"{f.path} precedence"))
     return VersionEntry(
-        wcet=f.get("wcet", values.positive),
-        units=f.texts_of("units", values.pattern),
-        gang=f.get("gang", values.count),
+        stated={**_stated(f, Version, "name"), **_stated(f, Split)},
         split=_split(f),
-        resume=f.get("resume", Duration.parse),
-        max_gaps=f.get("max-gaps", values.number),
-        min_part=f.get("min-part", values.positive),
         accesses=Stated(tuple(a for a in accesses if a), f.at("access")) if "access" in f else None,
         precedences=Stated(tuple(w for w in windows if w), f.at("precedence")) if "precedence" in f else None,
         source=_source(f),
@@ -281,35 +289,19 @@ def _version(f: Fields, name: str) -> VersionEntry:
 
 
 def _access(f: Fields) -> Access | None:
-    start, end = f.get("start", Duration.parse), f.get("end", values.positive)
-    resource = f.get("resource", values.name)
-    kind = f.get("kind", Words(*_KINDS))
-    transfers = tuple(_transfer(t) for t in f.items("transfers", ("buffer", "symbol", "size"), f"{f.path} transfer"))
-    if not f.require("resource", "start", "end") or resource is None or start is None or end is None:
+    transfers = tuple(_transfer(t) for t in f.items("transfers", _names(Transfer), f"{f.path} transfer"))
+    found = _values(f, Access)
+    if found is None:
         return None
-    if start.value >= end.value:
+    if found["start"] >= found["end"]:
         help = "an access phase must end after it starts"
-        f.complain(BAD_VALUE, f"access from {start.value} to {end.value} is empty", "end", help=help)
-    return Access(
-        resource=resource.value,
-        start=start.value,
-        end=end.value,
-        bound=f.value("bound", values.bound, Fraction(1)),
-        kind=None if kind is None else AccessKind(kind.value),
-        transfers=tuple(t for t in transfers if t),
-        at=f.at(),
-    )
+        f.complain(BAD_VALUE, f"access from {found['start']} to {found['end']} is empty", "end", help=help)
+    return Access(**found, transfers=tuple(t for t in transfers if t), at=f.at())
 
 
 def _transfer(f: Fields) -> Transfer | None:
-    buffer, symbol, size = (
-        f.get("buffer", values.name),
-        f.get("symbol", values.name),
-        f.get("size", parse_size),
-    )
-    if not f.require("buffer", "symbol", "size") or buffer is None or symbol is None or size is None:
-        return None
-    return Transfer(buffer=buffer.value, symbol=symbol.value, size=size.value, at=f.at())
+    found = _values(f, Transfer)
+    return None if found is None else Transfer(**found, at=f.at())
 
 
 def _source(f: Fields) -> Stated[Source] | None:
@@ -328,31 +320,19 @@ def _source(f: Fields) -> Stated[Source] | None:
 
 def _window(f: Fields) -> Precedence | None:
     """Read ``{from: task, after: start|end, min: 0ms, max: 2ms}``; the window counts from that instant of `from`."""
-    task = f.get("from", values.name)
-    anchor = f.value("after", Words(*_ANCHORS), Anchor.START)
-    least, high = f.value("min", Duration.parse, ZERO), f.get("max", Duration.parse)
-    if not f.require("from", "max") or task is None or high is None:
+    found = _values(f, Precedence, _WINDOW)
+    if found is None:
         return None
-    if least > high.value:
-        f.complain(
-            BAD_VALUE,
-            f"window from {least} to {high.value} is empty",
-            "max",
-            help="max must not be below min",
-        )
-    return Precedence(
-        task=task.value,
-        min=least,
-        max=high.value,
-        anchor=Anchor(anchor),
-        origin=_origin(f, f.path),
-        at=f.at(),
-    )
+    window = Precedence(**found, origin=_origin(f, f.path), at=f.at())
+    if window.min > window.max:
+        help = "max must not be below min"
+        f.complain(BAD_VALUE, f"window from {window.min} to {window.max} is empty", "max", help=help)
+    return window
 
 
 def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
     found: dict[tuple[str, str], tuple[Precedence, ...]] = {}
-    for f in top.items("precedence", ("to", *_WINDOW), "precedence"):
+    for f in top.items("precedence", ("to", *_WINDOW.values()), "precedence"):
         window, to = _window(f), f.get("to", values.name)
         if not f.require("to") or window is None or to is None:
             continue
@@ -383,65 +363,35 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
 
 def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
     found: dict[tuple[str, str], Transition] = {}
-    for f in top.items("transitions", ("from", "to", "max-length"), "transition"):
-        source, target = f.get("from", values.name), f.get("to", values.name)
-        longest = f.value("max-length", Duration.parse, None)
-        if not f.require("from", "to") or source is None or target is None:
+    for f in top.items("transitions", _names(Transition), "transition"):
+        stated = _values(f, Transition)
+        if stated is None:
             continue
-        path = f'transition "{source.value}" to "{target.value}"'
-        if source.value == target.value:
+        source, target = stated["source"], stated["target"]
+        path = f'transition "{source}" to "{target}"'
+        if source == target:
             f.complain(BAD_VALUE, f"{path} leads nowhere", "to", help="name two different modes")
             continue
-        transition = Transition(
-            source=source.value,
-            target=target.value,
-            max_length=longest,
-            origin=_origin(f, path),
-            at=f.at(),
-        )
-        _keep_once(found, (source.value, target.value), transition, f, path)
+        transition = Transition(**stated, origin=_origin(f, path), at=f.at())
+        _keep_once(found, (source, target), transition, f, path)
     return found
 
 
 def _chains(top: Fields) -> dict[str, Chain]:
     found: dict[str, Chain] = {}
-    for f in top.items("chains", ("name", "tasks", "max-reaction", "max-age"), "chain"):
-        stated, tasks = f.get("name", values.name), f.texts_of("tasks", values.name)
-        reaction, age = (
-            f.value("max-reaction", values.positive, None),
-            f.value("max-age", values.positive, None),
-        )
-        if not f.require("name", "tasks") or stated is None or tasks is None:
-            continue
-        path = f'chain "{stated.value}"'
-        chain = Chain(
-            name=stated.value,
-            tasks=tasks.value,
-            max_reaction=reaction,
-            max_age=age,
-            origin=_origin(f, path),
-            at=f.at(),
-        )
-        _keep_once(found, chain.name, chain, f, path)
+    for f in top.items("chains", _names(Chain), "chain"):
+        stated = _values(f, Chain)
+        if stated is not None:
+            path = f'chain "{stated["name"]}"'
+            chain = Chain(**stated, origin=_origin(f, path), at=f.at())
+            _keep_once(found, chain.name, chain, f, path)
     return found
 
 
 def _rules(top: Fields) -> Iterable[HealthRule]:
     """Read ``{task, on, count, cycles, action, mode}``: what the target does after overruns or faults of a task."""
-    for f in top.items("health", _RULE, "health rule"):
-        task, action = f.get("task", values.name), f.get("action", Words(*_ACTIONS))
-        event = f.value("on", Words(*_EVENTS), HealthEvent.ANY)
-        count, cycles = f.value("count", values.times, 1), f.value("cycles", values.times, 1)
-        mode = f.value("mode", values.name, "")
-        if not f.require("task", "action") or task is None or action is None:
-            continue
-        yield HealthRule(
-            task=task.value,
-            event=HealthEvent(event),
-            count=count,
-            cycles=cycles,
-            action=HealthAction(action.value),
-            mode=mode,
-            origin=_origin(f, f'health rule of task "{task.value}"'),
-            at=f.at(),
-        )
+    for f in top.items("health", _names(HealthRule), "health rule"):
+        stated = _values(f, HealthRule)
+        if stated is not None:
+            origin = _origin(f, f'health rule of task "{stated["task"]}"')
+            yield HealthRule(**stated, origin=origin, at=f.at())

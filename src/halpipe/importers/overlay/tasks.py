@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.durations import ZERO
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand, is_glob
-from halpipe.models import WHOLE, Binding, Origin, Split, Version
+from halpipe.models import WHOLE, Origin, Split, Task, Version
+from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,13 +17,13 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Location
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry
-    from halpipe.models import Access, Precedence, Task
+    from halpipe.models import Access, Precedence
+    from halpipe.models.attributes import Attribute
     from halpipe.settings import Stated
 
 E = TypeVar("E")
 Ranked = list[tuple[str, "TaskEntry"]]
 IMPORTED_VERSION = "default"
-NO_SLACK = Fraction(0)
 
 
 @dataclass(slots=True)
@@ -46,30 +45,35 @@ class TaskMerger:
         """Return `task` with what the entries that match it state, of which the first wins."""
         path = f'task "{task.name}"'
         entries = _ranks([(pattern == EVERYTHING, entry) for pattern, entry in ranked])
-        pick = self.changes.pick
         key = _key_of_versions(task, ranked)
         return replace(
             task,
-            period=pick(path, "period", task.period, None, entries, lambda e: e.period),
-            slack=pick(path, "slack", task.slack, NO_SLACK, entries, lambda e: e.slack),
-            offset=pick(path, "offset", task.offset, None, entries, lambda e: e.offset),
-            deadline=pick(path, "deadline", task.deadline, None, entries, lambda e: e.deadline),
-            distance=pick(path, "distance", task.distance, None, entries, lambda e: e.distance),
-            binding=pick(path, "binding", task.binding, Binding.JOB, entries, lambda e: e.binding),
+            **{one.field: self._pick(path, one, task, entries) for one in attributes(Task) if one.field != "name"},
             versions=tuple(
                 self._version(task.name, base, _statements(ranked, base.name, key))
                 for base in _base_versions(task, ranked, key)
             ),
         )
 
+    def _pick(self, path: str, one: Attribute, base: Any, entries: Ranks[Any]) -> Any:
+        """Return the value of an attribute that holds."""
+        shown = "WCET" if one.field == "wcet" else one.name
+        old = getattr(base, one.field)
+        return self.changes.pick(path, shown, old, one.default, entries, lambda entry: entry.stated.get(one.field))
+
     def _version(self, task: str, base: Version, entries: Ranks[VersionEntry]) -> Version:
         path = f'task "{task}" version "{base.name}"'
         pick = self.changes.pick
+        stated: dict[str, Any] = {
+            one.field: self._units(path, base, entries)
+            if one.field == "units"
+            else self._pick(path, one, base, entries)
+            for one in (*attributes(Version), *attributes(Version, "units"))
+            if one.field != "name"
+        }
         version = replace(
             base,
-            wcet=pick(path, "WCET", base.wcet, None, entries, lambda v: v.wcet),
-            units=self._units(path, base, entries),
-            gang=pick(path, "gang", base.gang, 1, entries, lambda v: v.gang),
+            **stated,
             split=self._split(path, base.split, entries),
             accesses=pick(path, "access phases", base.accesses, (), entries, lambda v: v.accesses),
             precedences=self._precedences(path, task, base, entries),
@@ -79,20 +83,17 @@ class TaskMerger:
         return version
 
     def _split(self, path: str, base: Split, entries: Ranks[VersionEntry]) -> Split:
-        pick = self.changes.pick
         where = Split(points=base.points, anywhere=base.anywhere)
         return replace(
-            pick(path, "split", where, WHOLE, entries, lambda v: v.split),
-            resume=pick(path, "resume", base.resume, ZERO, entries, lambda v: v.resume),
-            max_gaps=pick(path, "max-gaps", base.max_gaps, None, entries, lambda v: v.max_gaps),
-            min_part=pick(path, "min-part", base.min_part, None, entries, lambda v: v.min_part),
+            self.changes.pick(path, "split", where, WHOLE, entries, lambda v: v.split),
+            **{one.field: self._pick(path, one, base, entries) for one in attributes(Split)},
         )
 
     # ---------------------------------------------------------------------------------------------- units
 
     def _units(self, path: str, base: Version, entries: Ranks[VersionEntry]) -> tuple[str, ...]:
         kept = tuple(unit for unit in base.units if unit in self.units) if self.units_at else base.units
-        stated = entries.firm(lambda v: v.units)
+        stated = entries.firm(lambda v: v.stated.get("units"))
         if stated is not None:
             units = self._expand(stated, path)
             if kept:
@@ -104,7 +105,7 @@ class TaskMerger:
                 message = f"units {show(gone)} are not on the overlay's platform; {show(kept)} remain"
                 self.changes.removed(message, base.at, path)
             return kept
-        stated = entries.default(lambda v: v.units)
+        stated = entries.default(lambda v: v.stated.get("units"))
         units, at = (self._expand(stated, path), stated.at) if stated else (self.units, self.units_at)
         if at is None:
             return kept

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.importers.base import Coverage
     from halpipe.models import Task, TaskModel
+    from halpipe.settings import Stated
 
 
 class OverlayUse:
@@ -64,22 +65,19 @@ class OverlayUse:
 
     def task_period(self, name: str) -> Duration | None:
         """Return the period that a task entry states for `name`, with which an element without one becomes a task."""
-        stated = ((pattern, entry.period) for pattern, entry in self._tasks.of(name) if entry.period is not None)
-        _, period = next(stated, ("", None))
-        return None if period is None else period.value
+        stated = (entry.stated.get("period") for _, entry in self._tasks.of(name))
+        return _first(stated)
 
     def task_wcet(self, name: str) -> Duration | None:
         """Return the WCET that the task `name` gets from its entries."""
-        stated = (entry.common.wcet for _, entry in self._tasks.of(name))
-        found = next((wcet for wcet in stated if wcet is not None), None)
-        return None if found is None else found.value
+        return _first(entry.common.stated.get("wcet") for _, entry in self._tasks.of(name))
 
     def work_wcet(self, name: str) -> Duration | None:
         """Return the WCET that an entry of just this name states, such as that of a runnable within a task."""
         for pattern, entry in self._tasks.of(name):
-            if pattern == name and entry.common.wcet is not None:
+            if pattern == name and "wcet" in entry.common.stated:
                 self._matched_tasks.add(pattern)
-                return entry.common.wcet.value
+                return _first([entry.common.stated["wcet"]])
         return None
 
     def apply(self, model: TaskModel, coverage: Coverage) -> tuple[TaskModel, tuple[Diagnostic, ...]]:
@@ -146,6 +144,11 @@ class OverlayUse:
         )
         drops = ((stated.value, stated.at) for stated in self._overlay.drops)
         _report("drop", "element", drops, self._matched_drops, sorted({*tasks, *self._answers}), changes)
+
+
+def _first(found: Iterable[Stated[Duration] | None]) -> Duration | None:
+    """Return the first value that is stated at all."""
+    return next((stated.value for stated in found if stated is not None), None)
 
 
 def _report(

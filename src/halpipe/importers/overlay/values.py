@@ -4,10 +4,31 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
+from typing import TYPE_CHECKING, Any
 
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.overlay.patterns import is_glob
-from halpipe.quantities import parse_rational
+from halpipe.models.attributes import (
+    BANDWIDTH,
+    BOUND,
+    DURATION,
+    GANG,
+    GAPS,
+    NAME,
+    NAMES,
+    POSITIVE,
+    SHARE,
+    SIZE,
+    TEXTS,
+    TIMES,
+    TOKEN,
+    Codec,
+)
+from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.settings import Words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
 _ONE = Fraction(1)
@@ -81,3 +102,29 @@ def number(text: str) -> int:
 def splitting(text: str) -> Duration | str:
     """Read a split point, or where else jobs may be split: ``anywhere`` or ``none``."""
     return text if text in ("anywhere", "none") else positive(text)
+
+
+def reader(codec: Codec) -> Callable[[str], Any]:
+    """Return what reads a value of an attribute, of a list one item, and takes only what makes sense there."""
+    kind = codec.words
+    if kind is None:
+        return _READERS[codec]
+    read = Words(*(str(known) for known in kind.__members__.values()))
+    return lambda text: kind(read(text))
+
+
+_READERS: dict[Codec, Callable[[str], Any]] = {
+    NAME: name,
+    NAMES: name,
+    TOKEN: word,
+    TEXTS: word,
+    DURATION: Duration.parse,
+    POSITIVE: positive,
+    SHARE: share,
+    BOUND: bound,
+    GANG: count,
+    GAPS: number,
+    TIMES: times,
+    SIZE: parse_size,
+    BANDWIDTH: parse_bandwidth,
+}

@@ -6,13 +6,14 @@ import math
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.durations import Duration
 from halpipe.importers.arxml.files.numbers import parse_number, parse_seconds
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.own.codes import EDITED
 from halpipe.models import Origin
+from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -60,6 +61,12 @@ class Data:
         except ValueError as failure:
             edited(self, f'"{key}" is unusable: {failure}')
             return None
+
+    def attributes(self, kind: type, *without: str) -> dict[str, Any]:
+        """Return the attributes of a class that the group has, by field; without those that are bad and reported."""
+        wanted = (one for one in attributes(kind) if one.name not in without)
+        found = {one.field: self.value(one.name, one.codec.parse) for one in wanted}
+        return {field: value for field, value in found.items() if value is not None}
 
     def targets(self, tag: str) -> list[str]:
         """Return the paths of the existing elements of a class that the group refers to; report those that dangle."""

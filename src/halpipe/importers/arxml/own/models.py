@@ -276,9 +276,8 @@ def _interrupts(data: Data) -> Iterator[Interrupt]:
     """Yield the interrupts of a unit."""
     taken: set[str] = set()
     for group in data.groups("interrupt"):
-        name = group.text("name")
-        distance, wcet = group.value("distance", Duration.parse), group.value("wcet", Duration.parse)
-        if not name or distance is None or wcet is None:
+        stated = group.attributes(Interrupt)
+        if not stated.get("name") or not {"distance", "wcet"} <= stated.keys():
             edited(group, "lacks name, distance or execution time of an interrupt")
             continue
-        yield Interrupt(name=take_name(name, taken), distance=distance, wcet=wcet, origin=group.origin())
+        yield Interrupt(**{**stated, "name": take_name(stated["name"], taken)}, origin=group.origin())

@@ -5,16 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.durations import Duration
 from halpipe.importers.arxml.files.special import BLANKS, data_of, edited, microseconds, seconds_of, whole
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.importers.arxml.system.swc import place_of
 from halpipe.models import (
     WHOLE,
     Access,
-    AccessKind,
-    Anchor,
-    Binding,
     Precedence,
     Source,
     Split,
@@ -22,7 +19,6 @@ from halpipe.models import (
     Transfer,
     Version,
 )
-from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -98,11 +94,9 @@ class Tasks:
         return Task(
             name=name,
             period=period,
-            slack=data.value("slack", parse_rational) or parse_rational("0"),
             offset=offset,
             deadline=deadline,
-            distance=data.value("distance", Duration.parse),
-            binding=data.value("binding", Binding) or Binding.JOB,
+            **data.attributes(Task, "name", "period", "offset", "deadline"),
             versions=versions,
             origin=data.origin(),
         )
@@ -167,6 +161,7 @@ class Tasks:
         return Version(
             name=take_name(data.text("name") or data.node.name, taken),
             wcet=self._wcet(data),
+            **data.attributes(Version, "name", "wcet"),
             units=tuple(unit for unit in units if unit is not None),
             gang=1 if gang is None else gang,
             accesses=tuple(access for group in data.groups("access") for access in self._access(group)),
@@ -190,31 +185,23 @@ class Tasks:
 
     def _access(self, data: Data) -> Iterator[Access]:
         resource = self._resources.get(data.target(_HARDWARE) or "")
-        start, end = data.value("start", Duration.parse), data.value("end", Duration.parse)
-        bound = data.value("bound", parse_rational)
-        if resource is None or start is None or end is None or bound is None:
+        stated = data.attributes(Access, "resource")
+        if resource is None or not {"start", "end", "bound"} <= stated.keys():
             edited(data, "lacks resource, start, end or bound of an access")
             return
-        yield Access(
-            resource=resource,
-            start=start,
-            end=end,
-            bound=bound,
-            kind=data.value("kind", AccessKind),
-            transfers=tuple(transfer for group in data.groups("transfer") for transfer in _transfer(group)),
-        )
+        transfers = tuple(transfer for group in data.groups("transfer") for transfer in _transfer(group))
+        yield Access(resource=resource, **stated, transfers=transfers)
 
     def _precedence(self, data: Data) -> Iterator[Precedence]:
         path = data.target(_RUNNABLE)
         if path in self.dropped:
             return
         task = self.by_path.get(path or "")
-        low, high = data.value("min", Duration.parse), data.value("max", Duration.parse)
-        if task is None or high is None:
+        stated = data.attributes(Precedence, "task")
+        if task is None or "max" not in stated:
             edited(data, "lacks task or maximum of a precedence")
             return
-        anchor = data.value("from", Anchor) or Anchor.START
-        yield Precedence(task=task, min=low or ZERO, max=high, anchor=anchor, origin=data.origin())
+        yield Precedence(task=task, **stated, origin=data.origin())
 
 
 def _split(data: Data) -> Split:
@@ -226,19 +213,18 @@ def _split(data: Data) -> Split:
     return Split(
         points=points,
         anywhere=data.text("anywhere") == "true",
-        resume=data.value("resume", Duration.parse) or ZERO,
         max_gaps=data.value("max-gaps", whole),
-        min_part=data.value("min-part", Duration.parse),
+        **data.attributes(Split, "max-gaps"),
     )
 
 
 def _transfer(data: Data) -> Iterator[Transfer]:
-    buffer, symbol = data.text("buffer"), data.text("symbol")
-    size = data.value("size", parse_size)
-    if not buffer or not symbol or size is None:
+    stated = data.attributes(Transfer)
+    names = {field: take_name(stated[field], set()) for field in ("buffer", "symbol") if stated.get(field)}
+    if len(names) < 2 or "size" not in stated:
         edited(data, "lacks buffer, symbol or size of a transfer")
         return
-    yield Transfer(buffer=take_name(buffer, set()), symbol=take_name(symbol, set()), size=size)
+    yield Transfer(**{**stated, **names})
 
 
 def _source(data: Data) -> Iterator[Source]:
