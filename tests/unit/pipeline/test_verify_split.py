@@ -52,7 +52,8 @@ def interrupts(system, unit, *rows):
 
 
 def test_the_example_is_valid():
-    assert verify(read_model(MODEL), read_schedule(SCHEDULE)) == ()
+    [told] = verify(read_model(MODEL), read_schedule(SCHEDULE))
+    assert (told.code, told.path, told.message) == (codes.PRIORITIES.id, 'unit "core2"', '"knock" above "logger"')
 
 
 MUTANTS = {
@@ -510,3 +511,51 @@ def test_arrivals_are_polled_at_least_as_often_as_they_come(period):
 def test_interrupts_without_a_meaning():
     system = interrupts(model(task("a", 10, version("v", 1))), "u1", (0, 1))
     assert codes.MODEL_FAULT.id in codes_found(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))
+
+
+# ------------------------------------------------------------------------------------------------ run time
+
+
+def freely(name, period, wcet):
+    return task(name, period, split(version("v", wcet), Split(anywhere=True, max_gaps=4)), slack=1)
+
+
+def priorities(system, plan):
+    return [(d.code, d.message) for d in verify(system, plan) if d.code in ("HAL0338", "HAL0339")]
+
+
+def test_tasks_that_start_in_gaps_are_told_with_those_they_stand_above():
+    system = model(freely("slow", 20, 10), task("fast", 10, version("v", 2), slack=1))
+    slow = parted("slow", 0, "u1", (2, 10, 0, 8), (12, 14, 8, 10))
+    jobs = [job(system, "fast", 0, 0, "u1"), job(system, "fast", 1, 10, "u1"), slow]
+    assert priorities(system, plan_of(system, table("all", 20, *jobs))) == [("HAL0338", '"fast" above "slow"')]
+
+
+def test_a_gap_round_the_end_of_the_hyperperiod_counts():
+    system = model(freely("slow", 20, 10), task("fast", 20, version("v", 2), slack=1))
+    slow = parted("slow", 0, "u1", (12, 20, 0, 8), (22, 24, 8, 10))
+    jobs = [job(system, "fast", 0, 0, "u1"), slow]
+    assert priorities(system, plan_of(system, table("all", 20, *jobs))) == [("HAL0338", '"fast" above "slow"')]
+
+
+def test_split_points_need_no_priorities():
+    listed = task("slow", 20, split(version("v", 10), points(8)), slack=1)
+    system = model(listed, task("fast", 10, version("v", 2), slack=1))
+    slow = parted("slow", 0, "u1", (2, 10, 0, 8), (12, 14, 8, 10))
+    jobs = [job(system, "fast", 0, 0, "u1"), job(system, "fast", 1, 10, "u1"), slow]
+    assert priorities(system, plan_of(system, table("all", 20, *jobs))) == []
+
+
+def test_a_circle_of_priorities_is_a_warning_that_names_it():
+    other = task("c", 40, version("v", 6), slack=1)
+    system = model(freely("a", 20, 6), freely("b", 20, 4), other)
+    jobs = [
+        parted("a", 0, "u1", (0, 3, 0, 3), (7, 10, 3, 6)),
+        job(system, "b", 0, 3, "u1"),
+        parted("b", 1, "u1", (20, 22, 0, 2), (28, 30, 2, 4)),
+        job(system, "a", 1, 22, "u1"),
+        job(system, "c", 0, 30, "u1"),
+    ]
+    found = priorities(system, plan_of(system, table("all", 40, *jobs)))
+    assert [code for code, _ in found] == ["HAL0338", "HAL0339"]
+    assert '"a" above "b" above "a"' in found[1][1] or '"b" above "a" above "b"' in found[1][1]

@@ -21,6 +21,7 @@ from halpipe.pipeline.verify.parts import PARTS
 from halpipe.pipeline.verify.periodic import DEADLINE, PERIODIC
 from halpipe.pipeline.verify.precedence import PRECEDENCE
 from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.runtime import PRIORITY_RULE
 from halpipe.pipeline.verify.sharing import ACCESS, EXCLUSIVE
 from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable
 from halpipe.pipeline.verify.transitions import SWITCH_RULES
@@ -46,7 +47,7 @@ MODE_RULES: tuple[Rule[ModeTable], ...] = (
     BINDING,
 )
 
-RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING, HEALTH)
+RULES: tuple[Rule[Any], ...] = (*MODE_RULES, FIGURES, *SWITCH_RULES, SYSTEM_BINDING, PRIORITY_RULE, HEALTH)
 """Every rule with its sentence, in the order of checking; the manual's list is made from it."""
 
 
@@ -86,6 +87,8 @@ def _verify(model: TaskModel, schedule: Schedule, *, switches_only: bool) -> tup
         switches.append(switch)
         for switch_rule in SWITCH_RULES:
             found.extend(switch_rule.check(switch))
-    found.extend(SYSTEM_BINDING.check(Tables(model, tuple(tables.values()), tuple(switches))))
+    everything = Tables(model, tuple(tables.values()), tuple(switches))
+    found.extend(SYSTEM_BINDING.check(everything))
+    found.extend(() if switches_only else PRIORITY_RULE.check(everything))
     found.extend(() if switches_only else HEALTH.check(Health(model, schedule)))
     return tuple(sort_diagnostics(found.items))

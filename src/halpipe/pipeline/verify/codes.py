@@ -236,3 +236,19 @@ WRONG_REACTION = error(
     "The schedule states a reaction that follows from no health rule of the model, or one that takes another time than "
     "its hyperperiod and its transition table: a switch takes up to both, a stop up to a hyperperiod.",
 )
+
+# ---------------------------------------------------------------------------- run time
+
+PRIORITIES = note(
+    "HAL0338",
+    "Priorities that play the schedule",
+    "Jobs that may be interrupted anywhere are over in time if each task that is named stands above the other one at "
+    "run time: a job of it starts in a gap of the other's. Exports that need priorities derive them from this.",
+)
+PRIORITY_CIRCLE = warning(
+    "HAL0339",
+    "No fixed priorities play the schedule",
+    "On a unit, tasks of which jobs start in gaps of jobs that may be interrupted anywhere are above one another in a "
+    "circle. The schedule is valid: a target that suspends and resumes by the table plays it; one that needs "
+    "priorities cannot, and its export refuses the schedule.",
+)

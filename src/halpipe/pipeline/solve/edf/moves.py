@@ -141,10 +141,8 @@ class Moves:
                 plan = self._swapped(plan, task)
             elif kind < 7:
                 plan = self._urgent(plan, task)
-            elif kind < 9:
-                plan = self._shifted(plan, task)
             else:
-                plan = self._held(plan, task)
+                plan = self._shifted(plan, task)
         return plan
 
     def _nearer(self, plan: Plan, task: int) -> Plan:
