@@ -48,6 +48,7 @@ demo: $(VENV)/.demo-ready
 	$(BIN)/halpipe deploy check $(DEMO)/out/bundle
 	$(BIN)/halpipe deploy check $(DEMO)/out/regulator
 	$(BIN)/python $(DEMO)/drive.py $(DEMO)/out/bundle -o $(DEMO)/out/drive
+	$(BIN)/python $(DEMO)/drive.py $(DEMO)/out/bundle --overrun 5 -o $(DEMO)/out/drive-overrun
 	$(BIN)/halpipe export linux $(DEMO)/out/model.xml $(DEMO)/out/schedule.xml --sources $(DEMO) -o $(DEMO)/out/linux
 	@command -v cc >/dev/null && $(BIN)/python $(DEMO)/drive_linux.py $(DEMO)/out/linux --degrade all -o $(DEMO)/out/drive-linux || \
 	  echo "the drive on Linux was skipped or did not succeed: it takes make, a C compiler, and a machine that is not too busy"
@@ -55,6 +56,7 @@ demo: $(VENV)/.demo-ready
 	@echo "Look at:"
 	@echo "  $(DEMO)/out/report.html    the schedule of every mode, as a page for any browser"
 	@echo "  $(DEMO)/out/drive/drive.svg  the line that the car drove, with the bundle on a simulated board"
+	@echo "  $(DEMO)/out/drive-overrun/drive.svg  pure pursuit hangs after 5 s, and the health rule of the model stops the car"
 	@echo "  $(DEMO)/out/drive-linux/drive.svg  the same in real time on this computer, played by the Linux dispatcher"
 	@echo "  $(DEMO)/out/bundle         what a RISC-V board loads: programs, runtime, tables"
 	@echo "  $(DEMO)/out/regulator      budgets of memory-bandwidth regulators for every mode and switch, with a picture"

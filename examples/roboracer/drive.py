@@ -6,7 +6,8 @@ import argparse
 import copy
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,9 +20,15 @@ from world import Lap, Opponent, World
 import halpipe
 from halpipe.deploy.riscv import Board, CoSimulation, Plant
 from halpipe.deploy.riscv.check import Outcome, judge, tolerance_of
-from halpipe.deploy.riscv.sequence import played_tables
+from halpipe.deploy.riscv.cosimulation import read_images
+from halpipe.deploy.riscv.expectation import Expectation, PlannedJob
+from halpipe.deploy.riscv.health import Course, course_of
+from halpipe.deploy.riscv.injection import Injection, Stuck
+from halpipe.deploy.riscv.sequence import Played, played_tables
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import HalpipeError, render_text
+from halpipe.durations import seconds
 from halpipe.flow.formats import open_target
 from halpipe.importers.native import read_model, read_schedule
 
@@ -37,6 +44,8 @@ MOST = 8000  # cycles: 200 s
 FARTHER = 0.3  # of a lap, before the safe stop
 STILL = 20  # cycles without motion end the drive
 SHOWN = 5  # findings
+AFTERWARDS = 120  # cycles: 3 s
+FAILING = "/pure_pursuit"
 
 
 @dataclass
@@ -51,10 +60,15 @@ class Drive:
     requested: str | None = "race"
     still: int = 0
 
-    def cycle(self, time: int, read: Callable[[str], bytes], write: Callable[[str, bytes], None]) -> str | None:
-        """Exchange data at `time` in ns; return the mode that is requested now, in force from the next cycle on."""
-        self.modes.append(self.requested or self.modes[-1])
-        if self.modes[-1] != "race":
+    def cycle(
+        self, time: int, read: Callable[[str], bytes], write: Callable[[str, bytes], None], mode: str = ""
+    ) -> str | None:
+        """Exchange data at `time` in ns; return the mode that is requested now, in force from the next cycle on.
+
+        `mode` is the one in force, where that is known; else it is the one that was requested.
+        """
+        self.modes.append(mode or self.requested or self.modes[-1])
+        if self.modes[-1] == "time-trial":
             self.world.opponent = None  # it leaves the track
         self.world.exchange(time / 10**9, read, write)
         self.requested = self._request()
@@ -110,8 +124,8 @@ class Track(Plant):
 
     def cycle(self, board: Board, now: Duration, cycle: int, table: str) -> None:
         """Exchange data when the table of a mode begins; those of transitions have no length here."""
-        if "->" not in table:
-            mode = self.drive.cycle(int(now.ns), board.read, board.write)
+        if "->" not in table and not self.drive.finished:
+            mode = self.drive.cycle(int(now.ns), board.read, board.write, table)
             if mode is not None:
                 board.request(mode)
 
@@ -122,7 +136,37 @@ def on_a_board(drive: Drive, target: Target, tables: int, execution: str) -> Out
     run = simulation.run()
     first = target.schedule.modes[0].name
     expected = played_tables(target.schedule, first, run.requests, tables, run.site.tick)
-    return judge(target, simulation, run, expected)
+    return judge(target, simulation, run, Course(expected))
+
+
+def with_an_overrun(drive: Drive, target: Target, at: Duration, tables: int, *, health: bool = True) -> Outcome:
+    """Drive with a bundle whose pure pursuit never returns from an instant on, for so many tables.
+
+    Every job is held against what has to follow from that by the health rules of the model, or without them.
+    """
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    stuck = Stuck(site, FAILING, "track", int(at / site.tick))
+    simulation = CoSimulation(target, plant=Track(drive), cycles=tables, saboteur=stuck, health=health)
+    run = simulation.run()
+    if not health:
+        target = replace(target, model=replace(target.model, health=()))
+
+    def plan(played: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
+        jobs = Expectation(target.bundle, target.model, site, images).jobs(played)
+        return jobs, stuck.injections(jobs)
+
+    first = target.schedule.modes[0].name
+    return judge(target, simulation, run, course_of(target, site, first, run.requests, tables, plan))
+
+
+def reaction(target: Target, outcome: Outcome) -> tuple[Duration, Duration]:
+    """Return how long the switch took from the first overrun, and how long the schedule says that it takes at most."""
+    run = outcome.run
+    first = min(abandoned.time for abandoned in run.recording.abandoned)
+    begin = next(table.start for table in run.tables if table.name == "safe-stop")
+    most = next(r.within for r in target.schedule.reactions if r.mode == "race" and r.within is not None)
+    return begin - run.site.tick * first, most
 
 
 def written(drive: Drive) -> dict[str, str]:
@@ -161,6 +205,24 @@ def drive_by_bundle(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dic
     return drive.succeeded and same and not found, {**written(drive), "trace.csv": trace}
 
 
+def drive_with_an_overrun(chosen: argparse.Namespace, drive: Drive) -> tuple[bool, dict[str, str]]:
+    """Drive with a bundle on a simulated board until pure pursuit does not return any more, and on to the stop."""
+    target = open_target(chosen.inputs[0])
+    at = seconds(Fraction(chosen.overrun))
+    tables = int(at / target.schedule.modes[0].hyperperiod) + AFTERWARDS
+    outcome = with_an_overrun(drive, target, at, tables, health=not chosen.no_health)
+    found = outcome.findings
+    lines = [*map(render_text, found[:SHOWN]), f"{len(found)} deviations from what has to follow from the overruns"]
+    in_time = chosen.no_health
+    if not chosen.no_health:
+        took, most = reaction(target, outcome)
+        in_time = took <= most
+        lines.append(f"pure pursuit overran from {at} on; safe-stop began {took} after that was found, at most {most}")
+    sys.stdout.write("\n".join(lines) + "\n")
+    succeeded = drive.finished and not drive.collisions and not found and in_time
+    return succeeded, {**written(drive), "trace.csv": trace_csv(outcome).decode()}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive, write what happened, and return 0 if all went well."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -171,12 +233,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of all noise (default 1)")
     parser.add_argument("--race-laps", type=int, default=3, help="against the opponent (default 3)")
     parser.add_argument("--trial-laps", type=int, default=2, help="alone (default 2)")
+    overrun = "pure pursuit never returns from here on; what then happens is up to the health rules of the model"
+    parser.add_argument("--overrun", metavar="SECONDS", type=Fraction, help=overrun)
+    parser.add_argument("--no-health", action="store_true", help="with --overrun: as if there were no health rules")
     chosen = parser.parse_args(arguments)
     if len(chosen.inputs) > 2:
         parser.error("give a bundle, or a model and its schedule")
+    if chosen.overrun is not None and (len(chosen.inputs) > 1 or chosen.overrun < 0):
+        parser.error("--overrun takes a bundle, and an instant of the drive")
     drive = a_drive(chosen.seed, chosen.race_laps, chosen.trial_laps)
     try:
         drive_it = drive_by_bundle if len(chosen.inputs) == 1 else drive_by_files
+        drive_it = drive_it if chosen.overrun is None else drive_with_an_overrun
         succeeded, files = drive_it(chosen, drive)
     except HalpipeError as error:
         sys.stderr.write("\n".join(map(render_text, error.diagnostics)) + "\n")

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.pipeline.health import with_reactions
 from support import ms
 
 ROOT = Path(__file__).parents[2]
@@ -26,7 +27,8 @@ def by_hand(model):
         TransitionTable(source=t.source, target=t.target, length=ms(0), worst_latency=ms(25), status=Status.VALID)
         for t in model.allowed_transitions()
     )
-    return Schedule(model=model.name, model_sha256=model.digest, modes=modes, transitions=switches)
+    found = Schedule(model=model.name, model_sha256=model.digest, modes=modes, transitions=switches)
+    return with_reactions(model, found)
 
 
 def _table(model, mode):

@@ -11,6 +11,7 @@ import halpipe
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.exporters.native.schedule import format_schedule
 from halpipe.flow.formats import open_target
+from support import ms
 
 pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
 pytest.importorskip("unicorn", reason="pip install 'halpipe[riscv]'")
@@ -80,6 +81,32 @@ def test_a_slow_memory_spoils_the_drive(bundle):
     drive = module.a_drive(1, 1, 0)
     CoSimulation(open_target(bundle), plant=module.Track(drive), cycles=15, bandwidth=4_000_000).run()
     assert drive.world.car.distance == 0
+
+
+def test_a_pure_pursuit_that_overruns_ends_in_a_safe_stop_without_a_scratch(bundle, tmp_path, capsys):
+    assert module.main([bundle, "--overrun", "5", "-o", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "0 deviations from what has to follow" in said
+    assert "race to safe-stop at 5.025 s" in said
+    assert "the car stands at the end" in said
+    assert "0 collisions" in said
+
+
+def test_the_switch_takes_no_longer_than_the_schedule_says(bundle):
+    target, drive = open_target(bundle), module.a_drive(1, 3, 2)
+    outcome = module.with_an_overrun(drive, target, ms(5000), 210)
+    took, most = module.reaction(target, outcome)
+    assert most == ms(25)  # a hyperperiod, and a table without length
+    assert took <= most
+    assert [table.name for table in outcome.run.tables if table.name != "race"][:2] == ["race->safe-stop", "safe-stop"]
+
+
+def test_without_health_rules_the_same_overrun_ends_in_a_wall(bundle):
+    drive = module.a_drive(1, 3, 2)
+    outcome = module.with_an_overrun(drive, open_target(bundle), ms(5000), 320, health=False)
+    assert outcome.findings == []
+    assert {table.name for table in outcome.run.tables} == {"race"}
+    assert drive.collisions > 50
 
 
 def test_the_command_drives_a_bundle(bundle, tmp_path, capsys):

@@ -52,6 +52,7 @@ def export(tmp_path_factory):
     from halpipe.files import write_directory
     from halpipe.flow import formats
     from halpipe.importers.native import parse_schedule
+    from halpipe.pipeline.health import with_reactions
 
     def make(sources=None, profile="vcu118", change=lambda text: text):
         folder = tmp_path_factory.mktemp("bundle")
@@ -59,7 +60,7 @@ def export(tmp_path_factory):
             folder.joinpath(name).write_text((sources or {}).get(name) or HERE.joinpath(name).read_text())
         text = change(HERE.joinpath("model.xml").read_text())
         system = parse_model(text.encode(), str(folder / "model.xml"))
-        pair = paired(system, tables_of(system))
+        pair = paired(system, with_reactions(system, tables_of(system)))
         model = parse_model(pair["model.xml"], str(folder / "model.xml"))
         schedule = parse_schedule(pair["schedule.xml"], str(folder / "schedule.xml"))
         options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder))

@@ -12,6 +12,7 @@ from halpipe.importers.native.model import read_model
 from halpipe.importers.overlay import read_overlays
 from halpipe.importers.ros import FORMAT
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.pipeline.health import with_reactions
 from halpipe.pipeline.verify import verify
 from support import ms
 
@@ -65,7 +66,8 @@ def by_hand(system):
         for t in system.allowed_transitions()
     )
     modes = tuple(table(system, mode) for mode in system.modes)
-    return Schedule(model=system.name, model_sha256=system.digest, modes=modes, transitions=tuple(switches))
+    found = Schedule(model=system.name, model_sha256=system.digest, modes=modes, transitions=tuple(switches))
+    return with_reactions(system, found)
 
 
 def errors(system, schedule):

@@ -5,18 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.base import Checked
-from halpipe.deploy.riscv import codes, conditions, containment
+from halpipe.deploy.riscv import codes, conditions, containment, health
 from halpipe.deploy.riscv.comparison import Comparison
 from halpipe.deploy.riscv.containment import Injected
 from halpipe.deploy.riscv.contents import contradictions
 from halpipe.deploy.riscv.cosimulation import CoSimulation, load_program, read_images
 from halpipe.deploy.riscv.expectation import Expectation
-from halpipe.deploy.riscv.injection import Saboteur
+from halpipe.deploy.riscv.health import Course
+from halpipe.deploy.riscv.injection import Injection, Saboteur
 from halpipe.deploy.riscv.machine import MANAGEMENT, Budget
-from halpipe.deploy.riscv.sequence import Played, played_tables, tables_named, tours, transition_name
+from halpipe.deploy.riscv.sequence import Played, Tour, played_tables, tables_named, tours, transition_name
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
 from halpipe.deploy.riscv.tables import wrong_operations
 from halpipe.deploy.riscv.target import read_site
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.comparison import Seen
     from halpipe.deploy.riscv.cosimulation import Run
     from halpipe.deploy.riscv.expectation import PlannedJob
-    from halpipe.deploy.riscv.injection import Injection, Kind
-    from halpipe.deploy.riscv.sequence import Tour
+    from halpipe.deploy.riscv.health import Trial
+    from halpipe.deploy.riscv.injection import Kind
     from halpipe.deploy.riscv.target import Site
     from halpipe.diagnostics import Diagnostic
 
@@ -62,6 +64,9 @@ MOST_CYCLES = 8
 
 SWITCHES = 12
 """Transitions into whose tables faults are put."""
+
+TRIALS = 8
+"""Runs that try health rules in a check of every day."""
 
 PER_OPERATION = 2_000
 """Instructions of the management core for one operation, retries included."""
@@ -133,7 +138,7 @@ def static_findings(target: Target) -> list[Diagnostic]:
     found = Findings(list(contradictions(target.bundle, site, program, images)))
     expectation = Expectation(target.bundle, target.model, site, images)
     if not found.has_errors:
-        found.extend(wrong_operations(target.bundle, site, program, target.schedule, expectation, images))
+        found.extend(wrong_operations(target.bundle, site, program, target.model, target.schedule, expectation, images))
     return found.items
 
 
@@ -174,11 +179,34 @@ def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
             sabotage(target, replace(tour, tables=cycles + 1), kinds, turn, found)
     for tour in containment.switches(target.schedule)[: SWITCHES if everything else 0]:
         sabotage(target, tour, kinds, 0, found)
+    for trial in list(health.trials(target))[: None if everything else TRIALS]:
+        try_rule(target, trial, found)
     if lacking:
         message = f"{lacking} of the {whole} cycles that have every fault in every job were not played"
         help = "deploy check --inject takes more time"
         found.findings.append(codes.NOT_INJECTED(message, help=help))
     return found
+
+
+def try_rule(target: Target, trial: Trial, found: Injected) -> None:
+    """Play one trial of a health rule, and add what differs from what has to follow."""
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    rule = target.model.health[trial.rule]
+
+    def plan(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
+        jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
+        make = partial(_failing, kind=trial.kind)
+        return jobs, health.failing(trial, rule.task, jobs, make)
+
+    course = health.course_of(target, site, trial.mode, (), trial.tables, plan)
+    outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
+    found.trials += 1
+    found.findings += containment.prefixed(outcome.findings)
+
+
+def _failing(job: PlannedJob, kind: Kind) -> Injection:
+    return Injection(kind, job.table.cycle, job.row)
 
 
 def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected) -> None:
@@ -201,11 +229,17 @@ def simulate(
     bandwidth: int | None = None,
     cpi: Fraction | int = 1,
     injections: Sequence[Injection] = (),
+    course: Course | None = None,
 ) -> Outcome:
-    """Play one tour in the co-simulation and compare it with its plan."""
+    """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
+
+    Without a course, no health rule follows from what is injected.
+    """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
     expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
+    if course is not None:
+        expected, injections = course.tables, course.injections
     jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(expected)
     simulation = CoSimulation(
         target,
@@ -217,10 +251,11 @@ def simulate(
         bandwidth=bandwidth,
         cpi=cpi,
         saboteur=Saboteur(site, jobs, injections) if injections else None,
+        health=course is not None or not injections,
     )
     longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
     run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
-    return judge(target, simulation, run, expected, injections)
+    return judge(target, simulation, run, course or Course(expected, [*injections]))
 
 
 def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) -> Budget:
@@ -238,19 +273,14 @@ def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) 
     return Budget(instructions, SPARE_TRAPS + 4 * operations, SPARE_CALLS + 100 * operations + moved)
 
 
-def judge(
-    target: Target,
-    simulation: CoSimulation,
-    run: Run,
-    expected: Sequence[Played],
-    injections: Sequence[Injection] = (),
-) -> Outcome:
+def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) -> Outcome:
     """Compare a run that has ended with what had to be played."""
     tolerance = tolerance_of(run.site)
+    injections = course.injections
     findings = Findings()
-    findings.extend(conditions.is_over(run))
+    findings.extend(conditions.is_over(run, stops=course.stops))
     findings.extend(conditions.is_confined(run))
-    findings.extend(conditions.plays(run, expected, tolerance))
+    findings.extend(conditions.plays(run, course.tables, tolerance))
     # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
     played = tables_named(target.schedule, [table.name for table in run.tables])
     expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
@@ -261,6 +291,7 @@ def judge(
     findings.extend(comparison.findings.items)
     findings.extend(conditions.tells_the_truth(run))
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
+    findings.extend(health.recorded(run, target.model, course.firings))
     return Outcome(run, played, comparison.jobs, findings.items, jobs)
 
 

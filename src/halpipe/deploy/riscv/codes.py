@@ -138,6 +138,12 @@ WRONG_OPERATIONS = error(
     "The tables in the program say what the management core does, and when. They have another transfer, execution, "
     "instant or switch than the schedule and the images ask for.",
 )
+WRONG_HEALTH = error(
+    "HAL1059",
+    "Health rule is not followed",
+    "After jobs were made to fail, the health rules of the model have to fire, or must not: the runtime recorded "
+    "otherwise, or did otherwise. On the board the system would not go where the model says.",
+)
 NOT_CONTAINED = error(
     "HAL1055",
     "Injected fault is not contained",

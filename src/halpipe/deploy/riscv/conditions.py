@@ -26,9 +26,11 @@ if TYPE_CHECKING:
 _STATES = {
     0: "the management core did not come to the first table",
     1: "the last table was not over in time: the management core sleeps or works on",
+    2: "it went on to the end, though a health rule has it stop",
     3: "an application core did not answer when it was started",
+    5: "a health rule stopped it",
 }
-FINISHED, TRAPPED = 2, 4
+FINISHED, TRAPPED, STOPPED = 2, 4, 5
 _CAUSE, _EPC = 16, 17
 _CLINT_SIZE = 0x10000
 _STEPS = 150
@@ -37,13 +39,13 @@ _STEPS = 150
 REPORT = "export the bundle again; if it stays, report it as a bug"
 
 
-def is_over(run: Run) -> Iterator[Diagnostic]:
-    """Yield what kept the run from its end."""
+def is_over(run: Run, *, stops: bool = False) -> Iterator[Diagnostic]:
+    """Yield what kept the run from its end, which is that of a health rule if it `stops`."""
     if run.exhausted:
         help = "look at the job or the part of the runtime at that address: it never comes to its end"
         yield codes.SPENT(f"{run.exhausted} ({run.duration} after the beginning)", help=help)
         return
-    if run.state == FINISHED:
+    if run.state == (STOPPED if stops else FINISHED):
         return
     message = _STATES.get(run.state, f"the runtime is in state {run.state}")
     if run.state == TRAPPED:

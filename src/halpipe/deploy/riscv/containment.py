@@ -35,6 +35,7 @@ class Injected:
     kinds: Counter[Kind] = field(default_factory=Counter)
     jobs: set[str] = field(default_factory=set)
     missed: int = 0
+    trials: int = 0
     findings: list[Diagnostic] = field(default_factory=list)
 
     def add(self, injections: Sequence[Injection], jobs: Sequence[PlannedJob]) -> None:
@@ -51,6 +52,8 @@ class Injected:
             yield f"injected: {sum(self.kinds.values())} faults of {kinds} kinds into {len(self.jobs)} jobs"
             if not any(found.is_error for found in self.findings):
                 yield "each was stopped in its time and recorded; nothing else changed"
+        if self.trials and not any(found.is_error for found in self.findings):
+            yield f"health rules: {self.trials} runs in which they have to fire, or must not, went as the model says"
 
 
 def places(jobs: Sequence[PlannedJob]) -> dict[tuple[int, int], PlannedJob]:
@@ -158,6 +161,6 @@ def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
     """Return the findings of a run with faults so that nobody takes them for those of a sound one."""
     findings = Findings()
     for each in found:
-        is_own = each.code in (codes.NOT_CONTAINED.id, codes.NOT_INJECTED.id)
+        is_own = each.code in (codes.NOT_CONTAINED.id, codes.NOT_INJECTED.id, codes.WRONG_HEALTH.id)
         findings.add(each if is_own else replace(each, message=PREFIX + each.message))
     return findings.items

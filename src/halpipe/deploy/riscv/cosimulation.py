@@ -46,7 +46,7 @@ RUNNING, FINISHED = 1, 2
 class Word:
     """Words of the control block."""
 
-    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET = range(7)
+    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET, UNHEALTHY = range(8)
     REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
 
 
@@ -118,7 +118,7 @@ class CoSimulation:
     instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
     ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
     second; `cpi` are cycles per instruction. `budget` ends a run that goes round in circles, and a
-    `saboteur` has jobs and transfers fail.
+    `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
     """
 
     def __init__(
@@ -134,6 +134,7 @@ class CoSimulation:
         cpi: Fraction | int = 1,
         budget: Budget | None = None,
         saboteur: Saboteur | None = None,
+        health: bool = True,
     ) -> None:
         self.site = read_site(target.bundle)
         self.images = read_images(target.bundle, self.site)
@@ -158,6 +159,7 @@ class CoSimulation:
         self._recorder.before_read = self._before_read
         self._recorder.after_write = self._after_write
         self._saboteur = saboteur
+        self._health = health
         if saboteur is not None:
             self._recorder.begins = self._sabotage
             self._machine.fate = saboteur.fate
@@ -199,6 +201,7 @@ class CoSimulation:
         self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
         self._set(Word.FIRST, self._modes.index(self._first))
         self._set(Word.OFFSET, offset)
+        self._set(Word.UNHEALTHY, not self._health)
         self._plant.start(self)
         end = NEVER
         if limit is not None:
@@ -278,7 +281,7 @@ class CoSimulation:
 
     def _sabotage(self, execution: Execution) -> None:
         assert self._saboteur is not None
-        code = self._saboteur.code(execution.hart, execution.function, execution.begin)
+        code = self._saboteur.code(execution)
         if code:
             self._machine.overwrite(execution.hart, execution.function, code)
 

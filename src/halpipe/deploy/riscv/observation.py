@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -86,6 +87,7 @@ class Recorder:
         self.transfers: list[Transfer] = []
         self.traps: list[Trap] = []
         self.disturbances: list[Disturbance] = []
+        self.restarts: Counter[int] = Counter()
         self.stale: list[tuple[Transfer, str]] = []
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
@@ -93,6 +95,7 @@ class Recorder:
         self._site = site
         self._told = told
         self._machine: Machine | None = None
+        self._begun: set[int] = set()  # harts whose monitors have begun: the first time is the boot
         self._running: dict[int, Execution] = {}
         self._loaded: dict[int, list[Image]] = {}  # by hart, the newest first; older ones may have been overwritten
         self._inputs: dict[int, list[Transfer]] = {}
@@ -112,7 +115,8 @@ class Recorder:
     def _watch(self, hart: int) -> None:
         """Watch the functions of a core: of what was loaded last first, for there is a limit to how many can be."""
         loaded = [entry for image in self._loaded.get(hart, []) for entry in image.site.entries]
-        self.machine.harts[hart].watch(dict.fromkeys([*loaded, *sorted(self._functions[hart])]))
+        monitor = self._site.unit_of(hart).ispm.base
+        self.machine.harts[hart].watch(dict.fromkeys([monitor, *loaded, *sorted(self._functions[hart])]))
 
     @property
     def machine(self) -> Machine:
@@ -125,7 +129,9 @@ class Recorder:
     def entered(self, hart: int, address: int, now: int) -> None:
         """A core is at the beginning of a function, or back from one."""
         running = self._running.get(hart)
-        if running is not None and running.back == address:
+        if running is None and address == self._site.unit_of(hart).ispm.base:
+            self._begun.add(hart) if hart not in self._begun else self.restarts.update([hart])
+        elif running is not None and running.back == address:
             running.left = now
             running.outcome = Outcome.RETURNED
         elif running is None and address in self._functions[hart]:

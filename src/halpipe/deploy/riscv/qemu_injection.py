@@ -98,7 +98,7 @@ def _run(
         return
     found.kinds += Counter(failing.values())
     found.images |= set(failing)
-    played = play(bytes(program), site, emulator, mode, 0, CYCLES)
+    played = play(bytes(program), site, emulator, mode, 0, CYCLES, health=False)
     failed = [_fail(job, failing, site) for job in jobs]
     held = hold(site, played.recording, tables, failed, _starved(failed))
     findings = [*_is_over(played), *held.findings]

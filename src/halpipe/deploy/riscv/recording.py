@@ -26,6 +26,7 @@ class Kind(IntEnum):
     DONE = 2
     RUN = 3
     STOP = 4
+    HEALTH = 5
 
 
 class Flag(IntFlag):

@@ -48,6 +48,15 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
+class Wish:
+    """A mode that a health rule wants from an instant on; the least `priority` goes before others."""
+
+    instant: Duration
+    mode: str
+    priority: int
+
+
+@dataclass(frozen=True, slots=True)
 class Tour:
     """A run: the mode it begins with, what is requested in it, and how many tables it plays."""
 
@@ -62,22 +71,36 @@ def transition_name(source: str, target: str) -> str:
 
 
 def played_tables(
-    schedule: Schedule, first: str, requests: Sequence[Request], tables: int, tick: Duration
+    schedule: Schedule,
+    first: str,
+    requests: Sequence[Request],
+    tables: int,
+    tick: Duration,
+    wishes: Sequence[Wish] = (),
+    stop: Duration | None = None,
 ) -> list[Played]:
-    """Return the tables that have to be played, `tables` of them, each where it begins."""
+    """Return the tables that have to be played, `tables` of them, each where it begins.
+
+    What health rules wish goes before what is requested; none follows the one in which a rule has the run `stop`.
+    """
     switches = {(t.source, t.target): t for t in schedule.transitions}
     waiting = deque(sorted(requests, key=lambda request: request.instant))
+    left = sorted(wishes, key=lambda wish: wish.instant)
     found: list[Played] = []
     mode, now = first, ZERO
-    while len(found) < tables:
+    while len(found) < tables and (stop is None or now < stop):
         table = schedule.mode(mode)
         found.append(Played(len(found), mode, now, table.hyperperiod, table.jobs))
         now += table.hyperperiod
         wanted = ""
         while waiting and waiting[0].instant <= now - tick * DECISION:
             wanted = waiting.popleft().mode
+        due = [wish for wish in left if wish.instant <= now - tick * DECISION]
+        left = left[len(due) :]
+        healthy = min(due, key=lambda wish: wish.priority).mode if due else mode
+        wanted = healthy if healthy != mode else wanted
         switch = switches.get((mode, wanted))
-        if switch is not None and len(found) < tables:
+        if switch is not None and len(found) < tables and (stop is None or now < stop):
             name = transition_name(mode, wanted)
             found.append(Played(len(found), name, now, switch.length, switch.jobs, source=mode))
             now += switch.length

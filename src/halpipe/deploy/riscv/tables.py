@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.contents import AGAIN, BSS, stored
+from halpipe.deploy.riscv.recording import Flag
 from halpipe.deploy.riscv.sequence import tables_named
+from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -24,15 +26,22 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.expectation import Expectation, Image, PlannedJob
     from halpipe.deploy.riscv.target import Site
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Schedule
+    from halpipe.models import Schedule, TaskModel
 
 _OPERATION = struct.Struct("<QQQQIBBBBII")
-_PROGRAM = struct.Struct("<QII")
+_PROGRAM = struct.Struct("<QIIII")
+_RULE = struct.Struct("<IIIBBBB")
 _RELEASE = struct.Struct("<QII")
 _TABLE = struct.Struct("<QQII")
 _INDEX = struct.Struct("<I")
 _COPY, _DONE, _RUN, _STOP = 1, 2, 3, 4
 _NO_TABLE = 0xFFFFFFFF
+_EVENTS = {
+    HealthEvent.OVERRUN: Flag.LATE | Flag.OVERRUN,
+    HealthEvent.FAULT: Flag.FAULT | Flag.STUCK | Flag.ERROR,
+    HealthEvent.ANY: Flag.LATE | Flag.OVERRUN | Flag.FAULT | Flag.STUCK | Flag.ERROR,
+}
+_ACTIONS = {HealthAction.SWITCH: 1, HealthAction.RESTART: 2, HealthAction.STOP: 3}
 _MOST = 1 << 20
 
 
@@ -56,13 +65,14 @@ def wrong_operations(
     bundle: Bundle,
     site: Site,
     program: Program,
+    model: TaskModel,
     schedule: Schedule,
     expectation: Expectation,
     images: Mapping[tuple[str, str, str], Image],
 ) -> Iterator[Diagnostic]:
     """Yield where the tables in the program are not those that the schedule asks for."""
     at = bundle.at("bundle.elf")
-    reader = _Reader(program)
+    reader = _Reader(program, model)
     try:
         for index, table in enumerate(site.tables):
             (played,) = tables_named(schedule, [table.name])
@@ -71,6 +81,8 @@ def wrong_operations(
                 yield WRONG_OPERATIONS(message, at=at, path=path or f'table "{table.name}"', help=AGAIN)
         for message in reader.switches(schedule):
             yield WRONG_OPERATIONS(message, at=at, path="hp_switches", help=AGAIN)
+        for message in reader.health(model, schedule):
+            yield WRONG_OPERATIONS(message, at=at, path="hp_rules", help=AGAIN)
     except (struct.error, LookupError) as failure:
         yield WRONG_OPERATIONS(f"its tables cannot be read: {failure}", at=at, help=AGAIN)
 
@@ -78,8 +90,8 @@ def wrong_operations(
 class _Reader:
     """Reads tables by their symbols and addresses."""
 
-    def __init__(self, program: Program) -> None:
-        self._program = program
+    def __init__(self, program: Program, model: TaskModel) -> None:
+        self._program, self._model = program, model
         self._programs: dict[int, list[Operation]] = {}
 
     def _at(self, address: int, form: struct.Struct) -> tuple[int, ...]:
@@ -91,10 +103,31 @@ class _Reader:
     def _symbol(self, name: str) -> int:
         return self._program.symbols[name][0]
 
+    def program(self, number: int) -> tuple[int, ...]:
+        """Return where its operations are, their number, its slot, its first health rule, and the number of these."""
+        return self._at(self._symbol("hp_programs") + number * _PROGRAM.size, _PROGRAM)
+
+    def health(self, model: TaskModel, schedule: Schedule) -> Iterator[str]:
+        """Yield which health rules are not those of the model: in the order of their tasks, then as in the model."""
+        modes = [mode.name for mode in schedule.modes]
+        first = 0
+        for place, (number, rule) in enumerate(sorted(enumerate(model.health), key=lambda entry: entry[1].task)):
+            mode = modes.index(rule.mode) if rule.mode in modes else _NO_TABLE
+            wanted = (first, mode, number, _EVENTS[rule.event], rule.count, rule.cycles, _ACTIONS[rule.action])
+            found = self._at(self._symbol("hp_rules") + place * _RULE.size, _RULE)
+            if found != wanted:
+                yield f"rule {place} is {found}, that of the model is {wanted}"
+            first += rule.count
+
+    def rules(self, number: int) -> tuple[int, int]:
+        """Return the first health rule of a program, 0 if it has none, and their number."""
+        _, _, _, first, count = self.program(number)
+        return (first if count else 0), count
+
     def operations(self, number: int) -> list[Operation]:
         """Return a program of the runtime."""
         if number not in self._programs:
-            base, count, _ = self._at(self._symbol("hp_programs") + number * _PROGRAM.size, _PROGRAM)
+            base, count, *_ = self.program(number)
             found = []
             for i in range(min(count, _MOST)):
                 key, source, target, size, limit, kind, channel, unit, _, rank, ranks = self._at(
@@ -115,12 +148,16 @@ class _Reader:
         if any(later[0] < earlier[0] for earlier, later in pairwise(releases)):
             yield "", "its releases are not in the order of time"
         left = list(releases)
+        named = sorted(rule.task for rule in self._model.health)
         for job in jobs:
             wanted = _wanted(job, images)
             here = [release for release in left if release[0] == job.begin]
             fitting = [r for r in here if _found(self.operations(r[1]), job) == wanted]
             if fitting:
                 left.remove(fitting[0])
+                own = (named.index(job.job.task), named.count(job.job.task)) if job.job.task in named else (0, 0)
+                if self.rules(fitting[0][1]) != own:
+                    yield job.path, f"has health rules {self.rules(fitting[0][1])} (first, number), not {own}"
                 continue
             if not here:
                 yield job.path, f"is not released at its start, tick {job.begin}"

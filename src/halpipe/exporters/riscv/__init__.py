@@ -50,6 +50,7 @@ class RiscvExporter(PlainExporter):
             "transfers": "between buffers in main memory and variables of the task",
             "modes": "tables of releases",
             "transitions": "switches on request, at the hyperperiod's end",
+            "health": "counted by the runtime, which switches, restarts cores or stops",
             "sources": "compiled, and part of the bundle",
             "schedule": "every start is an instant of the timer",
             "tables": "tables of releases between those of the modes",

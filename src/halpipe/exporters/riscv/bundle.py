@@ -23,6 +23,7 @@ from halpipe.exporters.riscv.cores import (
     main_memory,
 )
 from halpipe.exporters.riscv.elf import Elf, read_elf
+from halpipe.exporters.riscv.health import Health, health_of
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
 from halpipe.exporters.riscv.operations import Operations, check_grid, check_version
 from halpipe.exporters.riscv.phases import check_phases, clock_of
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 RUNTIME = Path(__file__).with_name("runtime")
-MANAGEMENT = ("start.S", "runtime.c", "dma.c", "console.c")
+MANAGEMENT = ("start.S", "runtime.c", "dma.c", "health.c", "console.c")
 MONITOR = ("monitor.S", "monitor.c")
 
 
@@ -57,6 +58,7 @@ class Site:
     memory: MainMemory
     clock: Clock
     parts: tuple[Part, ...]
+    health: Health
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,9 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         stage_runtime(shop)
         slots = slots_of(schedule, site.cores)
         cores = list(site.cores.values())
-        shop.write("runtime/platform.h", render.platform(cores, slots.count, len(schedule.modes), site.memory))
+        shop.write(
+            "runtime/platform.h", render.platform(cores, slots.count, len(schedule.modes), site.memory, site.health)
+        )
         needs = compile_parts(shop, site.parts, tree)
         measured = measure(shop, needs, profile, render)
         monitors = _monitors(shop, render, site)
@@ -137,7 +141,7 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
     memory = main_memory(profile, buffer_sizes([(part.path, part.version) for part in parts], findings), findings)
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
-    return Site(profile, cores, channels, memory, clock, tuple(parts))
+    return Site(profile, cores, channels, memory, clock, tuple(parts), health_of(model, schedule))
 
 
 def stage_runtime(shop: Workshop) -> None:
@@ -195,7 +199,7 @@ def _program(shop: Workshop, render: Renderer, site: Site, name: str, plan: Plan
             pieces.append((image.file, segment.offset, segment.size, segment.source - front))
             front = segment.source + segment.size
     shop.write("runtime/images.S", render.images(pieces))
-    shop.write("runtime/tables.c", render.tables(name, plan.programs, plan.tables, places))
+    shop.write("runtime/tables.c", render.tables(name, plan.programs, plan.tables, places, site.health))
     shop.write("link/bundle.ld", render.bundle_script(site.memory))
     objects = _compile_runtime(shop, (*MANAGEMENT, "tables.c", "images.S"))
     _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, MINIMAL.target))])

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.health import Health
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.operations import Program, Table
     from halpipe.exporters.riscv.profile import Profile
@@ -75,7 +76,7 @@ class Renderer:
         """Return the linker script of the whole."""
         return self._fill("bundle.ld", memory=memory)
 
-    def platform(self, cores: Sequence[Core], slots: int, modes: int, memory: MainMemory) -> str:
+    def platform(self, cores: Sequence[Core], slots: int, modes: int, memory: MainMemory, health: Health) -> str:
         """Return the header with the constants of the target."""
         return self._fill(
             "platform.h",
@@ -84,6 +85,7 @@ class Renderer:
             slots=slots,
             modes=modes,
             memory=memory,
+            health=health,
             decision=DECISION,
             margin=margin(self.profile),
             trace=TRACE_RECORDS,
@@ -96,6 +98,7 @@ class Renderer:
         programs: Sequence[Program],
         tables: Sequence[Table],
         monitors: Sequence[tuple[Core, tuple[int, int]]],
+        health: Health,
     ) -> str:
         """Return the operation tables as C; `monitors` are (address in main memory, bytes) for each core."""
         modes = [table for table in tables if table.is_mode]
@@ -112,6 +115,7 @@ class Renderer:
             tables=list(tables),
             switches=switches,
             monitors=monitors,
+            health=health,
             units=lambda program: " ".join(names[u] for u in program.units),
         )
 

@@ -15,6 +15,7 @@
 #define OP_DONE 2U
 #define OP_RUN 3U
 #define OP_STOP 4U
+#define OP_HEALTH 5U /* in records only */
 
 /* One operation of a program. Its key is (ticks from the job's start) << 2 | order: at equal ticks, checks come first
  * (0), then executions begin (1), then transfers (2). */
@@ -35,8 +36,25 @@ typedef struct {
 typedef struct {
     const hp_operation *operations;
     uint32_t count;
-    uint32_t slot; /* where the program is in progress */
+    uint32_t slot;  /* where the program is in progress */
+    uint32_t rule;  /* the first health rule of its task, */
+    uint32_t rules; /* and their number */
 } hp_program;
+
+#define HEALTH_SWITCH 1U
+#define HEALTH_RESTART 2U
+#define HEALTH_STOP 3U
+
+/* What follows when jobs of a task were abandoned with one of the flags: count times, in so many tables in a row. */
+typedef struct {
+    uint32_t first;    /* of its events in the history */
+    uint32_t mode;     /* where a switch leads, or HP_NO_TABLE */
+    uint32_t priority; /* of several switches the least counts */
+    uint8_t flags;
+    uint8_t count;
+    uint8_t cycles;
+    uint8_t action;
+} hp_rule;
 
 typedef struct {
     uint64_t time; /* ticks from the table's start */
@@ -61,6 +79,7 @@ typedef struct {
 #define HP_NO_TABLE 0xffffffffU
 
 extern const hp_program hp_programs[];
+extern const hp_rule hp_rules[HP_RULES];
 extern const hp_table hp_tables[];                     /* modes, then transitions */
 extern const uint32_t hp_switches[HP_MODES][HP_MODES]; /* index of the transition table, or HP_NO_TABLE */
 extern const hp_unit hp_units[HP_UNITS];
@@ -77,7 +96,7 @@ typedef struct {
     uint64_t report;
     uint64_t exit;
     uint64_t offset;
-    uint64_t reserved;
+    uint64_t unhealthy;
     uint64_t request;
     uint64_t state;
     uint64_t base;
@@ -94,6 +113,7 @@ typedef struct {
 #define STATE_RUNNING 1U
 #define STATE_FINISHED 2U
 #define STATE_NO_CORE 3U /* 4, trapped, is set in start.S */
+#define STATE_STOPPED 5U
 
 #define FLAG_LATE 1U
 #define FLAG_OVERRUN 2U
@@ -134,7 +154,8 @@ typedef struct {
     uint64_t reserved;
 } hp_fault;
 
-_Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (sizeof(hp_fault) == 64U), "layouts");
+_Static_assert((sizeof(hp_operation) == 48U) && (sizeof(hp_record) == 48U) && (sizeof(hp_fault) == 64U) &&
+               (sizeof(hp_program) == 24U) && (sizeof(hp_rule) == 16U), "layouts");
 
 #define CONTROL ((volatile hp_control *)HP_CONTROL)
 #define TRACE ((hp_record *)HP_TRACE)
@@ -158,6 +179,7 @@ typedef struct {
     uint64_t epc;
     uint64_t tval;
     uint64_t ready;
+    uint64_t restart; /* before the next job */
 } hp_mailbox;
 
 #define MAILBOX_SIZE 256U
@@ -190,6 +212,11 @@ void dma_start(uint32_t channel, const hp_operation *o, uint64_t owner);
 uint32_t dma_state(uint32_t channel, uint64_t owner);
 /* Does a part of what the hardware does not; 0: nothing to do. */
 uint32_t dma_work(void);
+/* Counts an event for a health rule, in a table of the run; returns 1 if the rule fires, whose switch or stop follows. */
+uint32_t health_fires(uint32_t index, uint64_t flags, uint32_t table, uint32_t cycle);
+/* The mode that health rules want, + 1, and forgets it; 0: none. */
+uint32_t health_mode(void);
+uint32_t health_stops(void);
 void print_report(void);
 void leave(uint64_t status) __attribute__((noreturn));
 void runtime(void) __attribute__((noreturn));

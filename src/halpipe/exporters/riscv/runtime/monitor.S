@@ -1,7 +1,9 @@
 # The monitor of one application core: first page of its instruction scratchpad. Entered with a0 = hart id.
     .section .text.init, "ax"
     .globl _monitor
+    .globl start_monitor
 _monitor:
+start_monitor:
     ld sp, hp_site + 40
     call run_monitor
 

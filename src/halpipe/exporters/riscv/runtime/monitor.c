@@ -14,6 +14,7 @@ extern const uint64_t hp_site[8];
 extern const char monitor_trap[1];
 extern const char job_return[1];
 void start_job(uint64_t entry, uint64_t rank, uint64_t ranks, uint64_t stack) __attribute__((noreturn));
+void start_monitor(void) __attribute__((noreturn));
 void run_monitor(void) __attribute__((noreturn));
 void trapped(void) __attribute__((noreturn));
 static void serve(void) __attribute__((noreturn));
@@ -75,12 +76,16 @@ static void execute(const volatile hp_mailbox *box) {
 /* Waits for requests; each ends in a trap. */
 static void serve(void) {
     volatile hp_mailbox *box = mailbox();
-    while (box->request == box->done) {
+    while ((box->request == box->done) && (box->restart == 0U)) {
         wait_for_interrupt();
         MSIP(hp_site[HART]) = 0U;
         fence(); /* a request that comes now raises the interrupt again */
     }
     fence(); /* what is asked for was written before */
+    if (box->restart != 0U) {
+        box->restart = 0U;
+        start_monitor();
+    }
     box->begin = MTIME;
     MTIMECMP(hp_site[HART]) = box->deadline;
     execute(box);

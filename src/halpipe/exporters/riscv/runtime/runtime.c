@@ -112,6 +112,33 @@ static void abandon(slot *s, const hp_operation *o, uint64_t flags, uint64_t now
     CONTROL->faults = count + 1U;
 }
 
+/* Has the cores of a program begin anew before their next job. */
+static void restart(const hp_program *program) {
+    for (uint32_t i = 0U; i < program->count; i++) {
+        const hp_operation *o = &program->operations[i];
+        if (o->kind == OP_RUN) {
+            boxes[o->unit]->restart = 1U;
+            fence();
+            MSIP(o->unit + 1U) = 1U;
+        }
+    }
+}
+
+/* Does what the health rules say of a job that was abandoned. */
+static void react(const slot *s, const hp_operation *o, uint64_t flags, uint64_t now) {
+    const hp_program *program = &hp_programs[s->who >> 32U];
+    uint32_t end = program->rule + program->rules;
+    for (uint32_t index = program->rule; index < end; index++) {
+        if (health_fires(index, flags, current.index, current.cycle) != 0U) {
+            instants at = {now - base, index, hp_rules[index].action};
+            record(&at, s->where, s->who, what(s->place, OP_HEALTH, 0U, o->unit));
+            if (hp_rules[index].action == HEALTH_RESTART) {
+                restart(program);
+            }
+        }
+    }
+}
+
 /* ---- operations; each returns its flags ---- */
 
 static inline uint64_t run(const slot *s, const hp_operation *o) {
@@ -190,6 +217,7 @@ static inline void step(uint32_t place) {
     } else {
         if ((flags & ~(uint64_t)FLAG_SKIPPED) != 0U) {
             abandon(s, o, flags, now);
+            react(s, o, flags, now);
         }
         s->operation = &o[1];
         keys[place] = (s->operation == s->end) ? IDLE : ((s->base << 2U) + s->operation->key);
@@ -258,19 +286,34 @@ static void begin_table(uint32_t index, uint64_t start) {
     record_table(start - base, (start - base) + hp_tables[index].length, 0U);
 }
 
+static void refuse(uint64_t wanted) {
+    CONTROL->refused = CONTROL->refused + 1U;
+    record_table(wanted, wanted, FLAG_REFUSED);
+}
+
+static inline uint32_t is_other(uint64_t wanted) {
+    return ((wanted != 0U) && ((wanted - 1U) != current.mode)) ? 1U : 0U;
+}
+
 /* Takes a request for another mode, if there is one, a little before the end of the hyperperiod. In one access, so that
- * none is lost that comes between reading and clearing. */
+ * none is lost that comes between reading and clearing. What health rules want goes first. */
 static void decide(void) {
     uint64_t wanted = 0U;
     __asm__ volatile("amoswap.d %0, zero, (%1)" : "=r"(wanted) : "r"(&CONTROL->request) : "memory");
+    uint64_t healthy = health_mode();
     current.is_decided = 1U;
-    if ((wanted != 0U) && ((wanted - 1U) != current.mode)) {
+    if (is_other(healthy) != 0U) {
+        if ((is_other(wanted) != 0U) && (wanted != healthy)) {
+            refuse(wanted);
+        }
+        wanted = healthy;
+    }
+    if (is_other(wanted) != 0U) {
         uint32_t index = (wanted <= HP_MODES) ? hp_switches[current.mode][wanted - 1U] : HP_NO_TABLE;
         if (index != HP_NO_TABLE) {
             current.next = index;
         } else {
-            CONTROL->refused = CONTROL->refused + 1U;
-            record_table(wanted, wanted, FLAG_REFUSED);
+            refuse(wanted);
         }
     }
 }
@@ -279,7 +322,7 @@ static void end_table(void) {
     uint64_t end = current.start + hp_tables[current.index].length;
     current.cycle++;
     CONTROL->played = current.cycle;
-    if ((CONTROL->cycles != 0U) && (current.cycle >= CONTROL->cycles)) {
+    if (((CONTROL->cycles != 0U) && (current.cycle >= CONTROL->cycles)) || (health_stops() != 0U)) {
         keys[TABLE_SLOT] = IDLE; /* what is in progress goes on to its end */
     } else {
         begin_table(current.next, end);
@@ -377,7 +420,7 @@ void runtime(void) {
     CONTROL->state = STATE_RUNNING;
     begin_table((CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U, base);
     play();
-    CONTROL->state = STATE_FINISHED;
+    CONTROL->state = (health_stops() != 0U) ? STATE_STOPPED : STATE_FINISHED;
     if (CONTROL->report != 0U) {
         print_report();
     }

@@ -14,7 +14,15 @@ static const hp_operation program_{{ loop.index0 }}[] = {
 
 const hp_program hp_programs[] = {
 {%- for program in programs %}
-    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U},
+    {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U, {{ health.of(program.task) | join(", ") }}},
+{%- endfor %}
+};
+
+const hp_rule hp_rules[HP_RULES] = {
+{%- for rule in health.rules %}
+    {{ "{" }}{{ rule.first }}U, {{ rule.mode }}, {{ rule.priority }}U, {{ rule.flags }}, {{ rule.count }}U, {{ rule.cycles }}U, {{ rule.action }}}, /* {{ rule.task }} */
+{%- else %}
+    {0U, HP_NO_TABLE, 0U, 0U, 1U, 0U, 0U}, /* none */
 {%- endfor %}
 };
 {% for table in tables if table.releases %}
