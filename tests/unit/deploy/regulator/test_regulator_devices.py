@@ -1,6 +1,8 @@
 """What back-ends load, executed on models of their devices: it passes as exported, and no fault put into it does."""
 
+import os
 import re
+import subprocess
 from dataclasses import replace
 
 import pytest
@@ -141,6 +143,14 @@ def changed(files, name, old, new, count=1):
         ("mpam", "setup.txt", "0x100 0x00000001", "0x100 0x00000009", codes.DEVICE_REFUSES),
         ("mpam", "0-fast.txt", "0x208 0x8000", "0x208 0x0000", codes.DEVICE_REFUSES),
         ("mpam", "0-fast.txt", "0x200 0x", "0x204 0x", codes.DEVICE_REFUSES),
+        ("mpam", "load.sh", "exit 1", "exit 0", codes.NOT_UNDERSTOOD),
+        ("axi-realm", "load.sh", "0x7fc", "0x7f8", codes.NOT_UNDERSTOOD),
+        ("axi-realm", "axi_realm.h", "#define REALM_GUARD 0x7fcu", "#define REALM_GUARD 0x124u", codes.GRANTS_DIFFER),
+        ("axi-realm", "axi_realm.h", "return n + 1u;", "return 0u;", codes.NOT_UNDERSTOOD),
+        ("qos400", "qos400.h", "? 0u : 1u", "? 0u : 0u", codes.NOT_UNDERSTOOD),
+        ("mpam", "mpam.h", "*at != write[n].value", "*at == write[n].value", codes.NOT_UNDERSTOOD),
+        ("memguard", "0-fast.sh", "exit 1", "exit 0", codes.NOT_UNDERSTOOD),
+        ("resctrl", "0-fast.sh", 'last_cmd_status)" = ok', 'last_cmd_status)" != ok', codes.NOT_UNDERSTOOD),
     ],
 )
 def test_the_device_says_what_is_wrong(exported, name, file, old, new, code):
@@ -184,3 +194,47 @@ def test_a_platform_that_no_model_can_use_is_refused(exported, name, old, new):
         ids(changed(files, "platform.yaml", old, new))
     (found,) = refused.value.diagnostics
     assert (found.code, found.at.file) == (codes.UNUSABLE_TABLES.id, "cfg/platform.yaml")
+
+
+DEVMEM = """#!/bin/sh
+# Registers are files; the one called $STUCK keeps what it has.
+at=$(printf %x "$(($1))")
+if [ $# = 3 ]; then [ "$at" = "$STUCK" ] || echo "$3" > "$BOARD/$at"; else cat "$BOARD/$at"; fi
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="there is no sh")
+@pytest.mark.parametrize(
+    ("name", "script"), [("axi-realm", "setup.txt"), ("axi-realm", "0-fast.txt"), ("mpam", "setup.txt")]
+)
+def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
+    """The exported shell script runs, with registers that hold what is written, and with one that does not."""
+    backend, files = exported[name]
+    for file in ("load.sh", script):
+        (tmp_path / file).write_bytes(files[f"{backend}/{file}"])
+    (tmp_path / "devmem").write_text(DEVMEM)
+    (tmp_path / "devmem").chmod(0o755)
+    base = 0x1000 if name == "mpam" else 0
+    lines = [line.removeprefix("- ").split() for line in (tmp_path / script).read_text().splitlines()]
+    written = [
+        (int(a, 16) + base, int(b, 16)) for a, b in (line for line in lines if len(line) == 2 and line[0] != "#")
+    ]
+    assert len(written) > 3
+
+    def load(stuck):
+        board = tmp_path / f"board-{stuck}"
+        board.mkdir()
+        if stuck:
+            (board / stuck).write_text("0x12345\n")
+        environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "BOARD": str(board), "STUCK": stuck}
+        command = ["sh", "load.sh", script]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        return done.returncode, done.stderr, board
+
+    code, said, board = load("")
+    assert (code, said) == (0, "")
+    assert {int(path.name, 16): int(path.read_text(), 16) for path in board.iterdir()} == dict(written)
+    at, value = written[-1]
+    code, said, _ = load(f"{at:x}")
+    assert code == 1
+    assert f"register {at - base:#05x} is 0x12345, not {value:#010x}" in said

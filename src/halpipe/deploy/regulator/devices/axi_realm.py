@@ -12,7 +12,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
-from halpipe.deploy.regulator.devices.loading import WORD, header_number, header_of, hexadecimal, scripts_of
+from halpipe.deploy.regulator.devices.loading import (
+    WORD,
+    check_loader,
+    header_number,
+    header_of,
+    hexadecimal,
+    put_function,
+    scripts_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +29,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.devices.loading import Header, Script
     from halpipe.deploy.regulator.reading import Table
 
-HEADER = "axi_realm.h"
+HEADER, LOADER = "axi_realm.h", "load.sh"
 TYPES = {
     "struct realm_write": "uint32_t window, offset, value;",
     "struct realm_table": "uint32_t windows, successor, entries, changes; const struct realm_write *entry, *change;",
@@ -85,6 +93,10 @@ class RegisterFile:
 
     guard: int = 0
 
+    def width(self, name: Register) -> int:
+        """Return the bits that a register has: one for each manager where they share a word, else all."""
+        return (1 << self.managers) - 1 if name[0].endswith("enable") else WORD - 1
+
     def write(self, offset: int, value: int) -> str:
         """Write a register; return why the device refuses it, empty if it does not."""
         if offset == self.guard:
@@ -95,22 +107,32 @@ class RegisterFile:
         name = self.names.get(offset)
         if name is None or not 0 <= value < WORD:
             return f"there is no register {offset:#x} to be written with {value:#x}"
-        self.values[name] = value
+        self.values[name] = value & self.width(name)
+        if self.values[name] != value:
+            return f"the {name[0]} {value:#x} reads back as {self.values[name]:#x}"
         for direction, period in PERIODS.items():
             if name[0] == period:
                 self.loaded[name] = self.values.get((BUDGETS[direction], *name[1:]), 0)
         return ""
 
 
+def register_file(case: Case) -> RegisterFile:
+    """Return the register file that the platform states, after reset."""
+    return RegisterFile(case.facts.number("axi-realm", "managers"), case.facts.number("axi-realm", "regions"))
+
+
 def execute(case: Case) -> None:
     """Execute the set-up and every table, of the scripts and of the header."""
-    named, numbered = scripts_of(case, ".txt", "setup.txt")
+    named, numbered = scripts_of(case, ".txt", "setup.txt", LOADER)
+    if LOADER in named:
+        base = case.facts.settings["axi-realm"]["base"]
+        check_loader(case, named[LOADER], base, f"{register_file(case).guard:#05x}")
     if "setup.txt" in named:
         _set_up(case, "setup.txt", _setup_writes(case, named["setup.txt"]))
     for index, script in sorted(numbered.items()):
         entry, changes = _table_writes(case, script)
         _play(case, script.name, case.tables.tables[index], entry, changes)
-    header = header_of(case, HEADER, TYPES, ARRAYS, "REALM_SCHEDULE_SHA256")
+    header = header_of(case, HEADER, TYPES, ARRAYS, "REALM_SCHEDULE_SHA256", put_function("realm", "REALM_GUARD"))
     if header is not None:
         _header(case, header)
 
@@ -151,6 +173,7 @@ def _header(case: Case, header: Header) -> None:
     tables = case.tables.tables
     stated = {
         "REALM_BASE": int(case.facts.settings["axi-realm"]["base"], 16),
+        "REALM_GUARD": register_file(case).guard,
         "REALM_WINDOW_CYCLES": case.facts.cycles,
         "REALM_TABLES": len(tables),
     }
@@ -190,7 +213,7 @@ def _rows(case: Case, header: Header, array: str, *, is_first: bool = False) -> 
 
 def _set_up(case: Case, name: str, writes: Sequence[Write]) -> None:
     """Execute the set-up and compare every register with what the platform and the defaults demand."""
-    file = RegisterFile(case.facts.number("axi-realm", "managers"), case.facts.number("axi-realm", "regions"))
+    file = register_file(case)
     seen: set[int] = set()
     for write in writes:
         case.steps += 1
@@ -253,7 +276,7 @@ def _shown(value: int | None) -> str:
 
 def _play(case: Case, name: str, table: Table, entry: Sequence[Write], changes: Sequence[Write]) -> None:
     """Execute a table once and again, and compare the budget of every window with its entries."""
-    file = RegisterFile(case.facts.number("axi-realm", "managers"), case.facts.number("axi-realm", "regions"))
+    file = register_file(case)
     file.is_claimed = True
     seen: dict[Register, list[tuple[int, int]]] = {}
     path, last, count = f'table "{table.name}"', -1, 0

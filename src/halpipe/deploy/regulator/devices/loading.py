@@ -81,6 +81,35 @@ def take(case: Case, script: Script, begin: Sequence[str]) -> Iterator[Line]:
     case.note(NOT_UNDERSTOOD, script.name, f'ends before "{begin[len(script.lines)]}"')
 
 
+def check_loader(case: Case, script: Script, base: str, guard: str) -> None:
+    """Note where the script that loads the others does not write, read back and stop as documented."""
+    skips = (f'  [ "$offset" != {guard} ] || continue',) if guard else ()
+    expected = (
+        "set -e",
+        """sed -e '/^#/d' -e 's/^- //' "$1" | while read -r offset value more; do""",
+        '  [ -z "$more" ] || continue',
+        f"  at=$(({base} + offset))",
+        '  devmem "$at" 32 "$value"',
+        *skips,
+        '  have=$(devmem "$at" 32)',
+        '  [ $((have)) -eq $((value)) ] || { echo "$1: register $offset is $have, not $value" >&2; exit 1; }',
+        "done",
+    )
+    for line in take(case, script, expected):
+        case.note(NOT_UNDERSTOOD, script.name, f'has "{line.text[:60]}" after its end', line=line.number)
+
+
+def put_function(prefix: str, guard: str) -> str:
+    """Return the C function that writes registers and reads each back; words are one space apart."""
+    skips = f"write[n].offset != {guard} && " if guard else ""
+    return (
+        f"static inline uint32_t {prefix}_load(uintptr_t base, const struct {prefix}_write *write, uint32_t count) {{ "
+        "for (uint32_t n = 0u; n < count; n++) { "
+        "volatile uint32_t *at = (volatile uint32_t *)(base + write[n].offset); "
+        f"*at = write[n].value; if ({skips}*at != write[n].value) {{ return n + 1u; }} }} return 0u; }}"
+    )
+
+
 def hexadecimal(text: str) -> int | None:
     """Return a word of 32 bits written as ``0x...``, None if it is none."""
     if not re.fullmatch(r"0x[0-9a-f]{1,16}", text):
@@ -113,14 +142,18 @@ class Header:
 _DEFINE = re.compile(r'#define (\w+)(?: ("[^"\n]*"|\w+))?')
 _ARRAY = re.compile(r"static const (struct \w+|struct \{[^}]*\}) (\w+)\[(\w+)\] = \{(.*?)\n\};", re.DOTALL)
 _ROW = re.compile(r"\s*\{([^{}]*)\},")
+_FUNCTION = re.compile(r"static inline [^{};]+\{\n.*?\n\}", re.DOTALL)
 _TYPE = re.compile(r"(struct \w+) \{([^}]*)\};")
 _VALUE = re.compile(r"(0x[0-9a-f]+|[0-9]+)u|0|[a-z]\w*")
 
 
-def header_of(case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str) -> Header | None:
+def header_of(
+    case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str, function: str
+) -> Header | None:
     """Return the header `name`, which declares `types` (with members) and has the schedule in the macro `digest`.
 
-    `arrays` gives the type of each array by its name, without the number of its table.
+    `arrays` gives the type of each array by its name, without the number of its table; `function` is the one that it
+    defines, words apart by one space.
     """
     data = files_of(case).get(name)
     if data is None:
@@ -128,6 +161,9 @@ def header_of(case: Case, name: str, types: dict[str, str], arrays: dict[str, st
         return None
     text = re.sub(r"/\*.*?\*/", "", data.decode("utf-8", "replace"), flags=re.DOTALL)
     header = Header(name, {}, {}, {}, {})
+    if [" ".join(found.split()) for found in _FUNCTION.findall(text)] != [function]:
+        case.note(NOT_UNDERSTOOD, name, "does not write and read back as documented")
+    text = _FUNCTION.sub("", text)
     text = _ARRAY.sub(lambda match: _array(case, header, match), text)
     text = _TYPE.sub(lambda match: _declare(header, match), text)
     rest = [line.strip() for line in text.splitlines() if line.strip()]

@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
-from halpipe.deploy.regulator.devices.loading import header_number, header_of, hexadecimal, scripts_of
+from halpipe.deploy.regulator.devices.loading import (
+    check_loader,
+    header_number,
+    header_of,
+    hexadecimal,
+    put_function,
+    scripts_of,
+)
 from halpipe.deploy.regulator.promise import ZERO
 
 if TYPE_CHECKING:
@@ -24,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.devices.loading import Script
     from halpipe.deploy.regulator.reading import Table
 
-HEADER = "mpam.h"
+HEADER, LOADER = "mpam.h", "load.sh"
 TYPES = {
     "struct mpam_write": "uint32_t offset, value;",
     "struct mpam_table": "uint32_t writes; const struct mpam_write *write;",
@@ -70,11 +77,13 @@ class Component:
 
 def execute(case: Case) -> None:
     """Execute the set-up and every table, of the scripts and of the header."""
-    named, numbered = scripts_of(case, ".txt", "setup.txt")
+    named, numbered = scripts_of(case, ".txt", "setup.txt", LOADER)
+    if LOADER in named:
+        check_loader(case, named[LOADER], case.facts.settings["mpam"]["base"], "")
     if "setup.txt" in named:
         _set_up(case, "setup.txt", _writes(case, named["setup.txt"]))
     _tables(case, {i: s.name for i, s in numbered.items()}, {i: _writes(case, s) for i, s in numbered.items()})
-    header = header_of(case, HEADER, TYPES, ARRAYS, "MPAM_SCHEDULE_SHA256")
+    header = header_of(case, HEADER, TYPES, ARRAYS, "MPAM_SCHEDULE_SHA256", put_function("mpam", ""))
     if header is None:
         return
     tables = case.tables.tables

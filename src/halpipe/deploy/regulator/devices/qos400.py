@@ -37,6 +37,13 @@ ARRAYS = {
     "qos400_write": "struct qos400_write",
     "qos400_tables": "struct qos400_table",
 }
+PUT = (
+    "static inline uint32_t qos400_put(uint64_t address, uint32_t value) { "
+    "volatile uint32_t *at = (volatile uint32_t *)(uintptr_t)address; "
+    "*at = value; return (*at == value) ? 0u : 1u; }"
+)
+"""Writes a register and reads it back."""
+
 STEPS = 4096
 PORTS = {
     "smmutbu3": 0xFD743100, "smmutbu4": 0xFD744100, "afifm0": 0xFD745100, "afifm1": 0xFD746100, "afifm2": 0xFD747100,
@@ -62,7 +69,7 @@ def execute(case: Case) -> None:
     _, numbered = scripts_of(case, ".sh")
     played = {i: list(_script(case, owners, s)) for i, s in numbered.items()}
     _check(case, {i: s.name for i, s in numbered.items()}, played)
-    header = header_of(case, HEADER, TYPES, ARRAYS, "QOS400_SCHEDULE_SHA256")
+    header = header_of(case, HEADER, TYPES, ARRAYS, "QOS400_SCHEDULE_SHA256", PUT)
     if header is not None:
         _init(case, owners, header)
         tables = case.tables.tables

@@ -107,7 +107,7 @@ class AxiRealm:
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
-        """Return ``setup.txt``, a script for every table, and ``axi_realm.h``."""
+        """Return ``setup.txt``, a script for every table, ``load.sh`` that loads them, and ``axi_realm.h``."""
         platform = tables.platform
         values = {"platform": platform, "model": tables.model, "digest": digest}
         setup = list(_setup(tables))
@@ -116,15 +116,18 @@ class AxiRealm:
         for stem, (table, entry, changes) in zip(file_names(t.name for t in tables.tables), scripts, strict=True):
             files[f"{stem}.txt"] = render("axi_realm.txt.j2", table=table, entry=entry, changes=changes, **values)
         names = identifiers(table.name for table in tables.tables)
+        base, guard = platform.settings[self.name]["base"], f"{_map(tables).guard:#05x}"
         files["axi_realm.h"] = render(
             "axi_realm.h.j2",
             setup=setup,
             scripts=list(zip(names, scripts, strict=True)),
             switches=tables.switches,
             number={table.name: table.index for table in tables.tables},
-            base=platform.settings[self.name]["base"],
+            base=base,
+            guard=guard,
             **values,
         )
+        files["load.sh"] = render("load.sh.j2", base=base, guard=guard, digest=digest)
         return files
 
 

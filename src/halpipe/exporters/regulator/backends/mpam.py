@@ -58,7 +58,7 @@ class Mpam:
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
-        """Return ``setup.txt``, a script for every table, and ``mpam.h``."""
+        """Return ``setup.txt``, a script for every table, ``load.sh`` that loads them, and ``mpam.h``."""
         values = {"platform": tables.platform, "model": tables.model, "digest": digest}
         setup = list(_setup(tables))
         scripts = [(table, list(_writes(tables, table))) for table in tables.tables]
@@ -70,6 +70,7 @@ class Mpam:
         files["mpam.h"] = render(
             "mpam.h.j2", setup=setup, scripts=list(zip(names, scripts, strict=True)), base=base, **values
         )
+        files["load.sh"] = render("load.sh.j2", base=base, guard="", digest=digest)
         return files
 
 

@@ -7,6 +7,7 @@
 
 #define REALM_SCHEDULE_SHA256 "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef"
 #define REALM_BASE 0x0u
+#define REALM_GUARD 0x7fcu
 #define REALM_WINDOW_CYCLES 1000u
 #define REALM_TABLES 4u
 #define REALM_TABLE_FAST 0u /* fast */
@@ -16,6 +17,18 @@
 
 struct realm_write { uint32_t window, offset, value; };
 struct realm_table { uint32_t windows, successor, entries, changes; const struct realm_write *entry, *change; };
+
+/* Writes in this order, and reads each back. Returns 0, or the number, from 1 on, of the first write that is not there:
+ * stop then, since nothing is regulated as it should be. */
+static inline uint32_t realm_load(uintptr_t base, const struct realm_write *write, uint32_t count)
+{
+  for (uint32_t n = 0u; n < count; n++) {
+    volatile uint32_t *at = (volatile uint32_t *)(base + write[n].offset);
+    *at = write[n].value;
+    if (write[n].offset != REALM_GUARD && *at != write[n].value) { return n + 1u; }
+  }
+  return 0u;
+}
 
 /* Before any manager starts, in this order. */
 static const struct realm_write realm_setup[37] = {

@@ -15,6 +15,18 @@
 struct mpam_write { uint32_t offset, value; };
 struct mpam_table { uint32_t writes; const struct mpam_write *write; };
 
+/* Writes in this order, and reads each back. Returns 0, or the number, from 1 on, of the first write that is not there:
+ * stop then, since nothing is regulated as it should be. */
+static inline uint32_t mpam_load(uintptr_t base, const struct mpam_write *write, uint32_t count)
+{
+  for (uint32_t n = 0u; n < count; n++) {
+    volatile uint32_t *at = (volatile uint32_t *)(base + write[n].offset);
+    *at = write[n].value;
+    if (*at != write[n].value) { return n + 1u; }
+  }
+  return 0u;
+}
+
 static const struct mpam_write mpam_setup[96] = {
   {0x100u, 0x00000000u},
   {0x208u, 0x800000ffu},

@@ -15,6 +15,14 @@ struct qos400_init { uint64_t address; uint32_t value; };
 struct qos400_write { uint64_t at_ns, address; uint32_t value; };
 struct qos400_table { uint32_t writes; const struct qos400_write *write; };
 
+/* Writes a register and reads it back. Returns 0, or 1 if the value is not there: stop then, nothing is regulated. */
+static inline uint32_t qos400_put(uint64_t address, uint32_t value)
+{
+  volatile uint32_t *at = (volatile uint32_t *)(uintptr_t)address;
+  *at = value;
+  return (*at == value) ? 0u : 1u;
+}
+
 static const struct qos400_init qos400_init[10] = {
   {0xfd747128u, 0x00000001u},
   {0xfd74712cu, 0x00100000u},
