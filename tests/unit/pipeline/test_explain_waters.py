@@ -1,9 +1,11 @@
 """The WATERS 2019 system: where strict periods on the TX2 cannot work, why, and what it takes that they do."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
+from halpipe.durations import milliseconds
 from halpipe.models import Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import Verdict, explain
@@ -12,6 +14,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.verify import verify
+from support import chain
 from waters2019 import OFFLOADING, PLAIN, waters2019
 
 
@@ -33,6 +36,19 @@ def test_strictly_periodic_on_the_tx2_the_gpu_cannot_hold_what_the_solution_puts
     assert set(met.tasks) == {"detection", "sfm"}
     assert '7.9ms of "sfm" + 116ms of "detection" > 1ms = gcd(33ms, 200ms)' in met.diagnostic.message
     assert '1 more unit of type "gpu"' in met.diagnostic.help
+
+
+def test_two_tasks_are_the_proof_where_sfm_has_to_keep_up_with_its_camera():
+    """On the fastest cores its stages take 34.55 ms; on the GPU there is no room beside the 116 ms of detection."""
+    limited = chain("camera", "sfm_pre sfm sfm_post", age="33ms")
+    (hopeless,) = find_witnesses(replace(waters2019(slack=1), chains=(limited,)))
+    (witness,) = [w for w in hopeless.witnesses if w.diagnostic.code == codes.UNIT_HELD.id]
+    assert set(witness.tasks) == {"detection", "sfm_pre", "sfm", "sfm_post"}
+    assert '"detection" holds "gpu" for 116ms at a time' in witness.diagnostic.message
+    assert "elsewhere it would take 34.55ms at least" in witness.diagnostic.message
+    room = 33 + 33 + (33 - 3.54) - 2 * 7.9 - 3.19 - 3.54  # limit, distance of the last stage's jobs, and what they take
+    assert f"must start within {room:.2f}ms" in witness.diagnostic.message
+    assert not find_witnesses(replace(waters2019(slack=1), chains=(replace(limited, max_age=milliseconds(77)),)))
 
 
 def test_no_slack_lets_detection_and_sfm_share_the_gpu():

@@ -71,3 +71,21 @@ SCHEDULABLE = note(
     "Mode has a schedule",
     "A valid schedule was found, so there is nothing to explain.",
 )
+UNIT_HELD = error(
+    "HAL0446",
+    "Unit is held for longer than a chain can do without it",
+    "A task holds the unit in one piece. A chain with a limit goes through jobs of another task there, because its "
+    "other versions take longer than the limit leaves. Such a job lies before the piece or after it. The last job of "
+    "the chain that reads what came before it starts at most limit - (WCETs of the chain up to its last job) after "
+    "that, the first that reads what comes after it cannot start before it; and two starts of the last task are at "
+    "most D + slack * D apart. If the piece is longer than that allows, no schedule exists. For a reaction time, the "
+    "same is said of the first task and of what it missed.",
+)
+COARSE_GRID = note(
+    "HAL0447",
+    "Answered on a coarser grid",
+    "The times of the mode are too fine for an engine, so they were rounded to a coarser grid. Where a proof is asked "
+    "for, all is rounded so that the mode can only get easier: what has no schedule then has none as it is. Where a "
+    "schedule is asked for, all is rounded so that it can only get harder, and the schedule is checked with the times "
+    "as they are.",
+)

@@ -11,7 +11,9 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
+from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
+from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
 from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Chain, Mode, TaskModel
+    from halpipe.durations import Duration
+    from halpipe.models import Chain, Job, Mode, TaskModel
 
 MAX_JOBS = 300
 """Jobs of a mode up to which a conflicting set is looked for."""
@@ -40,11 +43,15 @@ class Kept:
 
 @dataclass(frozen=True, slots=True)
 class Conflict:
-    """What the exact engine says of a mode, and where it says infeasible, the part of it that already is."""
+    """What the exact engine says of a mode, and where it says infeasible, the part of it that already is.
+
+    On a `grid`, all times are rounded so that the answer holds for the mode as it is.
+    """
 
     answer: Answer
     kept: Kept | None = None
     is_minimal: bool = False
+    grid: Duration | None = None
 
 
 def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Conflict:
@@ -55,8 +62,43 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
     if not has_whole_jobs(model):
         return Conflict(Answer.UNKNOWN)
     expansion = expand(model, mode)
-    if not is_installed() or not is_small(expansion) or expansion.job_count > MAX_JOBS:
+    if not is_installed() or expansion.job_count > MAX_JOBS:
         return Conflict(Answer.UNKNOWN)
+    if is_small(expansion):
+        return _conflict(model, mode, expansion, go_on)
+    grid = coarser_grid(expansion)
+    if grid is None:
+        return Conflict(Answer.UNKNOWN)
+    loose = easier(model, grid)
+    found = _conflict(loose, mode, expand(loose, mode), go_on)
+    if found.answer is Answer.FEASIBLE and not _has_schedule(model, mode, grid, go_on):
+        found = Conflict(Answer.UNKNOWN)
+    return replace(found, grid=grid)
+
+
+def _has_schedule(model: TaskModel, mode: Mode, grid: Duration, go_on: Callable[[], bool]) -> bool:
+    """Tell whether a schedule is found with times rounded so that it holds for the model, as verify confirms."""
+    tight = harder(model, grid)
+    if tight is None:
+        return False
+    try:
+        found = solve_expansion(tight, expand(tight, mode), Effort(work=EFFORT, go_on=go_on))
+    except HalpipeError:  # too many variables, or nothing left of a job
+        return False
+    return found.status is Answer.FEASIBLE and _is_valid(model, mode, as_stated(model, found.jobs))
+
+
+def _is_valid(model: TaskModel, mode: Mode, jobs: tuple[Job, ...]) -> bool:
+    """Ask verify about a schedule of the mode alone."""
+    from halpipe.pipeline.verify import verify
+
+    hyperperiod = expand(model, mode).hyperperiod
+    table = ModeSchedule(name=mode.name, hyperperiod=hyperperiod, status=Status.VALID, jobs=jobs)
+    schedule = Schedule(model=model.name, model_sha256=model.digest, modes=(table,))
+    return not any(found.is_error for found in verify(model.alone(mode.name), schedule))
+
+
+def _conflict(model: TaskModel, mode: Mode, expansion: Expansion, go_on: Callable[[], bool]) -> Conflict:
     whole = Kept(expansion.tasks, model.chains)
 
     def answer(kept: Kept, seed: int = 1) -> Answer:

@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit
+from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.conflict import describe, find_conflict
+from halpipe.pipeline.explain.coarse import coarser_grid
+from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
 from halpipe.pipeline.explain.invalid import names_in, proves_infeasible
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand, natural_tick
-from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN
+from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
@@ -130,11 +131,23 @@ class _Question:
         conflict = find_conflict(self.model, self.mode, self.go_on) if self.use_exact else None
         if conflict is not None and conflict.answer is Answer.FEASIBLE:
             help = "schedule it without --budget, or with --engine exact"
-            return Verdict.SCHEDULABLE, [self._schedulable("the exact engine finds one", help)]
+            return Verdict.SCHEDULABLE, [
+                *self._rounded(conflict),
+                self._schedulable("the exact engine finds one", help),
+            ]
         if conflict is not None and conflict.kept is not None:
             tasks = tuple(active.name for active in conflict.kept.tasks)
-            return Verdict.INFEASIBLE, [describe(self.mode, conflict), *self._remedies(tasks)]
+            proof = [*self._rounded(conflict), describe(self.mode, conflict)]
+            return Verdict.INFEASIBLE, [*proof, *self._remedies(tasks)]
         return Verdict.NOT_FOUND, [*found, *self._remedies(names_in(self.model, broken))]
+
+    def _rounded(self, conflict: Conflict) -> list[Diagnostic]:
+        """Say on which grid the exact engine has answered, if not on that of the mode."""
+        if conflict.grid is None:
+            return []
+        how = "easier" if conflict.answer is Answer.INFEASIBLE else "harder"
+        text = f"its times are too fine for the exact engine; rounded to {conflict.grid}, so that it can only be {how}"
+        return [codes.COARSE_GRID(text, at=place(self.mode), path=f'mode "{self.mode.name}"')]
 
     def _schedulable(self, how: str, help: str = "nothing to do") -> Diagnostic:
         text = f"has a valid schedule; {how}"
@@ -157,7 +170,13 @@ class _Question:
         jobs = max(1, expand(self.model, self.mode).job_count)
         budget = self.budget or max(20, min(BUDGET, WORK // jobs))
         options = SearchOptions(seed=self.seed, budget=budget, modes=(self.mode.name,))
-        return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
+        try:
+            return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
+        except HalpipeError as failure:
+            grid = coarser_grid(expand(self.model, self.mode))
+            if grid is None or {found.code for found in failure.diagnostics} != {TOO_LARGE.id}:
+                raise
+        return schedule_model(self.model, replace(options, tick=grid), lambda *_: self.go_on()).schedule
 
     def _broken(self, best: Schedule) -> list[Diagnostic]:
         """Return what verify finds in it, without regard to what its author claims of it."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.groups_meet import crowds
 from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, units_met
@@ -61,6 +62,7 @@ def _judge(context: Context, mode: ActiveMode) -> Hopeless | None:
     facts, notes, witnesses = prune(mode_facts(mode, context.units))
     witnesses += _loads(context.model, facts, bool(notes))
     witnesses += [*units_met(facts, context.model), *resources_met(facts), *contradictions(facts)]
+    witnesses += blockings(facts, context.model)
     if not witnesses:
         witnesses += crowds(facts)
     return Hopeless(mode.mode.name, tuple(notes), tuple(witnesses)) if witnesses else None
