@@ -53,17 +53,18 @@ class Stated(Generic[T_co]):
 
 
 class Words:
-    """A reader of one of some `words`."""
+    """A reader of one of some `words`, and of what they `mean`."""
 
-    def __init__(self, *words: str) -> None:
+    def __init__(self, *words: str, mean: Callable[[str], Any] = str) -> None:
         self.words = words
+        self._mean = mean
 
-    def __call__(self, text: str) -> str:
-        """Return `text`; raise ``ValueError`` when it is none of the words."""
+    def __call__(self, text: str) -> Any:
+        """Return what `text` means; raise ``ValueError`` when it is none of the words."""
         if text not in self.words:
             help = did_you_mean(text, self.words, "write " + ", ".join(self.words))
             raise ValueError(f"{quoted(text)} is not known; {help}")
-        return text
+        return self._mean(text)
 
 
 class Fields:

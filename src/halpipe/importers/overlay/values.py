@@ -109,8 +109,7 @@ def reader(codec: Codec) -> Callable[[str], Any]:
     kind = codec.words
     if kind is None:
         return _READERS[codec]
-    read = Words(*(str(known) for known in kind.__members__.values()))
-    return lambda text: kind(read(text))
+    return Words(*(str(known) for known in kind.__members__.values()), mean=kind)
 
 
 _READERS: dict[Codec, Callable[[str], Any]] = {

@@ -1,0 +1,100 @@
+"""The JSON schemas that come with halpipe: made by its readers, and right about its own files and outputs."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+
+import halpipe
+from command_line import run_here
+from halpipe.exporters.native import format_model
+from support import small_model
+
+ROOT = Path(__file__).parents[2]
+SCHEMAS = Path(halpipe.__file__).parent / "schemas"
+KINDS = {
+    "halpipe-overlay": "overlay",
+    "halpipe-regulator": "platform",
+    "halpipe-pipeline": "pipeline",
+    "halpipe-profile": "profile",
+}
+
+
+def generator():
+    sys.path.insert(0, str(ROOT / "docs"))
+    try:
+        spec = importlib.util.spec_from_file_location("generate_docs", ROOT / "docs" / "generate.py")
+        script = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(script)
+        return script.json_schemas()
+    finally:
+        sys.path.remove(str(ROOT / "docs"))
+
+
+@pytest.fixture(scope="module")
+def made():
+    return generator()
+
+
+def validator(name):
+    schema = json.loads((SCHEMAS / f"{name}-1.schema.json").read_bytes())
+    Draft7Validator.check_schema(schema)
+    return Draft7Validator(schema)
+
+
+def kind_of(text):
+    return next((kind for key, kind in KINDS.items() if f"{key}: 1" in text), None)
+
+
+OWN = sorted(
+    path
+    for folder in ("examples", "src/halpipe/profiles")
+    for path in (ROOT / folder).rglob("*.yaml")
+    if kind_of(path.read_text(encoding="utf-8"))
+)
+
+
+def test_the_schemas_on_disk_are_those_that_the_readers_make(made):
+    on_disk = {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.glob("*.json")}
+    assert on_disk == made, "run make docs"
+
+
+@pytest.mark.parametrize("path", OWN, ids=lambda path: str(path.relative_to(ROOT)))
+def test_our_own_files_follow_their_schemas(path):
+    text = path.read_text(encoding="utf-8")
+    assert [e.message for e in validator(kind_of(text)).iter_errors(yaml.safe_load(text))] == []
+
+
+def test_there_are_files_of_each_kind():
+    assert {kind_of(path.read_text(encoding="utf-8")) for path in OWN} == set(KINDS.values())
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        ("overlay", "halpipe-overlay: 1\ntaskz: {}\n"),
+        ("overlay", "halpipe-overlay: 1\ntasks: {a: {wcet: 5}}\n"),
+        ("overlay", "halpipe-overlay: 1\ntasks: {a: {binding: often}}\n"),
+        ("platform", "halpipe-regulator: 1\nclock: 250MHz\n"),
+        ("pipeline", "halpipe-pipeline: 1\nmodel: m.xml\nschedule: {output: s.xml}\nexports: [{format: dot}]\n"),
+        ("pipeline", "halpipe-pipeline: 2\nmodel: m.xml\nschedule: {output: s.xml}\n"),
+        ("profile", "halpipe-profile: 1\nuart: {kind: other, base: 1}\n"),
+    ],
+)
+def test_what_the_readers_refuse_an_editor_marks(kind, text):
+    assert list(validator(kind).iter_errors(yaml.safe_load(text)))
+
+
+def test_what_show_and_doctor_print_follows_its_schema(tmp_path):
+    (tmp_path / "model.xml").write_bytes(format_model(small_model()))
+    assert run_here(tmp_path, "schedule", "model.xml", "-o", "s.xml").returncode == 0
+    for kind, arguments in (
+        ("show", ("show", "s.xml", "--format", "json")),
+        ("doctor", ("doctor", "--format", "json")),
+    ):
+        printed = json.loads(run_here(tmp_path, *arguments).stdout)
+        assert [e.message for e in validator(kind).iter_errors(printed)] == []
