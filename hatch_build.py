@@ -18,6 +18,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 import build_native
 
+EXAMPLES = ("roboracer", "platforms")
+"""Folders that ``halpipe new --example`` copies."""
+
 
 class Libraries(BuildHookInterface[Any]):
     """Puts the libraries into the wheel, and the name of the system into that of the wheel."""
@@ -41,6 +44,8 @@ class Libraries(BuildHookInterface[Any]):
         self._made = Path(tempfile.mkdtemp())
         libraries = build_native.build(self._made, _target())
         build_data["force_include"].update({str(path): place for place, path in libraries.items()})
+        for example in EXAMPLES:
+            build_data["force_include"][str(Path(self.root, "examples", example))] = f"halpipe/examples/{example}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what the wheel has a copy of."""

@@ -37,6 +37,7 @@ MAY_IMPORT = {
     "files": {"diagnostics"},
     "settings": {"diagnostics", "files", "quantities", "suggest"},
     "extent": set(),
+    "starters": set(),
     "caches": set(),
     "libraries": {"diagnostics"},
     "bundles": {"diagnostics", "files"},
@@ -57,7 +58,8 @@ MAY_IMPORT = {
     "bench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow"},
     # The tool from Python does what the command line does.
     "api": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow"},
-    "cli": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench"},
+    "cli": FOUNDATION
+    | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench", "starters"},
 }
 
 # Modules of the outside world -> the parts that may import them.

@@ -96,6 +96,8 @@ def test_a_wheel_is_what_its_name_says(wheel):
         re.match(r"[\w-]+", need)[0].lower() for need in metadata.get_all("Requires-Dist") if "extra ==" not in need
     }
     assert not needs & {"numba", "llvmlite", "ziglang", "cffi", "hatchling"}
+    assert {"halpipe/starters/first/model.xml", "halpipe/examples/roboracer/overlay.yaml"} <= names
+    assert not any("/out/" in name or "__pycache__" in name for name in names)
     places = {name.split("/")[0] for name in names}
     assert places == {"halpipe", one(names, "WHEEL").split("/")[0]}
 

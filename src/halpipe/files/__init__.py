@@ -7,7 +7,7 @@ so that a failed or killed run leaves the old file whole. A command never writes
 
 from __future__ import annotations
 
-from halpipe.files.folders import FOREIGN_FOLDER, MANIFEST, MANIFEST_KEY, write_directory
+from halpipe.files.folders import FOREIGN_FOLDER, MANIFEST, MANIFEST_KEY, write_directory, write_new_folder
 from halpipe.files.protection import OUTPUT_IS_INPUT, STDIO, is_input, protecting_inputs, refuse_inputs
 from halpipe.files.reading import (
     CANNOT_READ,
@@ -74,6 +74,7 @@ __all__ = [
     "remove_output",
     "sha256",
     "write_directory",
+    "write_new_folder",
     "write_output",
     "write_outputs",
 ]

@@ -58,6 +58,13 @@ def write_directory(path: str, contents: Mapping[str, bytes]) -> None:
         raise cannot_write(path, failure) from None
 
 
+def write_new_folder(path: str, contents: Mapping[str, bytes]) -> None:
+    """Write a folder that was not there, or was empty; see `write_directory`."""
+    if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
+        raise _foreign(path, "is there already, and is not empty; nothing was written")
+    write_directory(path, contents)
+
+
 def _mend(former: str, target: str) -> None:
     """Finish what a killed run left: the folder before is put back, or removed where the new one is in place."""
     if not os.path.isdir(former):

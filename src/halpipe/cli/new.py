@@ -1,0 +1,42 @@
+"""``halpipe new``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
+from halpipe.diagnostics import Exit
+
+
+def new(
+    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder to make; it must not be there, or be empty.")],
+    example: Annotated[
+        str, typer.Option(metavar="NAME", help="An example instead of a first model: roboracer.", show_default=False)
+    ] = "",
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
+    from halpipe.files import write_new_folder
+    from halpipe.starters import EXAMPLES, first_model
+    from halpipe.starters import example as files_of
+    from halpipe.suggest import did_you_mean
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    if example and example not in EXAMPLES:
+        hint = did_you_mean(example, EXAMPLES, "there is: " + ", ".join(EXAMPLES))
+        raise typer.BadParameter(f'there is no example "{example}"; {hint}', param_hint="--example")
+    written = files_of(example) if example else first_model()
+    write_new_folder(folder, written)
+    output.inform(f"{folder}: {len(written)} files; begin with {_first(folder, example)}")
+    return Exit.OK
+
+
+def _first(folder: str, example: str) -> str:
+    if example:
+        return f"{folder}/{example}/README.md"
+    return f"halpipe schedule {folder}/model.xml -o {folder}/schedule.xml"
