@@ -18,7 +18,7 @@ from halpipe.exporters.linux.unrealised import unrealised
 from halpipe.files import write_directory
 from halpipe.models import Mode, ModeSchedule, Part, Run, Source, Split, Status, TransitionTable, Unit
 from halpipe.pipeline.verify import verify
-from support import job, model, ms, schedule, task, version
+from support import access, job, mode, model, ms, schedule, task, version
 
 needs_compiler = pytest.mark.skipif(
     not shutil.which("make") or not shutil.which("cc"), reason="building a bundle takes make and a C compiler"
@@ -92,6 +92,43 @@ def test_a_job_with_a_list_of_split_points_is_held_at_them(tmp_path):
     _, files = write(tmp_path, owner, tables)
     assert "{{0, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
     assert levels_of(owner, tables) == {"short": 0, "long": 0}
+
+
+def with_phase(owner, begin, end):
+    phase = access("memory", begin, end, "1/2")
+    tasks = [replace(t, versions=tuple(replace(v, accesses=(phase,)) for v in t.versions)) for t in owner.tasks[1:]]
+    return model(owner.tasks[0], *tasks, units="u1", resources="memory")
+
+
+def test_an_access_phase_does_not_begin_before_its_instant(tmp_path):
+    """A job in one piece, of two functions: the second reads the memory, and waits where the first is early."""
+    owner = with_phase(system(Split(points=(ms(2),)), "first second"), 2, 3)
+    whole = [job(owner, "short", k, 5 * k + 3, "u1") for k in range(1, 4)]
+    tables = schedule(owner, 20, job(owner, "long", 0, 1, "u1"), *whole)
+    _, files = write(tmp_path, owner, tables)
+    assert "{{1000000, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
+
+
+def test_a_phase_that_begins_within_a_function_is_refused(tmp_path):
+    owner = with_phase(system(Split(points=(ms(2),)), "first second"), 3, 4)
+    assert refused(tmp_path, owner, planned(owner)) == [codes.EARLY_PHASE.id]
+    anywhere = with_phase(system(), 3, 4)
+    assert refused(tmp_path, anywhere, planned(anywhere)) == [codes.EARLY_PHASE.id]
+
+
+def test_who_starts_in_a_gap_across_a_switch_stands_above(tmp_path):
+    """The gap of the mode before is used by the mode after alone."""
+    long = task("long", 20, replace(version("v", 6, "u1"), split=Split(anywhere=True, max_gaps=1)), slack=1)
+    short = task("short", 20, version("v", 1, "u1"), slack=1)
+    owner = model(long, short, units="u1", modes=[mode("one", (long,)), mode("two", (short,))])
+    points = [(16, 20, 0, 4), (24, 26, 4, 6)]
+    parts = tuple(Part(start=ms(a), end=ms(b), executed_from=ms(c), executed_to=ms(d)) for a, b, c, d in points)
+    late = replace(job(owner, "long", 0, 16, "u1"), parts=parts, end=ms(26))
+    tables = {"one": late, "two": job(owner, "short", 0, 1, "u1")}
+    one, two = (replace(schedule(owner, 20, each).modes[0], name=name) for name, each in tables.items())
+    switch = TransitionTable(source="one", target="two", length=ms(0), worst_latency=ms(20), status=Status.VALID)
+    tables = replace(schedule(owner, 20), modes=(one, two), transitions=(switch,))
+    assert levels_of(owner, tables) == {"long": 0, "short": 1}
 
 
 def test_a_program_without_a_function_for_each_piece_is_refused(tmp_path):

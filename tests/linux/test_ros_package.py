@@ -16,7 +16,7 @@ from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.packaging import Binding
 from halpipe.importers.ros.callbacks import Bound, callbacks_of
-from halpipe.models import Split
+from halpipe.models import Part, Split
 from support import job, model, ms, schedule, task, version
 
 STUBS = Path(__file__).with_name("ros_stubs")
@@ -136,11 +136,32 @@ def test_names_that_are_none_of_ros_are_refused():
     assert refusal(bindings=wrong) == {BAD_TEXT.id}
 
 
-def test_a_callback_is_not_held_at_split_points():
+def gapped(split):
+    """The system with a job of two parts in place of the first one in one piece."""
     owner, tables = system()
-    split = Split(points=(ms("0.5ms"),))
     tasks = tuple(replace(t, versions=tuple(replace(v, split=split) for v in t.versions)) for t in owner.tasks)
-    assert refusal(owner=replace(owner, tasks=tasks), tables=tables) == {codes.SPLIT_CALLBACK.id}
+    [table] = tables.modes
+    first, *others = table.jobs
+    half, pause = ms("0.5ms"), ms("0.1ms")
+    parts = (
+        Part(start=first.start, end=first.start + half, executed_from=ms(0), executed_to=half),
+        Part(start=first.start + half + pause, end=first.end + pause, executed_from=half, executed_to=half + half),
+    )
+    apart = replace(first, parts=parts, end=parts[1].end)
+    return replace(owner, tasks=tasks), replace(tables, modes=(replace(table, jobs=(apart, *others)),))
+
+
+def test_a_callback_is_not_held_at_split_points():
+    owner, tables = gapped(Split(points=(ms("0.5ms"),)))
+    assert refusal(owner=owner, tables=tables) == {codes.SPLIT_CALLBACK.id}
+    _, whole = system()
+    assert "tables.c" in package(owner=owner, tables=whole)  # no job has a gap, so none must be held
+
+
+def test_a_callback_may_be_interrupted_anywhere():
+    owner, tables = gapped(Split(anywhere=True, max_gaps=1))
+    files = package(owner=owner, tables=tables)
+    assert "{{0, 0, 1}, }" in files["tables.c"].replace("[] = { {", "{{")
 
 
 def test_a_trace_says_which_callbacks_the_tasks_are(tmp_path):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.durations import ZERO
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
+from halpipe.exporters.timeline import versions_of
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -51,6 +52,25 @@ def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
     for task, job in first.items():
         message = f"job {job.index} has {len(job.parts)} parts; {target}"
         findings.add(NEEDS_HOLD(message, at=job.at, path=f'task "{task}"', help=help))
+    findings.stop_on_errors()
+
+
+def refuse_early_phases(model: TaskModel, schedule: Schedule, target: str, help: str) -> None:
+    """Raise `HalpipeError` with every version whose access phases a `target` would begin early (MODEL 8.2, run time).
+
+    Models that split no job and serve no interrupts say nothing of jobs that are early.
+    """
+    versions = versions_of(model)
+    if not (any(v.split.is_allowed for v in versions.values()) or any(unit.interrupts for unit in model.units)):
+        return
+    findings = Findings()
+    jobs = [job for mode in schedule.modes for job in mode.jobs]
+    jobs += [job for table in schedule.transitions for job in table.jobs]
+    for task, name in sorted({(job.task, job.version) for job in jobs}):
+        version = versions[task, name]
+        if any(access.start > ZERO for access in version.accesses):
+            message = f"an access phase begins within its jobs, and jobs may be early; {target}"
+            findings.add(NEEDS_HOLD(message, at=version.at, path=f'task "{task}", version "{name}"', help=help))
     findings.stop_on_errors()
 
 

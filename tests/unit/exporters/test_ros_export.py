@@ -12,7 +12,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.unrealised import unrealised
-from halpipe.models import Part
+from halpipe.models import Interrupt, Part
 from stated_options import choice_of, stated
 from support import access, job, model, ms, schedule, task, version
 
@@ -184,6 +184,19 @@ def test_exclusion_between_executors_is_by_time_only():
     system = model(task("a", 10, shared[0]), task("b", 10, shared[1]), units="u1 u2", resources="group")
     planned = schedule(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 1, "u2"))
     assert 'callbacks that share "group"' in messages(system, planned, cpus={"u1": 0, "u2": 1})[0]
+
+
+def test_a_phase_within_a_job_that_may_be_early_is_refused():
+    """Only models that split jobs or serve interrupts say anything of jobs that are early (MODEL 8.2, run time)."""
+    late = version("v", "2ms", "u1", access("m", 1, 2, "1/2"))
+    system = model(task("a", 10, late), resources="m")
+    planned = schedule(system, 10, job(system, "a", 0, 0, "u1", "v"))
+    assert write(system, planned, cpus={"u1": 0})
+    served = Interrupt(name="i", distance=ms(100), wcet=ms("0.1ms"))
+    system = replace(system, units=(replace(system.units[0], interrupts=(served,)),))
+    with pytest.raises(HalpipeError) as refused:
+        write(system, planned, cpus={"u1": 0})
+    assert [d.code for d in refused.value.diagnostics] == [NEEDS_HOLD.id]
 
 
 def test_split_jobs_run_in_one_piece():

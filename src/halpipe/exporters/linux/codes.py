@@ -1,4 +1,4 @@
-"""The diagnostics of the Linux export: HAL0811 to HAL0815."""
+"""The diagnostics of the Linux export: HAL0811 to HAL0815, and HAL0818."""
 
 from halpipe.diagnostics import error, warning
 
@@ -30,4 +30,10 @@ BAD_TEXT = error(
     "Name does not go into a C string",
     "Names of tasks, units, modes and buffers are written into the tables as they are: ASCII letters, digits and "
     "punctuation but quotes, backslashes, commas and blanks.",
+)
+EARLY_PHASE = error(
+    "HAL0818",
+    "Access phase cannot be held until its instant",
+    "Where jobs are split or units serve interrupts, no access phase may begin before its instant, also where the job "
+    "is early. A program is held where one of its functions begins, so the phase must begin there.",
 )

@@ -6,23 +6,24 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.linux.codes import NO_ORDER
+from halpipe.exporters.priorities import relation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from halpipe.durations import Duration
-    from halpipe.models import Job, Schedule, TaskModel
+    from halpipe.models import Schedule, TaskModel
 
 MOST_LEVELS = 40
 
 
 def levels_of(model: TaskModel, schedule: Schedule) -> dict[str, int]:
-    """Return the level of each task, 0 the lowest; raise `HalpipeError` where none can be given."""
+    """Return the level of each task, 0 the lowest; raise `HalpipeError` where none can be given.
+
+    A thread has one priority wherever it runs, so the relations of all units count together.
+    """
     above: dict[str, set[str]] = {task.name: set() for task in model.tasks}
-    for mode in schedule.modes:
-        _relate(model, mode.jobs, mode.hyperperiod, above)
-    for table in schedule.transitions:
-        _relate(model, table.jobs, None, above)
+    for lower in relation_of(model, schedule).values():
+        for below, tasks in lower.items():
+            for task in tasks:
+                above[task].add(below)
     levels: dict[str, int] = {}
     path: list[str] = []
 
@@ -44,18 +45,3 @@ def levels_of(model: TaskModel, schedule: Schedule) -> dict[str, int]:
             NO_ORDER(f"{most + 1} levels are needed, {MOST_LEVELS + 1} there are", at=model.at, help=help)
         )
     return levels
-
-
-def _relate(model: TaskModel, jobs: Sequence[Job], length: Duration | None, above: dict[str, set[str]]) -> None:
-    """Note for each task the ones below it: those in whose gaps, on a unit of both, a job of it starts."""
-    for below in jobs:
-        if not below.parts or not model.task(below.task).version(below.version).split.anywhere:
-            continue
-        gaps = [(one.end, two.start) for one, two in zip(below.parts, below.parts[1:], strict=False)]
-        for job in jobs:
-            if job is below or not set(job.units) & set(below.units):
-                continue
-            turns = range(2 + int((below.end - below.start).fraction // length.fraction)) if length else range(1)
-            starts = [job.start + length * turn if length else job.start for turn in turns]
-            if any(low <= start < high for start in starts for low, high in gaps):
-                above[job.task].add(below.task)

@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.linux.codes import NO_PIECES
+from halpipe.durations import ZERO
+from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
+from halpipe.exporters.timeline import PhaseTimes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,6 +86,7 @@ def tables_of(
     jobs = [list(mode.jobs) for mode in schedule.modes] + [list(table.jobs) for table in schedule.transitions]
     workers: dict[tuple[str, tuple[str, ...]], Worker] = {}
     known: dict[tuple[Part, ...], int] = {}
+    held = _Programs(model, findings)
     for number, rows in enumerate(jobs):
         for job in sorted(rows, key=lambda job: (job.start.fraction, job.task, job.index)):
             key = (job.task, job.units)
@@ -91,7 +94,7 @@ def tables_of(
                 unit, levelled = job.units[0], levels[job.task]
                 tables: list[list[Row]] = [[] for _ in jobs]
                 workers[key] = Worker(job.task, unit, " ".join(job.units), cpus[unit], levelled, tables)
-            parts = _parts(job, model.task(job.task).version(job.version), findings)
+            parts = held.parts(job)
             place = known.setdefault(parts, len(known))
             program = programs[job.task, job.version]
             row = Row(_ns(job.start), _ns(job.end), place, len(parts), program, job.index)
@@ -120,18 +123,56 @@ def _ns(instant: Duration) -> int:
     return math.floor(instant.fraction)
 
 
-def _parts(job: Job, version: Version, findings: Findings) -> tuple[Part, ...]:
-    """Return which functions run from when on; a job that may be interrupted anywhere runs through."""
-    functions = len(version.source.entry.split()) if version.source is not None else 1
-    if not job.parts or version.split.anywhere:
-        return (Part(_ns(job.start), 0, functions),)
-    points = [*version.split.points]
-    if functions != len(points) + 1:
-        path = f'task "{job.task}", version "{version.name}"'
-        text = f"{len(points)} split points make {len(points) + 1} pieces, the entry names {functions} functions"
+class _Programs:
+    """Which functions of a job run from when on (MODEL 8.2, run time).
+
+    A job split by a list is held where it has a gap. In models of splits or interrupts, all are also held where an
+    access phase begins, which must be where a function does.
+    """
+
+    def __init__(self, model: TaskModel, findings: Findings) -> None:
+        self._model = model
+        self._findings = findings
+        self._times = PhaseTimes(model)
+        splits = any(version.split.is_allowed for version in self._times.versions.values())
+        self._holds_phases = splits or any(unit.interrupts for unit in model.units)
+
+    def parts(self, job: Job) -> tuple[Part, ...]:
+        """Return the functions of a job; one that may be interrupted anywhere runs through."""
+        version = self._times.versions[job.task, job.version]
+        listed = not version.split.anywhere
+        gaps = {part.executed_from: part.start for part in job.parts[1:]} if listed else {}
+        holds = gaps | (self._phases(job) if self._holds_phases else {})
+        functions = len(version.source.entry.split()) if version.source is not None else 1
+        bounds = [ZERO, *version.split.points]
+        whole = (Part(_ns(job.start), 0, functions),)
+        if not holds:
+            return whole
+        if gaps and functions != len(bounds):
+            self._refuse_pieces(job, version, functions)
+            return whole
+        if functions != len(bounds) or any(position not in bounds for position in holds):
+            self._refuse_phase(job, version)
+            return whole
+        firsts = [0, *sorted(map(bounds.index, holds))]
+        starts = [job.start, *(holds[bounds[first]] for first in firsts[1:])]
+        pairs = zip(starts, firsts, [*firsts[1:], functions], strict=True)
+        return tuple(Part(_ns(start), first, last) for start, first, last in pairs)
+
+    def _phases(self, job: Job) -> dict[Duration, Duration]:
+        """Return when the phases of a job begin, by where in its execution; the job's start needs no hold."""
+        return {a.start: job.start + begin for a, begin, _ in self._times.of(job) if a.start > ZERO}
+
+    def _refuse_pieces(self, job: Job, version: Version, functions: int) -> None:
+        points = len(version.split.points)
+        text = f"{points} split points make {points + 1} pieces, the entry names {functions} functions"
         help = 'name one function for each piece: entry="first second ..."; or leave the split points away'
-        findings.add(NO_PIECES(text, at=version.at, path=path, help=help))
-        return (Part(_ns(job.start), 0, functions),)
-    ends = [points.index(part.executed_to) + 1 if part.executed_to in points else functions for part in job.parts]
-    firsts = [0, *ends[:-1]]
-    return tuple(Part(_ns(part.start), first, last) for part, first, last in zip(job.parts, firsts, ends, strict=True))
+        self._findings.add(NO_PIECES(text, at=version.at, path=self._path(job), help=help))
+
+    def _refuse_phase(self, job: Job, version: Version) -> None:
+        text = "an access phase begins within a function; where jobs end early it would begin before its instant"
+        help = "state a split point where the phase begins, and name one function for each piece in the entry"
+        self._findings.add(EARLY_PHASE(text, at=version.at, path=self._path(job), help=help))
+
+    def _path(self, job: Job) -> str:
+        return f'task "{job.task}", version "{job.version}"'

@@ -33,8 +33,11 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
             "let the program start helping threads on the CPUs of the units that are kept free for it",
         )
     if any(version.accesses for version in versions.values()):
+        held = any(unit.interrupts for unit in model.units)
+        held = held or any(version.split.is_allowed for task in model.tasks for version in task.versions)
+        early = "" if held else ", and phases begin when the program comes to them"
         yield (
-            "bounds of access phases are not enforced, and phases begin when the program comes to them",
+            f"bounds of access phases are not enforced{early}",
             "export the regulator format (memguard or resctrl) to enforce bounds",
         )
     if made_up := [f"{task}/{name}" for (task, name), version in versions.items() if version.source is None]:

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 PRIORITY = 80
 HIGHEST_PRIORITY = 99
 """Linux knows real-time priorities from 1 to 99 (sched(7))."""
-WITHOUT_GAPS = "export the linux format, whose threads are interrupted, or schedule without split"
+WITHOUT_GAPS = (
+    "export the ament package (--package) or the linux format, whose threads are interrupted; or schedule without split"
+)
+WITH_HOLDS = "make the phase a task of its own, or export the linux format, which holds programs between functions"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +65,8 @@ class RosExporter(PlainExporter):
             "Transition tables are not written: executors do not switch between modes.",
             "Jobs start at whole nanoseconds, and by time, also those of tasks without a period.",
             "The callback of a gang runs on one CPU; the others are only kept free for it.",
-            "Split, bindings, interrupts and distances of arrivals are not written; jobs with gaps are refused.",
+            "Split, bindings, interrupts and distances of arrivals are not written.",
+            "Jobs with gaps are refused; the package (--package) plays those that are interrupted anywhere.",
         ),
     )
     suffix = ".yaml"
@@ -71,10 +75,9 @@ class RosExporter(PlainExporter):
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return one document; see `halpipe.exporters.base.Exporter`."""
         from halpipe.exporters.ros.document import format_executors
-        from halpipe.exporters.selection import refuse_gaps, select
+        from halpipe.exporters.selection import refuse_early_phases, refuse_gaps, select
 
         chosen = select(model, schedule, options.mode, self.name)
-        refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
         own = specific(RosOptions, options)
         if own.package:
             from halpipe.exporters.ros.packaging import build
@@ -82,6 +85,8 @@ class RosExporter(PlainExporter):
             if options.mode:  # the package is a system of its own, that knows no other mode
                 model = model.alone(options.mode)
             return build(model, chosen, own)
+        refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
+        refuse_early_phases(model, chosen, "an executor does not hold a callback until the phase begins", WITH_HOLDS)
         return {"": format_executors(model, chosen, own)}
 
     def remarks(

@@ -73,11 +73,13 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
     rows = [row for task, _ in keys if (row := _row(task, model, options, findings)) is not None]
     check_texts(model, schedule, (), findings)
+    gapped = {(job.task, job.version) for job in jobs_of(schedule) if job.parts}
     for task, version in keys:
-        if model.task(task).version(version).split.points:
-            help = "let the job be interrupted anywhere, or not at all: a callback is one function"
+        if (task, version) in gapped and model.task(task).version(version).split.points:
+            help = "let the job be interrupted anywhere, or schedule it without gaps: a callback is one function"
             path = f'task "{task}", version "{version}"'
-            findings.add(SPLIT_CALLBACK("it has split points", at=model.task(task).at, path=path, help=help))
+            text = "jobs have gaps at split points; a callback cannot be held there until its next part begins"
+            findings.add(SPLIT_CALLBACK(text, at=model.task(task).at, path=path, help=help))
     findings.stop_on_errors()
     levels = levels_of(model, schedule)
     programs = [Program(f"{task}/{name}", "callback", ("callback",), (), (), (), ()) for task, name in keys]
