@@ -269,7 +269,8 @@ def test_modes_switches_and_buffers_on_this_machine(tmp_path):
     assert [d.code for d in checked.diagnostics] == [deploy_codes.NOT_REAL_TIME.id]
     names = {ran.table for ran in read_recording(checked.files["trace"])}
     assert names == {"both", "one", "one->both"}
-    assert "2 switches" in checked.lines[1]
+    assert "2 switches" in checked.lines[2]
+    assert checked.lines[3] == "0 jobs missing, 0 out of order"
 
 
 @needs_compiler

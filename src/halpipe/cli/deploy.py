@@ -77,6 +77,9 @@ def check(
     bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
     engine: Annotated[str, typer.Option(help="What plays the bundle; auto takes the best that is installed.")] = "auto",
     cycles: Annotated[int, typer.Option(min=0, help="Hyperperiods of every mode; 0: enough.")] = 0,
+    seconds: Annotated[
+        int, typer.Option(min=0, help="Play all modes about so long together, instead of --cycles.")
+    ] = 0,
     modelled: Annotated[
         bool, typer.Option("--modelled", help="Let every job take its scheduled time, whatever it computes.")
     ] = False,
@@ -102,7 +105,11 @@ def check(
     output.choose(format, quiet=quiet, verbose=verbose)
     execution = "modelled" if modelled else "real"
     faults = {None: "some", True: "all", False: "none"}[inject]
-    options = CheckOptions(engine=engine, seed=seed, cycles=cycles, execution=execution, inject=faults, margin=margin)
+    if cycles and seconds:
+        raise typer.BadParameter("give one of --cycles and --seconds", param_hint="--seconds")
+    options = CheckOptions(
+        engine=engine, seed=seed, cycles=cycles, seconds=seconds, execution=execution, inject=faults, margin=margin
+    )
     checked = check_bundle(bundle, options)
     for line in checked.lines:
         output.result(line)

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 class CheckOptions:
     """What the user may choose: the `engine` that plays the bundle, the `seed` of what it draws, and how long.
 
-    `cycles` is the number of hyperperiods of every mode, 0 for what the engine thinks enough. `execution` is ``real``,
+    `cycles` is the number of hyperperiods of every mode, 0 for what the engine thinks enough; `seconds` says how long
+    all modes are played together, where that is real time, and 0 leaves it to `cycles`. `execution` is ``real``,
     or ``modelled``: every job lasts as long as its schedule says, whatever it computes. `inject` says into how many
     jobs faults are put on purpose: ``none``, ``some`` or ``all``. `margin` asks how much slower the cores may be.
     """
@@ -25,6 +26,7 @@ class CheckOptions:
     engine: str = "auto"
     seed: int = 1
     cycles: int = 0
+    seconds: int = 0
     execution: str = "real"
     inject: str = "some"
     margin: bool = False

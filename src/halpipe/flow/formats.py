@@ -8,6 +8,7 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
@@ -192,4 +193,12 @@ def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Pr
 def check_bundle(path: str, options: CheckOptions) -> Checked:
     """Open a bundle, verify the schedule it carries, and have its kind played and held against it."""
     target = open_target(path)
+    if options.seconds and not options.cycles:
+        options = replace(options, cycles=_cycles(target.schedule, options.seconds))
     return deployment(target.bundle.kind).check(target, options)
+
+
+def _cycles(schedule: Schedule, seconds: int) -> int:
+    """Return how often all modes can be played once in some seconds, at least once."""
+    once = sum((mode.hyperperiod.in_unit("s") for mode in schedule.modes), Fraction(0))
+    return max(1, int(seconds / once))

@@ -50,6 +50,7 @@ def _lines(judgement: Judgement, is_degraded: bool) -> list[str]:
     what = "order and completeness judged" if is_degraded else "order, completeness and ends judged"
     return [
         f"{judgement.jobs} jobs in {judgement.tables} tables, {judgement.switches} switches: {what}",
+        f"{judgement.missing} jobs missing, {judgement.disordered} out of order",
         f"start error: p50 {p50}, p99 {p99}, max {most}",
     ]
 
@@ -80,15 +81,15 @@ def _run(target: Target, options: CheckOptions, built: Path) -> tuple[bytes, lis
     """Return what was recorded, and the lines of standard error and output."""
     schedule = target.schedule
     longest = max(float(mode.hyperperiod.fraction) / 1e9 for mode in schedule.modes)
-    stay = max(options.cycles * longest, 2 * longest) if options.cycles else max(_STAY_SECONDS, 3 * longest)
     tour = _tour(schedule)
+    stay = max(_stay(options, len(tour) + 1, longest), 2 * longest)
     jobs = max(len(mode.jobs) for mode in schedule.modes)
-    total = stay * (len(tour) + 1)
+    total = stay * (len(tour) + 1) + (longest if tour else 0)
     events = int(total / min(float(mode.hyperperiod.fraction) / 1e9 for mode in schedule.modes) + 3) * jobs + 1000
     command = [str(built / "dispatcher"), "--record", str(built / "run.csv"), "--degrade", "all"]
     command += ["--seconds", f"{total:.6f}", "--events", str(min(events, 2_000_000))]
-    for index, mode in enumerate(tour, 1):
-        command += ["--switch", f"{index * stay:.6f}={mode}"]
+    for index, mode in enumerate(tour, 1):  # at ever other phases of the tables
+        command += ["--switch", f"{index * (stay + longest / (len(tour) + 1)):.6f}={mode}"]
     at = target.bundle.at("manifest.json")
     help = "run build/dispatcher by hand to see what happens"
     try:
@@ -103,6 +104,13 @@ def _run(target: Target, options: CheckOptions, built: Path) -> tuple[bytes, lis
         last = said[-1][:300] if said else "it says nothing"
         raise HalpipeError(codes.NOT_RUN(f"exit code {ran.returncode}: {last}", at=at, help=help))
     return (built / "run.csv").read_bytes(), said, ran.stdout.splitlines()[1:]
+
+
+def _stay(options: CheckOptions, stays: int, longest: float) -> float:
+    """Return for how many seconds every mode of a tour is played."""
+    if options.seconds:
+        return float(options.seconds) / stays
+    return options.cycles * longest if options.cycles else max(_STAY_SECONDS, 3 * longest)
 
 
 def _tour(schedule: Schedule) -> list[str]:

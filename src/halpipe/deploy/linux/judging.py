@@ -36,10 +36,15 @@ class Ran(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """What was found; `start_errors` are the median, the 99th percentile and the maximum, in nanoseconds."""
+    """What was found; `start_errors` are the median, the 99th percentile and the maximum, in nanoseconds.
+
+    `missing` and `disordered` count jobs that did not run, and that started out of order.
+    """
 
     diagnostics: tuple[Diagnostic, ...]
     jobs: int
+    missing: int
+    disordered: int
     tables: int
     switches: int
     start_errors: tuple[int, int, int]
@@ -73,7 +78,9 @@ def judge(model: TaskModel, schedule: Schedule, recording: Sequence[Ran], *, is_
     at = (len(errors) - 1) // 2, -(-len(errors) * 99 // 100) - 1, len(errors) - 1
     switches = sum("->" in name for name in tables.values())
     p50, p99, most = (errors[i] for i in at)
-    return Judgement(tuple(judging.diagnostics()), len(recording), len(tables), switches, (p50, p99, most))
+    missing, disordered = (judging.count(code) for code in (codes.MISSING_JOB, codes.WRONG_ORDER))
+    found = tuple(judging.diagnostics())
+    return Judgement(found, len(recording), missing, disordered, len(tables), switches, (p50, p99, most))
 
 
 class _Judge:
@@ -95,6 +102,10 @@ class _Judge:
     def _fault(self, code: Code, about: str, text: str) -> None:
         self.kinds[code.id] = code
         self.faults[code.id, about].append(text)
+
+    def count(self, code: Code) -> int:
+        """Return how many faults of a kind were found."""
+        return sum(len(texts) for (id, _), texts in self.faults.items() if id == code.id)
 
     def diagnostics(self) -> Iterable[Diagnostic]:
         """Yield one finding for each kind of fault and what it is about: how often, and the first."""

@@ -17,7 +17,10 @@
 
 #define SECOND INT64_C(1000000000)
 #define RING 256          /* tables that a thread may lag behind */
+#ifndef STACK
 #define STACK (256 * 1024)
+#endif
+#define SWITCHES 4096     /* that are measured */
 
 typedef struct {          /* a table that is played */
   uint64_t cycle;
@@ -53,7 +56,10 @@ static uint64_t published;        /* turns in the ring so far */
 static pthread_mutex_t gate;      /* held for a few instructions, with priority inheritance */
 static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
 static atomic_int wanted = -1, stopping, ended;
-static _Atomic uint64_t refused;
+static _Atomic int64_t requested;
+static dispatch_switch switches[SWITCHES];
+static size_t n_switches;
+static _Atomic uint64_t refused, torn;
 static int64_t origin;
 static pthread_t conductor;
 static void (*hook)(int program);
@@ -138,22 +144,41 @@ int dispatch_load(const char *folder, const char *memory) {
   return error;
 }
 
-/* A copy out of a buffer is whole: it is made again if somebody wrote meanwhile. */
+/* Others may write or read meanwhile: a word is whole, and the sequence tells whether all are of one writer. */
+static void copy_from(void *into, const buffer_head *from, size_t size) {
+  const _Atomic uint64_t *words = (const _Atomic uint64_t *)(from + 1);
+  for (size_t at = 0; at < size; at += sizeof *words) {
+    const uint64_t word = atomic_load_explicit(&words[at / sizeof *words], memory_order_relaxed);
+    memcpy((char *)into + at, &word, size - at < sizeof word ? size - at : sizeof word);
+  }
+}
+
+static void copy_to(buffer_head *into, const void *from, size_t size) {
+  _Atomic uint64_t *words = (_Atomic uint64_t *)(into + 1);
+  for (size_t at = 0; at < size; at += sizeof *words) {
+    uint64_t word = size - at < sizeof word ? atomic_load_explicit(&words[at / sizeof *words], memory_order_relaxed) : 0;
+    memcpy(&word, (const char *)from + at, size - at < sizeof word ? size - at : sizeof word);
+    atomic_store_explicit(&words[at / sizeof *words], word, memory_order_relaxed);
+  }
+}
+
+/* A copy out of a buffer is whole: it is made again if somebody wrote meanwhile; one that is not in the end is counted. */
 static void take(const dispatch_move *move, void *into) {
   const buffer_head *from = buffers[move->buffer];
   for (int attempt = 0; attempt < 100; attempt++) {
     const uint32_t before = atomic_load_explicit(&from->sequence, memory_order_acquire);
-    memcpy(into, from + 1, move->size);
+    copy_from(into, from, move->size);
     atomic_thread_fence(memory_order_acquire);
     if (!(before & 1) && before == atomic_load_explicit(&from->sequence, memory_order_relaxed)) return;
   }
+  atomic_fetch_add(&torn, 1);
 }
 
 static void give(const dispatch_move *move, const void *from) {
   buffer_head *into = buffers[move->buffer];
   atomic_fetch_add_explicit(&into->sequence, 1, memory_order_acquire);
   atomic_thread_fence(memory_order_release);
-  memcpy(into + 1, from, move->size);
+  copy_to(into, from, move->size);
   atomic_fetch_add_explicit(&into->sequence, 1, memory_order_release);
 }
 
@@ -241,14 +266,23 @@ static void publish(turn next) {
   pthread_mutex_unlock(&gate);
 }
 
+/* How long the request that ends `table` waited for the next one, which begins at `at`. */
+static void measure(int table, int64_t at, int64_t asked) {
+  if (n_switches == SWITCHES) return;
+  const int64_t time = clock_now(now_.clock);
+  switches[n_switches++] = (dispatch_switch){asked, time > at ? time : at, plan.tables[table].length + now_.lead};
+}
+
 /* The table after `table`: the target of a switch, the switch that was asked for, or the same mode again. */
-static int choose(int table) {
+static int choose(int table, int64_t at) {
   const dispatch_table *t = &plan.tables[table];
   if (t->from != t->to) return t->to;
+  const int64_t asked = atomic_load(&requested);
   const int mode = atomic_exchange(&wanted, -1);
   if (mode < 0 || mode >= plan.n_modes || mode == table) return table;
   const int next = plan.switches[table * plan.n_modes + mode];
   if (next < 0) atomic_fetch_add(&refused, 1);
+  else measure(table, at, asked);
   return next < 0 ? table : next;
 }
 
@@ -273,7 +307,7 @@ static void *conduct(void *unused) {
       while (clock_nanosleep(now_.clock, TIMER_ABSTIME, &due, NULL) == EINTR) { }
     }
     if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
-    table = choose(table);
+    table = choose(table, at);
     const int64_t length = plan.tables[table].length, time = clock_now(now_.clock);
     /* Far too late, whole tables are left out, so that phases stay; what is less is caught up with. */
     const int64_t patience = now_.policy == DISPATCH_LOG ? RING / 8 * length : length;
@@ -354,11 +388,20 @@ int dispatch_wait(int64_t seconds) {
 }
 
 void dispatch_hook(void (*run)(int program)) { hook = run; }
-void dispatch_request(int mode) { atomic_store(&wanted, mode); }
+void dispatch_request(int mode) {
+  if (atomic_load(&wanted) != mode) atomic_store(&requested, clock_now(now_.clock));
+  atomic_store(&wanted, mode);
+}
 void dispatch_stop(void) { atomic_store(&stopping, 1); }
 int dispatch_has_ended(void) { return atomic_load(&ended); }
 int64_t dispatch_origin(void) { return origin; }
 uint64_t dispatch_refused(void) { return atomic_load(&refused); }
+uint64_t dispatch_torn(void) { return atomic_load(&torn); }
+
+const dispatch_switch *dispatch_switches(size_t *n) {
+  *n = n_switches;
+  return switches;
+}
 
 dispatch_record dispatch_recorded(int worker) {
   const worker_state *w = &workers[worker];

@@ -93,6 +93,11 @@ typedef struct {
   int is_stuck;
 } dispatch_record;
 
+typedef struct {          /* a request for a mode that was taken */
+  int64_t requested, began;                   /* began: the instant of the table that followed, or when it was known, if later */
+  int64_t limit;                              /* the length of the table that was played, and the lead of a dispatch */
+} dispatch_switch;
+
 /* All return 0, or an errno with the reason in dispatch_reason. */
 int dispatch_load(const char *folder, const char *memory);
 int dispatch_start(const dispatch_options *options);
@@ -102,6 +107,8 @@ void dispatch_stop(void);                     /* at the end of the table */
 int dispatch_has_ended(void);
 int64_t dispatch_origin(void);
 uint64_t dispatch_refused(void);              /* requests without a table between the modes */
+uint64_t dispatch_torn(void);                 /* copies out of a buffer that somebody wrote all the time */
+const dispatch_switch *dispatch_switches(size_t *n);   /* the first ones, as many as there is room for */
 dispatch_record dispatch_recorded(int worker);
 extern char dispatch_reason[256];
 

@@ -316,6 +316,20 @@ static int write_record(void) {
   return error;
 }
 
+static void summarise_switches(void) {
+  size_t n;
+  const dispatch_switch *taken = dispatch_switches(&n);
+  int64_t longest = 0, excess = INT64_MIN;
+  for (size_t i = 0; i < n; i++) {
+    const int64_t waited = taken[i].began - taken[i].requested;
+    if (waited > longest) longest = waited;
+    if (waited - taken[i].limit > excess) excess = waited - taken[i].limit;
+  }
+  if (n)
+    printf("%zu mode switches; from request to next table at most %.3f ms, which is %.3f ms %s than a table and a dispatch\n", n,
+           longest / 1e6, (excess < 0 ? -excess : excess) / 1e6, excess <= 0 ? "less" : "more");
+}
+
 static int summarise(void) {
   size_t n = 0, k = 0;
   uint64_t unrecorded = 0, skipped = 0, late = 0, lost = 0;
@@ -334,9 +348,11 @@ static int summarise(void) {
   if (errors && k)
     printf("%zu jobs; start error p50 %.1f us, p99 %.1f us, max %.1f us\n", n, errors[(k - 1) / 2] / 1e3,
            errors[(k * 99 + 99) / 100 - 1] / 1e3, errors[k - 1] / 1e3);
-  printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused\n", (unsigned long long)skipped,
-         (unsigned long long)late, (unsigned long long)unrecorded, (unsigned long long)lost, (unsigned long long)dispatch_refused());
+  printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused, %llu torn copies\n",
+         (unsigned long long)skipped, (unsigned long long)late, (unsigned long long)unrecorded, (unsigned long long)lost,
+         (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
   free(errors);
+  summarise_switches();
   return stuck;
 }
 

@@ -1,0 +1,154 @@
+"""The dispatcher really runs: no data race between its threads, and what it does about overruns."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import pytest
+from test_linux_bundle import PROGRAM, needs_compiler, sourced, two_modes, write
+
+from halpipe.deploy.linux.judging import read_recording
+from halpipe.models import Resource, Unit
+from riscv_models import moving
+from support import ms
+
+SLOW = """
+#include <stdint.h>
+#include <time.h>
+int32_t seen, made;
+void spin(void) {
+  struct timespec t, now;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  do clock_gettime(CLOCK_MONOTONIC, &now);
+  while ((now.tv_sec - t.tv_sec) * 1000000000LL + now.tv_nsec - t.tv_nsec < SPIN);
+}
+"""
+
+
+def built(folder, owner, tables, **options):
+    bundle, _ = write(folder, owner, tables, **options)
+    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    return bundle
+
+
+def played(bundle, *options, program="dispatcher"):
+    command = [str(bundle / "build" / program), "--degrade", "all", "--record", str(bundle / "run.csv"), *options]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    return ran, read_recording((bundle / "run.csv").read_bytes())
+
+
+# -------------------------------------------------------------------------------------------------- overruns
+
+
+def overrunning(folder, monkeypatch):
+    """The job of b is over 12 ms after it began, in a table of 10 ms; so its next slot is over before it starts."""
+    monkeypatch.setattr("test_linux_bundle.PROGRAM", SLOW)
+    owner, tables = two_modes()
+    spins = {"a": 1000, "b": 12_000_000}
+    tasks = tuple(sourced(t, "spin", (f"SPIN={spins[t.name]}LL",)) for t in owner.tasks)
+    owner = replace(owner, tasks=tasks)
+    return built(folder, owner, tables)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("policy", ["log", "skip", "switch=one"])
+def test_overruns_are_logged_skipped_or_answered_by_a_switch(tmp_path, monkeypatch, policy):
+    bundle = overrunning(tmp_path, monkeypatch)
+    ran, seen = played(bundle, "--cycles", "12", "--overrun", policy)
+    b = [r for r in seen if r.task == "b"]
+    counts = dict(reversed(piece.strip().split(" ", 1)) for piece in ran.stdout.splitlines()[1].split(","))
+    assert all(r.end - r.start >= 12_000_000 for r in b)
+    assert int(counts["ended late"]) >= 1
+    if policy == "log":
+        assert [r.cycle for r in b] == list(range(len(b)))  # every one runs, if late
+        assert b[-1].start - b[-1].planned > b[0].start - b[0].planned
+        assert int(counts["skipped"]) == 0
+    elif policy == "skip":
+        assert int(counts["skipped"]) >= 1
+        assert all(r.start < r.planned + 1_000_000 for r in b)  # none starts after its slot
+    else:
+        assert {r.table for r in seen} >= {"both", "one"}
+        assert max(r.cycle for r in b) <= 3
+        assert "1 mode switches" in ran.stdout
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_wait_for_a_switch_is_measured(tmp_path):
+    owner, tables = two_modes()
+    bundle = built(tmp_path, owner, tables, busy=10)
+    ran, seen = played(bundle, "--seconds", "0.5", "--switch", "0.101=one", "--switch", "0.252=both")
+    assert {r.table for r in seen} == {"both", "one", "one->both"}
+    line = ran.stdout.splitlines()[2]
+    assert line.startswith("2 mode switches; from request to next table at most ")
+    assert line.endswith("than a table and a dispatch")
+
+
+# ------------------------------------------------------------------------------------------------------ races
+
+NOT_LOCKED = """
+#include <errno.h>
+int mlockall(int flags) { (void)flags; errno = EPERM; return -1; }
+"""
+"""Keeps the shadow memory of the sanitizer, which is too large, from being locked."""
+
+
+def exchange():
+    """The two modes, in which a writes a buffer while b, on another unit from the same instant on, reads it."""
+    owner, tables = two_modes()
+    phases = {
+        "a": moving("memory", "0.9ms", "1ms", "write", ("data", "wide", 13), bound="1/2"),
+        "b": moving("memory", "0ms", "0.1ms", "read", ("data", "wide", 13), bound="1/2"),
+    }
+    units = {"a": ("u1",), "b": ("u2",)}
+    tasks = tuple(
+        sourced(
+            replace(t, versions=tuple(replace(v, accesses=(phases[t.name],), units=units[t.name]) for v in t.versions)),
+            "both",
+        )
+        for t in owner.tasks
+    )
+    modes = tuple(
+        replace(m, jobs=tuple(replace(j, units=units[j.task], start=ms(1), end=ms(2), parts=()) for j in m.jobs))
+        for m in tables.modes
+    )
+    both = (Unit(name="u1"), Unit(name="u2"))
+    return replace(owner, tasks=tasks, units=both, resources=(Resource(name="memory"),)), replace(tables, modes=modes)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
+    probe = tmp_path / "probe.c"
+    probe.write_text("int main(void) { return 0; }\n")
+    tried = ["cc", "-fsanitize=thread", "-o", str(tmp_path / "probe"), str(probe)]
+    if not shutil.which("cc") or subprocess.run(tried, capture_output=True, check=False).returncode:
+        pytest.skip("the compiler has no thread sanitizer")
+    if subprocess.run([str(tmp_path / "probe")], capture_output=True, check=False).returncode:
+        pytest.skip("programs under the thread sanitizer do not run on this kernel")
+    monkeypatch.setattr("test_linux_bundle.PROGRAM", PROGRAM + "char wide[13];\n")
+    owner, tables = exchange()
+    bundle = built(tmp_path, owner, tables, cpus={"u1": 0, "u2": 1})
+    (bundle / "not_locked.c").write_text(NOT_LOCKED)
+    sources = [
+        *map(str, sorted((bundle / "runtime").glob("*.c"))),
+        str(bundle / "tables.c"),
+        str(bundle / "not_locked.c"),
+    ]
+    flags = ["-std=gnu17", "-O1", "-g", "-fsanitize=thread", "-Wno-tsan", "-DSTACK=4194304", "-DPRIORITY=10"]
+    command = [
+        "cc",
+        *flags,
+        f"-I{bundle / 'runtime'}",
+        "-o",
+        str(bundle / "build" / "races"),
+        *sources,
+        "-pthread",
+        "-ldl",
+    ]
+    subprocess.run(command, check=True, capture_output=True)
+    ran, seen = played(bundle, "--seconds", "1", "--switch", "0.2=one", "--switch", "0.5=both", program="races")
+    assert "ThreadSanitizer" not in ran.stderr
+    assert len(seen) > 50
