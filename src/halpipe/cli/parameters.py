@@ -22,7 +22,7 @@ WorkerCount = Annotated[
     typer.Option(
         "--workers",
         min=1,
-        help="Threads and processes; the result is the same for any number, unless the engine is exact.",
-        show_default="one per processor; 1 for the exact engine",
+        help="Threads and processes; the result is the same for any number.",
+        show_default="one per processor",
     ),
 ]

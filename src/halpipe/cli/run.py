@@ -43,7 +43,7 @@ def run(
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
     refuse_inputs(plan.schedule, *outputs)  # before the search, not after it
-    code = find_schedule(model, replace(plan.search, workers=workers_of(workers, plan.search.engine)), plan.schedule)
+    code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code
     schedule = read_schedule(plan.schedule)

@@ -54,9 +54,7 @@ def schedule(
     mode: Annotated[list[str] | None, typer.Option(help="Schedule this mode only; repeatable.")] = None,
     engine: Annotated[
         Engine,
-        typer.Option(
-            help="anneal; or exact, for small systems: CP-SAT. Only with one worker is its answer reproducible."
-        ),
+        typer.Option(help="anneal; or exact, for small systems: CP-SAT."),
     ] = Engine.ANNEAL,
     quality: Annotated[
         Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
@@ -95,7 +93,7 @@ def schedule(
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
-    options = replace(options, portfolio=portfolio, workers=workers_of(workers, options.engine))
+    options = replace(options, portfolio=portfolio, workers=workers_of(workers))
     if time_limit:
         options = replace(options, effort=None, budget=budget or UNBOUNDED)  # the clock alone ends the search
     if freeze:

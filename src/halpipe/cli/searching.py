@@ -155,20 +155,12 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
     output.inform("the schedule is valid, but improving it was cut short; --resume goes on from here")
 
 
-def workers_of(count: int | None, engine: str) -> Workers:
-    """Return as many workers as the user asked for, else as many as there are processors for it.
-
-    The exact engine gets one: with several, what it finds would depend on the machine.
-    """
+def workers_of(count: int | None) -> Workers:
+    """Return as many workers as the user asked for, else as many as there are processors for it."""
     from halpipe.cli.processors import processor_count
-    from halpipe.pipeline.solve.schedule import EXACT
     from halpipe.pipeline.solve.workers import Workers
 
-    if count is not None:
-        return Workers(count)
-    if engine == EXACT:
-        return Workers()
-    return Workers(processor_count())
+    return Workers(processor_count() if count is None else count)
 
 
 def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:

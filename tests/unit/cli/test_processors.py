@@ -55,6 +55,5 @@ def test_the_quota_bounds_what_is_counted(system, membership, files, count):
 
 def test_one_worker_per_processor_that_is_counted(system):
     system("0::/\n", {"cpu.max": "300000 100000\n"})
-    assert workers_of(None, "anneal").count == 3
-    assert workers_of(7, "anneal").count == 7
-    assert workers_of(None, "exact").count == 1
+    assert workers_of(None).count == 3
+    assert workers_of(7).count == 7

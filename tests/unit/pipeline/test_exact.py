@@ -6,8 +6,10 @@ import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve import codes, exact
+from halpipe.pipeline.solve import codes, exact, exactunits
 from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
+from halpipe.pipeline.solve.exactunits import can_group
+from halpipe.pipeline.solve.kernel.arc_colouring import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
 
@@ -113,6 +115,57 @@ def test_demands_follow_the_versions_chosen():
     assert ("help" in {j.task for j in jobs}) == ("quick" in {j.version for j in jobs})
 
 
+def linked(count=24):
+    """Tasks of several periods, some of them linked, on two kinds of units."""
+    tasks = []
+    for k in range(count):
+        before = [after(f"t{k - 4}", 1, 40)] if k % 3 == 2 and k > 4 else []
+        kind = "u1 u2 u3" if k % 2 else "v1 v2 v3"
+        tasks.append(
+            task(f"t{k}", (60, 120, 40)[k % 3 if not before else 1], version("v", 3 + 7 * k % 9, kind, *before))
+        )
+    return model(*tasks, units="u1 u2 u3 v1 v2 v3")
+
+
+@pytest.mark.parametrize("work", [0.01, 3])
+def test_the_number_of_workers_changes_nothing(work):
+    system = linked()
+    answers = [solve_exact(system, system.modes[0], Effort(work=work, workers=workers)) for workers in (1, 2, 8)]
+    assert answers[0] == answers[1] == answers[2]
+
+
+def test_units_are_dealt_when_all_starts_are_known(monkeypatch):
+    """Both forms find a schedule, which verify accepts; where dealing fails, the other form answers."""
+    system = linked()
+    assert can_group(expand(system, system.modes[0]), [unit.name for unit in system.units])
+    by_groups = solve_exact(system, system.modes[0]).jobs
+    monkeypatch.setattr(exactunits.Groups, "deal", lambda self, solver: None)
+    by_units = solve_exact(system, system.modes[0]).jobs
+    assert len(by_groups) == len(by_units) > 0
+    assert by_groups != by_units
+
+
+@pytest.mark.parametrize("swept", [True, False])
+def test_arcs_that_cross_the_end_keep_their_unit(monkeypatch, swept):
+    """Three arcs go round two units together, one after the other: 4 + 3 + 3 in a circle of 5, twice round."""
+    if not swept:
+        monkeypatch.setattr(exactunits, "assign_units", lambda *_: None)
+    arcs = [Arc(0, 0, 4, 1), Arc(1, 4, 3, 1), Arc(2, 2, 3, 1)]
+    assert exactunits._colour(arcs, 2, 5) is None, "each of them meets both others"
+    coloured = exactunits._colour([Arc(0, 0, 3, 1), Arc(1, 3, 2, 1), Arc(2, 4, 3, 1), Arc(3, 2, 2, 1)], 2, 5)
+    assert coloured is not None
+    assert coloured[0] == coloured[1] != coloured[2] == coloured[3] or swept
+
+
+def test_a_gang_may_take_units_of_several_kinds():
+    """Two of three units, of which one is not like the others: they are shared out as a sum over the kinds."""
+    wide = task("w", 10, version("v", 6, "u1 u2 u3", gang=2))
+    own = task("n", 10, version("v", 7, "u3"))
+    system = model(wide, own, task("m", 10, version("v", 4, "u1 u2 u3", gang=3)), units="u1 u2 u3")
+    assert answer(system) is Answer.INFEASIBLE
+    assert holds(model(wide, own, task("m", 10, version("v", 4, "u1 u2 u3", gang=2)), units="u1 u2 u3"))
+
+
 @pytest.mark.parametrize(("age", "expected"), [("5ms", True), ("4.999ms", False)])
 def test_chain_age(age, expected):
     tasks = (task("a", "10ms", version("v", "3ms")), task("b", "10ms", version("v", "2ms")))
@@ -144,9 +197,12 @@ def test_without_effort_the_answer_is_unknown_not_infeasible():
 
 
 def endless():
-    """A set over which CP-SAT thinks for long."""
-    tasks = [task(f"t{k}", 30, version("v", "7ms", "u1 u2 u3")) for k in range(13)]
-    return model(*tasks, units="u1 u2 u3")
+    """A set over which CP-SAT thinks for long: 48 tasks of all lengths fill twelve units to the last millisecond."""
+    lengths = [150 + 37 * k * k % 201 for k in range(47)]
+    units = " ".join(f"u{k}" for k in range(12))
+    lengths.append(12 * 1000 - sum(lengths))
+    tasks = [task(f"t{k}", 1000, version("v", length, units)) for k, length in enumerate(lengths)]
+    return model(*tasks, units=units)
 
 
 def test_the_clock_ends_the_search_too():
@@ -205,7 +261,7 @@ def test_the_install_line_where_ortools_is_missing(monkeypatch):
 
 
 def test_large_modes_are_refused(monkeypatch):
-    large = model(task("a", "1us", version("v", "0.5us")), task("b", "3ms", version("v", "0.1us")))
+    large = model(task("a", "1us", version("v", "0.5us")), task("b", "30ms", version("v", "0.1us")))
     assert not is_small(expand(large, large.modes[0]))
     with pytest.raises(HalpipeError) as failure:
         answer(large)
@@ -217,9 +273,7 @@ def test_large_modes_are_refused(monkeypatch):
 
 
 def test_a_schedule_that_verify_refuses_does_not_get_out(monkeypatch):
-    from halpipe.pipeline.solve.exactmodel import Program
-
-    monkeypatch.setattr(Program, "state_units", lambda self, units: None)
+    monkeypatch.setattr(exactunits.Units, "deal", lambda self, solver: {("a", 0): ("u2",)})
     with pytest.raises(HalpipeError) as failure:
         answer(model(task("a", "4ms", version("v", "1ms"))))
     assert failure.value.diagnostics[0].code == codes.EXACT_WRONG.id

@@ -7,7 +7,9 @@ turns into a set of tasks and constraints that can be looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+import time
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +18,25 @@ from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
-from halpipe.pipeline.solve.workers import watched
+from halpipe.pipeline.solve.workers import Workers, watched
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.exactmodel import Program
+    from halpipe.pipeline.solve.exactunits import MakeForm
 
-MAX_JOBS = 2_000
+FIRST_TURN, GROWTH = 0.02, 2
+"""Deterministic seconds of a program in the first turn, and how many times as many it gets in the next."""
+
+MAX_JOBS = 20_000
 MAX_PARTS = 200_000
-"""Jobs, and pieces of the program they become, up to which a mode is taken; larger ones are for the annealer."""
+"""Jobs, and pieces of the program they become, up to which a mode is taken; larger ones are for the annealer.
+
+What bounds them is memory: 2400 tasks with 4800 jobs took 0.4 GB, 10 000 with 20 000 took 0.8 GB.
+"""
 
 MAX_TICKS = 2**36
 """Ticks of a hyperperiod: products with job counts and bounds must stay within 64 bits."""
@@ -51,6 +61,11 @@ class ExactResult:
     jobs: tuple[Job, ...] = ()
     stopped: bool = False
 
+    @property
+    def is_last(self) -> bool:
+        """Whether nobody wants to know more."""
+        return self.stopped or self.status is not Answer.UNKNOWN
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Effort:
@@ -58,7 +73,7 @@ class Effort:
 
     - `work` is its deterministic time, about a second each; None for no bound.
     - `clock` is a limit in seconds of the clock (0: none), for which the answer depends on the machine.
-    - `workers` are its threads: one gives the same answer on every machine, several do not.
+    - `workers` are the threads on which several programs run at a time, each on one; the answer is the same.
     - `go_on` is asked several times a second; once it says no, CP-SAT stops.
     """
 
@@ -94,35 +109,84 @@ def solve_expansion(
 ) -> ExactResult:
     """Solve an expanded mode, or a part of one; of `chains` (the model's) those count whose tasks are all in it.
 
+    The first program runs alone; then programs of several forms take turns, each time with more work and another seed,
+    since a single run may have bad luck: many sets that take one of them seconds take another an instant. The answer is
+    that of the first, by turn and number, that has one, however many of them run at a time.
+
     Nothing is verified here: a part of a mode keeps the hyperperiod of the whole, which verify would not accept.
     """
     if not expansion.tasks:  # what is left of a mode whose one task is left out: there is no grid to stand on
         return ExactResult(Answer.FEASIBLE)
     cp_model = _solver_library(expansion)
+    programs = _programs(cp_model, model, expansion, model.chains if chains is None else chains)
+    racing = [next(programs)]
+    deadline = time.monotonic() + effort.clock if effort.clock else math.inf
+    workers, left, turn = Workers(effort.workers), math.inf if effort.work is None else effort.work, 0
+    while left > 0 and time.monotonic() < deadline:
+        entrants = [program for program in racing if program is not None]
+        if not entrants and turn:
+            raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
+        share = min(FIRST_TURN * GROWTH**turn, left / max(1, len(entrants)))
+        run = _Turn(cp_model, replace(effort, work=share, seed=(effort.seed + turn) % 2**31), deadline)
+        answers = workers.each(run.solve, list(enumerate(entrants)), lambda found: found.is_last)
+        if answers and answers[-1].is_last:
+            return answers[-1]
+        left -= share * len(entrants)
+        turn += 1
+        racing += programs
+    return ExactResult(Answer.UNKNOWN)
+
+
+def _programs(
+    cp_model: Any, model: TaskModel, expansion: Expansion, chains: Sequence[Chain]
+) -> Iterator[Program | None]:
+    """Yield the mode in all forms, the most promising first; None where one is too large."""
     from halpipe.pipeline.solve.exactmodel import build
+    from halpipe.pipeline.solve.exactunits import Groups, Units, can_group
 
-    program = build(cp_model, expansion, model, model.chains if chains is None else chains, MAX_PARTS)
-    if program is None:
-        raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
-    solver = cp_model.CpSolver()
-    _set(solver.parameters, effort)
-    status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
-    if status in (cp_model.OPTIMAL, cp_model.FEASIBLE):
-        return ExactResult(Answer.FEASIBLE, tuple(program.jobs(solver)))
-    if status == cp_model.INFEASIBLE:
-        return ExactResult(Answer.INFEASIBLE)
-    return ExactResult(Answer.UNKNOWN, stopped=is_stopped)
+    names = [unit.name for unit in model.units]
+    forms: list[MakeForm] = [Groups, Units] if can_group(expansion, names) else [Units]
+    for form in forms:
+        yield build(cp_model, expansion, model, chains, MAX_PARTS, form)
 
 
-def _set(parameters: Any, effort: Effort) -> None:
-    parameters.num_workers = effort.workers
-    parameters.random_seed = effort.seed
-    if effort.work is not None:
-        parameters.max_deterministic_time = effort.work
-    if effort.clock:
-        parameters.max_time_in_seconds = effort.clock
-    parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
-    parameters.symmetry_level = 0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
+@dataclass(slots=True)
+class _Turn:
+    """One run of CP-SAT on each program; those behind one that has an answer are stopped."""
+
+    cp_model: Any
+    effort: Effort
+    deadline: float
+    answered: float = math.inf
+
+    def solve(self, numbered: tuple[int, Program]) -> ExactResult:
+        """Let CP-SAT run on one thread; starts that cannot be dealt out to units are no answer."""
+        number, program = numbered
+        solver = self.cp_model.CpSolver()
+        self._set(solver.parameters)
+        go_on = lambda: number < self.answered and self.effort.go_on()  # noqa: E731
+        status, is_stopped = watched(lambda: solver.solve(program.cp), go_on, solver.stop_search)
+        found = ExactResult(Answer.UNKNOWN, stopped=is_stopped)
+        if status in (self.cp_model.OPTIMAL, self.cp_model.FEASIBLE):
+            jobs = program.jobs(solver)
+            if jobs is not None:
+                found = ExactResult(Answer.FEASIBLE, tuple(jobs))
+        if status == self.cp_model.INFEASIBLE:
+            found = ExactResult(Answer.INFEASIBLE)
+        if found.is_last:
+            self.answered = min(self.answered, number)
+        return found
+
+    def _set(self, parameters: Any) -> None:
+        parameters.num_workers = 1
+        parameters.random_seed = self.effort.seed
+        parameters.max_deterministic_time = self.effort.work
+        if self.deadline < math.inf:
+            parameters.max_time_in_seconds = max(0.0, self.deadline - time.monotonic())
+        parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
+        parameters.symmetry_level = (
+            0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
+        )
 
 
 def is_small(expansion: Expansion) -> bool:
@@ -161,7 +225,6 @@ def _too_large(expansion: Expansion, text: str) -> HalpipeError:
 
 def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
     """Refuse a schedule that the independent checker refuses."""
-
     from halpipe.pipeline.verify import verify
 
     table = ModeSchedule(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Chain, Precedence, TaskModel, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.solve.exactunits import MakeForm
 
 MAX_QUANTA = 10**9
 
@@ -55,16 +56,22 @@ class JobVars:
     index: int
     theta: Any
     present: Any
+    latest: int
+    """The greatest value that theta may have."""
     versions: list[tuple[Version, Any]] = field(default_factory=list)
-    units: list[tuple[Version, str, Any]] = field(default_factory=list)
     wcet: Any = 0
 
 
 def build(
-    cp_model: Any, expansion: Expansion, model: TaskModel, chains: Iterable[Chain], max_parts: int
+    cp_model: Any,
+    expansion: Expansion,
+    model: TaskModel,
+    chains: Iterable[Chain],
+    max_parts: int,
+    form: MakeForm,
 ) -> Program | None:
     """Write down the program of an expanded mode; None where it would have more than `max_parts` parts."""
-    program = Program(cp_model, expansion, max_parts)
+    program = Program(cp_model, expansion, max_parts, form)
     try:
         program.state_jobs()
         program.state_demands()
@@ -81,8 +88,9 @@ def build(
 class Program:
     """The variables of a mode and its constraints; one method per rule."""
 
-    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int) -> None:
+    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: MakeForm) -> None:
         self.cp = cp_model.CpModel()
+        self.form = form
         self.expansion = expansion
         self.tick = exact_tick(expansion)
         self.total = expansion.hyperperiod // self.tick
@@ -95,17 +103,24 @@ class Program:
         """Return whole ticks; exact for all that the tick divides, rounded down for limits."""
         return duration // self.tick
 
-    def _spend(self, parts: int = 1) -> None:
+    def spend(self, parts: int = 1) -> None:
+        """Count parts; raise `TooLarge` beyond the bound."""
         self._left -= parts
         if self._left < 0:
             raise TooLarge
 
+    def require(self, parts: int) -> None:
+        """Raise `TooLarge` if so many more parts are beyond the bound, before any of them is made."""
+        if self._left < parts:
+            raise TooLarge
+
     def _int(self, low: int, high: int) -> Any:
-        self._spend()
+        self.spend()
         return self.cp.new_int_var(low, high, "")
 
-    def _bool(self) -> Any:
-        self._spend()
+    def literal(self) -> Any:
+        """Return a new variable that is true or false."""
+        self.spend()
         return self.cp.new_bool_var("")
 
     # ---- version, periodic, deadline
@@ -137,10 +152,11 @@ class Program:
         late = {version.name: self.lateness(active, version) for version in active.versions}
         most = max(late.values(), default=0)
         delay = self._int(0, most) if active.task.period is not None and most > 0 else 0
-        job = JobVars(active, index, self._theta(active, index, delay, most), 1 if not active.demands else self._bool())
+        theta, latest = self._theta(active, index, delay, most)
+        job = JobVars(active, index, theta, 1 if not active.demands else self.literal(), latest)
         lone = len(active.versions) == 1
         for version in active.versions:
-            chosen = job.present if lone else self._bool()
+            chosen = job.present if lone else self.literal()
             job.versions.append((version, chosen))
             if late[version.name] < 0 or not self._fits(version):
                 self.cp.add(chosen == 0)
@@ -165,20 +181,34 @@ class Program:
         has_all = all(row.task in by_name and by_name[row.task].jobs for row in version.precedences)
         return has_all and version.wcet is not None and 0 < self.ticks(version.wcet) <= self.total
 
-    def _theta(self, active: ActiveTask, index: int, delay: Any, most: int) -> Any:
-        """Return the start in [0, t_P): s + j * D + delta, taken back once where it passes the end."""
+    def _theta(self, active: ActiveTask, index: int, delay: Any, most: int) -> tuple[Any, int]:
+        """Return the start in [0, t_P), s + j * D + delta, taken back once where it passes the end; and its maximum."""
         task = active.task
         if task.period is None:
-            return self._int(0, self.total - 1)
+            return self._int(0, self.total - 1), self.total - 1
         period = self.ticks(task.period)
         phase = self.phases[active.name]
         start = phase + index * period + delay
         latest = (phase if isinstance(phase, int) else period - 1) + index * period + max(0, most)
         if latest < self.total and isinstance(delay, int):
-            return start
+            return start, latest
         theta = self._int(0, self.total - 1)  # a variable of its own: an interval starts at one, plus a constant
-        self.cp.add(theta == start - self.total * (self._bool() if latest >= self.total else 0))
-        return theta
+        self.cp.add(theta == start - self.total * (self.literal() if latest >= self.total else 0))
+        return theta, self.total - 1
+
+    def round_the_circle(
+        self, job: JobVars, offset: int, length: int, literal: Any, *, always: bool = False
+    ) -> list[Any]:
+        """Return a job's part, where `literal` holds, as intervals that show all of it on [0, t_P).
+
+        What may pass the end of the hyperperiod is there twice, a hyperperiod apart; with `always`, all is.
+        """
+        passes = always or job.latest + offset + length > self.total
+        starts = [job.theta + offset + shift for shift in ((0, -self.total) if passes else (0,))]
+        self.spend(len(starts))
+        if isinstance(literal, int):
+            return [self.cp.new_fixed_size_interval_var(start, length, "") for start in starts]
+        return [self.cp.new_optional_fixed_size_interval_var(start, length, literal, "") for start in starts]
 
     def _wcet(self, job: JobVars) -> Any:
         wcets = {self.ticks(version.wcet or ZERO) for version, _ in job.versions}
@@ -208,45 +238,9 @@ class Program:
     # ---- unit, exclusive
 
     def state_units(self, units: list[str]) -> None:
-        """A job takes as many of its version's units as its gang; the jobs of a unit never overlap on the circle."""
-        on_unit: dict[str, list[Any]] = {name: [] for name in units}
-        first_use = _FirstUse(self.expansion, units)
-        for job in concatenated.from_iterable(self.tasks.values()):
-            reach = first_use.reach(job)
-            for version, chosen in job.versions:
-                names = [name for name in dict.fromkeys(version.units) if name in on_unit]
-                taken = [chosen if len(names) == version.gang == 1 else self._bool() for _ in names]
-                if taken != [chosen]:
-                    self.cp.add(sum(taken) == version.gang * chosen)
-                for name, literal in zip(names, taken, strict=True):
-                    job.units.append((version, name, literal))
-                    on_unit[name] += self._twice(job.theta, self.ticks(version.wcet or ZERO), literal)
-                    if not first_use.allows(name, reach):
-                        self.cp.add(literal == 0)
-        for intervals in on_unit.values():
-            self.cp.add_no_overlap(intervals)
-        self._state_group_loads(first_use.groups)
-
-    def _twice(self, start: Any, length: int, literal: Any) -> list[Any]:
-        """Return a job's part as two intervals a hyperperiod apart: on [0, t_P) they show all of it."""
-        self._spend(2)
-        return [
-            self.cp.new_optional_fixed_size_interval_var(start + shift, length, literal, "")
-            for shift in (0, -self.total)
-        ]
-
-    def _state_group_loads(self, groups: list[list[str]]) -> None:
-        """Say once more, for units that are treated alike, how many jobs they hold at once: it shortens proofs."""
-        for group in groups:
-            if len(group) < 2:
-                continue
-            intervals, heights = [], []
-            for job in concatenated.from_iterable(self.tasks.values()):
-                for version, chosen in job.versions:
-                    if set(version.units) == set(group):
-                        intervals += self._twice(job.theta, self.ticks(version.wcet or ZERO), chosen)
-                        heights += [version.gang] * 2
-            self.cp.add_cumulative(intervals, heights, len(group))
+        """Say on which units jobs run, in the form of this program."""
+        self.placement = self.form(self, units)
+        self.placement.state()
 
     # ---- access
 
@@ -264,8 +258,10 @@ class Program:
             intervals, heights = [], []
             for job, chosen, access in claims:
                 start, end = self.ticks(access.start), self.ticks(access.end)
-                intervals += self._twice(job.theta + start, end - start, chosen)
-                heights += [int(access.bound * quanta)] * 2
+                # Twice, whether it may pass the end or not: sets of 60 tasks take a fiftieth of the time.
+                parts = self.round_the_circle(job, start, end - start, chosen, always=True)
+                intervals += parts
+                heights += [int(access.bound * quanta)] * len(parts)
             if all(2 * height > quanta for height in heights):
                 self.cp.add_no_overlap(intervals)
             else:
@@ -275,35 +271,58 @@ class Program:
 
     def state_precedence(self) -> None:
         """Every constraint of the version that a job takes has a predecessor in its window."""
-        for job in concatenated.from_iterable(self.tasks.values()):
-            for version, chosen in job.versions:
+        for active in self.expansion.tasks:
+            for place, version in enumerate(active.versions):
                 if self._fits(version):
+                    taken = [(job, job.versions[place][1]) for job in self.tasks[active.name]]
                     for row in version.precedences:
-                        self._state_window(job, chosen, row)
+                        self._state_window(active, taken, row)
 
-    def _state_window(self, job: JobVars, chosen: Any, row: Precedence) -> None:
+    def _state_window(self, active: ActiveTask, taken: list[tuple[JobVars, Any]], row: Precedence) -> None:
         low, high = self.ticks(row.min), self.ticks(row.max)
         high = min(high, low + self.total - 1)
         before = self.expansion.by_name[row.task]
         wcet = 0 if row.anchor is Anchor.START else self.uniform_wcet(before)
-        if before.task.period is not None and self.is_strict(before) and wcet is not None:
-            # Its instants are a period apart, so that one number of periods says which of them is meant.
-            period = self.ticks(before.task.period)
-            self._within(job.theta, self.phases[row.task] + wcet, low, high, period, [chosen])
+        if before.task.period is None or not self.is_strict(before) or wcet is None:
+            for job, chosen in taken:
+                self._state_served(job, chosen, row, low, high)
             return
+        # Its instants are a period apart, so that one number of periods says which of them is meant.
+        period, phase = self.ticks(before.task.period), self.phases[row.task]
+        point, latest = phase + wcet, (phase if isinstance(phase, int) else period - 1) + wcet
+        if (
+            active.task.period is not None
+            and self.is_strict(active)
+            and active.task.period % before.task.period == ZERO
+        ):
+            # All jobs lie in the same way to those of the predecessor, so that the window of one is that of all.
+            first = taken[0][0]
+            held = taken[0][1] if len(taken) == 1 or isinstance(taken[0][1], int) else self.literal()
+            for _, chosen in taken:
+                if held is not chosen and not isinstance(held, int):
+                    self.cp.add_implication(chosen, held)
+            self._within(first.theta, first.latest, point, latest, low, high, period, held)
+            return
+        for job, chosen in taken:
+            self._within(job.theta, job.latest, point, latest, low, high, period, chosen)
+
+    def _state_served(self, job: JobVars, chosen: Any, row: Precedence, low: int, high: int) -> None:
+        """Say which job of a predecessor without a strict period serves this one."""
         serving = []
         for other in self.tasks[row.task]:
-            serves = self._bool()
+            serves = self.literal()
             serving.append(serves)
             point = other.theta + (other.wcet if row.anchor is Anchor.END else 0)
-            self._within(job.theta, point, low, high, self.total, [serves])
+            self._within(job.theta, job.latest, point, 2 * self.total, low, high, self.total, serves)
             self.cp.add(other.present == 1).only_enforce_if(serves)
         self.cp.add_bool_or(serving).only_enforce_if(chosen)
 
-    def _within(self, start: Any, point: Any, low: int, high: int, period: int, when: list[Any]) -> None:
-        """Let start - point lie in [low, high], up to some multiple of `period`."""
-        reach = (2 * self.total + high) // period + 2
-        turns = self._int(-reach, reach)
+    def _within(
+        self, start: Any, latest: int, point: Any, latest_point: int, low: int, high: int, period: int, when: Any
+    ) -> None:
+        """Let start - point lie in [low, high], up to some multiple of `period`; both begin at 0 at the earliest."""
+        least, most = -((latest - low) // period), (high + latest_point) // period
+        turns = self._int(least, max(least, most))  # of windows that are empty, the constraint says so
         self.cp.add_linear_constraint(start - point + period * turns, low, high).only_enforce_if(when)
 
     # ---- chain
@@ -364,7 +383,7 @@ class Program:
         best, value = self._int(0, most), self._int(-self._far, self._far)
         picks = []
         for job, key, its in zip(jobs, keys, values, strict=True):
-            pick = self._bool()
+            pick = self.literal()
             picks.append(pick)
             self.cp.add(best == key).only_enforce_if(pick)
             self.cp.add(value == its).only_enforce_if(pick)
@@ -375,49 +394,19 @@ class Program:
 
     # ---- answer
 
-    def jobs(self, solver: Any) -> Iterator[Job]:
-        """Yield the jobs of a solution with names and exact times."""
-        for job in concatenated.from_iterable(self.tasks.values()):
-            for version, chosen in job.versions:
-                if solver.value(chosen):
-                    start = self.tick * int(solver.value(job.theta))
-                    yield Job(
-                        task=job.active.name,
-                        index=job.index,
-                        start=start,
-                        end=start + (version.wcet or ZERO),
-                        version=version.name,
-                        units=tuple(name for v, name, x in job.units if v is version and solver.value(x)),
-                    )
+    def jobs(self, solver: Any) -> list[Job] | None:
+        """Return the jobs of a solution with names and exact times; None where they cannot be dealt out to units."""
+        units = self.placement.deal(solver)
+        if units is None:
+            return None
+        return [
+            self._named(job, version, int(solver.value(job.theta)), units[job.active.name, job.index])
+            for job in concatenated.from_iterable(self.tasks.values())
+            for version, chosen in job.versions
+            if solver.value(chosen)
+        ]
 
-
-class _FirstUse:
-    """Of units that are treated alike, only the order in which jobs first use them may be fixed: it changes names only.
-
-    The first job takes the first units of a group, and every later one at most as many further as its gang needs.
-    """
-
-    def __init__(self, expansion: Expansion, units: list[str]) -> None:
-        versions = [version for active in expansion.tasks for version in active.versions]
-        members: dict[tuple[int, ...], list[str]] = {}
-        for name in units:
-            users = tuple(number for number, version in enumerate(versions) if name in version.units)
-            if users:
-                members.setdefault(users, []).append(name)
-        self.groups = list(members.values())
-        self._place = {name: (number, at) for number, group in enumerate(self.groups) for at, name in enumerate(group)}
-        self._seen = [0] * len(self.groups)
-
-    def reach(self, job: JobVars) -> list[int]:
-        """Return how many units of every group the jobs up to this one can have used."""
-        gangs = [0] * len(self.groups)
-        for version, _ in job.versions:
-            for group in {self._place[name][0] for name in version.units if name in self._place}:
-                gangs[group] = max(gangs[group], version.gang)
-        self._seen = [seen + gang for seen, gang in zip(self._seen, gangs, strict=True)]
-        return self._seen
-
-    def allows(self, name: str, reach: list[int]) -> bool:
-        """Tell whether the unit is among the first that may be in use by now."""
-        group, place = self._place[name]
-        return place < reach[group]
+    def _named(self, job: JobVars, version: Version, theta: int, units: tuple[str, ...]) -> Job:
+        start = self.tick * theta
+        end = start + (version.wcet or ZERO)
+        return Job(task=job.active.name, index=job.index, start=start, end=end, version=version.name, units=units)

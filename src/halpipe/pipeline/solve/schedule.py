@@ -82,8 +82,7 @@ class SearchOptions:
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - `keeper` saves the search on its way, or goes on with one that was saved.
-    - `workers` are the threads for modes and searches; their number changes the time alone. (That of the exact engine
-      is the exception: with several threads its answer depends on the machine.)
+    - `workers` are the threads for modes and searches; their number changes the time alone.
     """
 
     seed: int = 1

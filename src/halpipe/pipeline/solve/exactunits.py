@@ -1,0 +1,290 @@
+"""On which units jobs run, as part of a constraint program, in two forms.
+
+`Groups` places times only: units that are treated alike are one capacity, and who gets which of them is decided when
+all starts are known. That is a small program, but one that may, on a circle, find starts that cannot be dealt out.
+`Units` decides units and times at once. It is larger, but knows how full each unit is, which counts where nothing may
+stay idle.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Callable
+from itertools import chain as concatenated
+from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING, Any
+
+from halpipe.durations import ZERO
+from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from halpipe.models import Version
+    from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.exactmodel import JobVars, Program
+
+Dealt = dict[tuple[str, int], tuple[str, ...]]
+"""The units of every job, by task and index."""
+
+MAX_SPLITS = 64
+"""Ways to split a gang over groups of units up to which groups are taken as capacities."""
+
+DEALING_WORK = 2
+"""Deterministic seconds for dealing the units of one group."""
+
+MAX_COLOURED = 50_000
+"""Jobs, times units, of a group up to which CP-SAT is asked for what a sweep cannot deal out."""
+
+
+class Form(ABC):
+    """How a program says on which units its jobs run."""
+
+    def __init__(self, program: Program, units: list[str]) -> None:
+        self.program = program
+        self.groups = alike(program.expansion, units)
+
+    @abstractmethod
+    def state(self) -> None:
+        """Write down variables and constraints."""
+
+    @abstractmethod
+    def deal(self, solver: Any) -> Dealt | None:
+        """Return the units of all jobs of a solution; None where its starts allow none."""
+
+    def choices(self) -> Iterator[tuple[JobVars, Version, Any]]:
+        """Yield the jobs with their versions and the literals of them."""
+        for job in concatenated.from_iterable(self.program.tasks.values()):
+            for version, chosen in job.versions:
+                yield job, version, chosen
+
+    def length(self, version: Version) -> int:
+        """Return the WCET in ticks."""
+        return self.program.ticks(version.wcet or ZERO)
+
+
+MakeForm = Callable[["Program", list[str]], Form]
+
+
+def alike(expansion: Expansion, units: list[str]) -> list[list[str]]:
+    """Return the units in groups that every version treats alike; those that none may use are left out."""
+    users: dict[str, list[int]] = {name: [] for name in units}
+    versions = (version for active in expansion.tasks for version in active.versions)
+    for number, version in enumerate(versions):
+        for name in dict.fromkeys(version.units):
+            users[name].append(number)
+    members: dict[tuple[int, ...], list[str]] = {}
+    for name, numbers in users.items():
+        if numbers:
+            members.setdefault(tuple(numbers), []).append(name)
+    return list(members.values())
+
+
+def can_group(expansion: Expansion, units: list[str]) -> bool:
+    """Tell whether some units are alike, and no gang has too many ways to be split over the groups."""
+    groups = alike(expansion, units)
+    versions = (version for active in expansion.tasks for version in active.versions)
+    return any(len(group) > 1 for group in groups) and all(len(_splits(v, groups)) <= MAX_SPLITS for v in versions)
+
+
+def _splits(version: Version, groups: list[list[str]]) -> list[Counter[int]]:
+    """Return how many units of each group a job may take: one group, or all splits of a gang (too many: some)."""
+    allowed = frozenset(version.units)
+    sizes = {number: len(group) for number, group in enumerate(groups) if group[0] in allowed}
+    found = []
+    for pick in combinations_with_replacement(sizes, version.gang):
+        split = Counter(pick)
+        if all(count <= sizes[group] for group, count in split.items()):
+            found.append(split)
+        if len(found) > MAX_SPLITS:
+            break
+    return found
+
+
+class Groups(Form):
+    """Groups as capacities; units are dealt when all starts are known."""
+
+    def state(self) -> None:
+        """Every job takes its gang of one group, or splits it; no group ever holds more than it has units."""
+        program = self.program
+        self.taken: list[tuple[JobVars, Version, Counter[int], Any]] = []
+        loads: list[list[tuple[int, Any, int]]] = [[] for _ in self.groups]
+        intervals: list[list[Any]] = [[] for _ in self.groups]
+        heights: list[list[int]] = [[] for _ in self.groups]
+        known: dict[int, list[Counter[int]]] = {}
+        for job, version, chosen in self.choices():
+            if id(version) not in known:
+                known[id(version)] = _splits(version, self.groups)
+            splits = known[id(version)]
+            literals = [chosen] if len(splits) == 1 else [program.literal() for _ in splits]
+            if len(splits) != 1:
+                program.cp.add(sum(literals) == chosen)
+            for split, literal in zip(splits, literals, strict=True):
+                self.taken.append((job, version, split, literal))
+                for group, count in split.items():
+                    parts = program.round_the_circle(job, 0, self.length(version), literal)
+                    intervals[group] += parts
+                    heights[group] += [count] * len(parts)
+                    loads[group].append((self.length(version) * count, literal, count))
+        for group, names in enumerate(self.groups):
+            if len(names) == 1:
+                program.cp.add_no_overlap(intervals[group])
+            else:
+                program.cp.add_cumulative(intervals[group], heights[group], len(names))
+            state_load(program, [(work, literal) for work, literal, _ in loads[group]], len(names) * program.total)
+
+    def deal(self, solver: Any) -> Dealt | None:
+        """Colour the arcs of every group: at each start of one, those in force have different units."""
+        arcs: list[list[Arc]] = [[] for _ in self.groups]
+        keys: list[tuple[str, int]] = []
+        for job, version, split, literal in self.taken:
+            if not solver.value(literal):
+                continue
+            for group, count in split.items():
+                arcs[group].append(Arc(len(keys), int(solver.value(job.theta)), self.length(version), count))
+            keys.append((job.active.name, job.index))
+        dealt: Dealt = dict.fromkeys(keys, ())
+        for names, members in zip(self.groups, arcs, strict=True):
+            coloured = _colour(members, len(names), self.program.total)
+            if coloured is None:
+                return None
+            for number, places in coloured.items():
+                dealt[keys[number]] += tuple(names[place] for place in places)
+        return dealt
+
+
+class Units(Form):
+    """Units and times at once: a literal for each job and unit, and no overlap on any of them."""
+
+    def state(self) -> None:
+        """A job takes as many of its version's units as its gang; the jobs of a unit never overlap on the circle."""
+        program = self.program
+        program.require(2 * sum(len(version.units) for _, version, _ in self.choices()))
+        known = [name for group in self.groups for name in group]
+        on_unit: dict[str, list[Any]] = {name: [] for name in known}
+        loads: dict[str, list[tuple[int, Any]]] = {name: [] for name in known}
+        self.units: list[tuple[JobVars, str, Any]] = []
+        first_use = _FirstUse(self.groups)
+        job = None
+        for each, version, chosen in self.choices():
+            if each is not job:
+                job, reach = each, first_use.reach(each)
+            names = [name for name in dict.fromkeys(version.units) if name in on_unit]
+            taken = [chosen if len(names) == version.gang == 1 else program.literal() for _ in names]
+            if len(names) != version.gang or version.gang != 1:
+                program.cp.add(sum(taken) == version.gang * chosen)
+            for name, literal in zip(names, taken, strict=True):
+                self.units.append((job, name, literal))
+                on_unit[name] += program.round_the_circle(job, 0, self.length(version), literal)
+                loads[name].append((self.length(version), literal))
+                if not first_use.allows(name, reach):
+                    program.cp.add(literal == 0)
+        for name, intervals in on_unit.items():
+            program.cp.add_no_overlap(intervals)
+            state_load(program, loads[name], program.total)
+        self._state_group_loads()
+
+    def _state_group_loads(self) -> None:
+        """Say once more, for units that are treated alike, how many jobs they hold at once: it shortens proofs."""
+        for group in self.groups:
+            if len(group) < 2:
+                continue
+            intervals: list[Any] = []
+            heights: list[int] = []
+            for job, version, chosen in self.choices():
+                if set(version.units) == set(group):
+                    parts = self.program.round_the_circle(job, 0, self.length(version), chosen)
+                    intervals += parts
+                    heights += [version.gang] * len(parts)
+            self.program.cp.add_cumulative(intervals, heights, len(group))
+
+    def deal(self, solver: Any) -> Dealt | None:
+        """Read the units of all jobs."""
+        dealt: Dealt = {}
+        for job, name, literal in self.units:
+            if solver.value(literal):
+                key = job.active.name, job.index
+                dealt[key] = (*dealt.get(key, ()), name)
+        return dealt
+
+
+def state_load(program: Program, loads: list[tuple[int, Any]], room: int) -> None:
+    """Say that work fits into the time there is: a sum in which whole numbers show what intervals do not."""
+    if any(not isinstance(literal, int) for _, literal in loads):
+        program.cp.add(sum(work * literal for work, literal in loads) <= room)
+
+
+class _FirstUse:
+    """Of units that are treated alike, only the order in which jobs first use them may be fixed: it changes names only.
+
+    The first job takes the first units of a group, and every later one at most as many further as its gang needs.
+    """
+
+    def __init__(self, groups: list[list[str]]) -> None:
+        self._place = {name: (number, at) for number, group in enumerate(groups) for at, name in enumerate(group)}
+        self._seen = [0] * len(groups)
+
+    def reach(self, job: JobVars) -> list[int]:
+        """Return how many units of every group the jobs up to this one can have used."""
+        gangs = [0] * len(self._seen)
+        for version, _ in job.versions:
+            for group in {self._place[name][0] for name in version.units if name in self._place}:
+                gangs[group] = max(gangs[group], version.gang)
+        self._seen = [seen + gang for seen, gang in zip(self._seen, gangs, strict=True)]
+        return self._seen
+
+    def allows(self, name: str, reach: list[int]) -> bool:
+        """Tell whether the unit is among the first that may be in use by now."""
+        group, place = self._place[name]
+        return place < reach[group]
+
+
+# ------------------------------------------------------------------------------------------------ dealing
+
+
+def _colour(arcs: list[Arc], units: int, total: int) -> Mapping[int, Sequence[int]] | None:
+    """Give every arc its units, so that no two of one unit meet; None where there is no way, or none is found.
+
+    A sweep finds most colourings; what it does not find is left to CP-SAT.
+    """
+    if not arcs:
+        return {}
+    swept = assign_units(arcs, units, total)
+    if swept is not None or len(arcs) * units > MAX_COLOURED:
+        return swept
+    from ortools.sat.python import cp_model
+
+    cp = cp_model.CpModel()
+    taken = [[cp.new_bool_var("") for _ in range(units)] for _ in arcs]
+    for arc, literals in zip(arcs, taken, strict=True):
+        cp.add(sum(literals) == arc.width)
+    cliques = sorted({tuple(n for n, arc in enumerate(arcs) if _holds(arc, at.start, total)) for at in arcs})
+    for clique in cliques:
+        for unit in range(units):
+            cp.add_at_most_one(taken[number][unit] for number in clique)
+    _fix_names(cp, max(cliques, key=len), arcs, taken)
+    solver = cp_model.CpSolver()
+    solver.parameters.num_workers = 1
+    solver.parameters.max_deterministic_time = DEALING_WORK
+    solver.parameters.catch_sigint_signal = False
+    if solver.solve(cp) not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
+        return None
+    return {
+        arc.job: [unit for unit, literal in enumerate(literals) if solver.value(literal)]
+        for arc, literals in zip(arcs, taken, strict=True)
+    }
+
+
+def _holds(arc: Arc, instant: int, total: int) -> bool:
+    """Tell whether a job is running at an instant of [0, t_P)."""
+    return (instant - arc.start) % total < arc.length
+
+
+def _fix_names(cp: Any, clique: tuple[int, ...], arcs: list[Arc], taken: list[list[Any]]) -> None:
+    """Name the units of jobs that run at one time in turn: all other names are the same solution."""
+    first = 0
+    for number in clique:
+        for unit in range(first, first + arcs[number].width):
+            cp.add(taken[number][unit] == 1)
+        first += arcs[number].width
