@@ -137,8 +137,10 @@ def _exact(model: TaskModel, instance: Instance) -> dict[str, Any]:
     """Give the same set to CP-SAT; return its answer and time, which depend on the machine, or why there is none."""
     from halpipe.pipeline.solve.exact import Effort, solve_exact
 
-    effort = Effort(work=None, clock=instance.exact_seconds, workers=instance.exact_workers, seed=instance.seed)
     begin = perf_counter_ns()
+    deadline = begin + instance.exact_seconds * _SECOND
+    wants_more = lambda: perf_counter_ns() < deadline  # noqa: E731
+    effort = Effort(work=None, workers=instance.exact_workers, seed=instance.seed, go_on=wants_more)
     try:
         answer = solve_exact(model, model.modes[0], effort)
     except HalpipeError as failure:

@@ -205,11 +205,6 @@ def endless():
     return model(*tasks, units=units)
 
 
-def test_the_clock_ends_the_search_too():
-    assert answer(endless(), Effort(work=None, clock=0.05)) is Answer.UNKNOWN
-    assert answer(endless(), Effort(work=None, clock=0.05, workers=2)) is Answer.UNKNOWN
-
-
 def test_it_stops_when_nobody_wants_more():
     result = solve_exact(endless(), endless().modes[0], Effort(work=None, go_on=lambda: False))
     assert result == ExactResult(Answer.UNKNOWN, stopped=True)

@@ -8,7 +8,6 @@ turns into a set of tasks and constraints that can be looked at.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -72,13 +71,11 @@ class Effort:
     """How hard CP-SAT tries.
 
     - `work` is its deterministic time, about a second each; None for no bound.
-    - `clock` is a limit in seconds of the clock (0: none), for which the answer depends on the machine.
     - `workers` are the threads on which several programs run at a time, each on one; the answer is the same.
     - `go_on` is asked several times a second; once it says no, CP-SAT stops.
     """
 
     work: float | None = DEFAULT_WORK
-    clock: float = 0
     workers: int = 1
     seed: int = 1
     go_on: Callable[[], bool] = lambda: True
@@ -120,14 +117,13 @@ def solve_expansion(
     cp_model = _solver_library(expansion)
     programs = _programs(cp_model, model, expansion, model.chains if chains is None else chains)
     racing = [next(programs)]
-    deadline = time.monotonic() + effort.clock if effort.clock else math.inf
     workers, left, turn = Workers(effort.workers), math.inf if effort.work is None else effort.work, 0
-    while left > 0 and time.monotonic() < deadline:
+    while left > 0:
         entrants = [program for program in racing if program is not None]
         if not entrants and turn:
             raise _too_large(expansion, f"needs more than {MAX_PARTS} variables and intervals")
         share = min(FIRST_TURN * GROWTH**turn, left / max(1, len(entrants)))
-        run = _Turn(cp_model, replace(effort, work=share, seed=(effort.seed + turn) % 2**31), deadline)
+        run = _Turn(cp_model, replace(effort, work=share, seed=(effort.seed + turn) % 2**31))
         answers = workers.each(run.solve, list(enumerate(entrants)), lambda found: found.is_last)
         if answers and answers[-1].is_last:
             return answers[-1]
@@ -156,7 +152,6 @@ class _Turn:
 
     cp_model: Any
     effort: Effort
-    deadline: float
     answered: float = math.inf
 
     def solve(self, numbered: tuple[int, Program]) -> ExactResult:
@@ -181,8 +176,6 @@ class _Turn:
         parameters.num_workers = 1
         parameters.random_seed = self.effort.seed
         parameters.max_deterministic_time = self.effort.work
-        if self.deadline < math.inf:
-            parameters.max_time_in_seconds = max(0.0, self.deadline - time.monotonic())
         parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
         parameters.symmetry_level = (
             0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models

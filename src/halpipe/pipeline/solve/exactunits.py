@@ -72,7 +72,7 @@ def alike(expansion: Expansion, units: list[str]) -> list[list[str]]:
     users: dict[str, list[int]] = {name: [] for name in units}
     versions = (version for active in expansion.tasks for version in active.versions)
     for number, version in enumerate(versions):
-        for name in dict.fromkeys(version.units):
+        for name in users.keys() & version.units:
             users[name].append(number)
     members: dict[tuple[int, ...], list[str]] = {}
     for name, numbers in users.items():
