@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any
 
@@ -51,6 +51,63 @@ class Location:
 NOWHERE = Location()
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class Subject:
+    """An element that a diagnostic is about: its kind, such as task or unit, and its name."""
+
+    kind: str
+    name: str
+
+
+class Path(str):
+    """How messages name an element, with the elements that it names: nobody has to read the text."""
+
+    subjects: tuple[Subject, ...]
+
+    def __new__(cls, text: str, subjects: Iterable[Subject] = ()) -> Path:
+        """Make a path of its text and the elements in it."""
+        path = super().__new__(cls, text)
+        path.subjects = tuple(subjects)
+        return path
+
+
+_WORDS = {
+    "precedence_on": ("precedence on", "task"),
+    "access_to": ("access to", "resource"),
+    "unit_load": ("unit-load", "unit"),
+    "resource_load": ("resource-load", "resource"),
+    "health_rule_of_task": ("health rule of task", "task"),
+    "transition_from": ("transition from", "transition"),
+    "reaction_to_task": ("reaction to task", "task"),
+}
+"""Keywords of `about` that are more than a kind: their words in messages, and the kind of what they name."""
+
+
+def about(within: str = "", **elements: str | int | tuple[str, str]) -> Path:
+    """Return the path of an element: ``about(mode="a", task="b", job=3)`` is ``mode "a" task "b" job 3``.
+
+    A pair of names is an element between two others, as a transition is.
+    """
+    texts = [within] if within else []
+    subjects = list(within.subjects) if isinstance(within, Path) else []
+    for keyword, name in elements.items():
+        words, kind = _WORDS.get(keyword, (keyword, keyword))
+        ends = name if isinstance(name, tuple) else (str(name),)
+        shown = str(name) if isinstance(name, int) else " to ".join(f'"{end}"' for end in ends)
+        texts.append(f"{words} {shown}")
+        subjects.append(Subject(kind, "->".join(map(shortened, ends))))
+    return Path(" ".join(texts), subjects)
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A change that mends what is wrong: at a place, the text `old` becomes `new`."""
+
+    at: Location
+    old: str
+    new: str
+
+
 @dataclass(frozen=True, slots=True)
 class Code:
     """A kind of diagnostic: its number, weight, one-line title and a paragraph for the reference page."""
@@ -72,9 +129,31 @@ class Code:
         path: str = "",
         help: str = "",
         severity: Severity | None = None,
+        subjects: Iterable[Subject] = (),
+        places: Iterable[Location] = (),
+        fix: Fix | None = None,
     ) -> Diagnostic:
-        """Make the diagnostic: what is wrong, where, on which element, and what to do about it."""
-        return Diagnostic(self.id, severity or self.severity, at, shortened(path), shortened(message), shortened(help))
+        """Make the diagnostic: what is wrong, where, on which element, and what to do about it.
+
+        It is about the elements that `path` names and further `subjects`, whose `places` may be given too.
+        """
+        named = path.subjects if isinstance(path, Path) else ()
+        further = tuple(dict.fromkeys(place for place in places if place not in (at, NOWHERE)))
+        return Diagnostic(
+            self.id,
+            severity or self.severity,
+            at,
+            shortened(str(path)),
+            shortened(message),
+            shortened(help),
+            tuple(dict.fromkeys((*named, *subjects))),
+            further,
+            fix,
+        )
+
+    def instead_of(self, found: Diagnostic, help: str = "") -> Diagnostic:
+        """Return a diagnostic of another code as one of this code."""
+        return replace(found, code=self.id, severity=self.severity, help=help or found.help)
 
 
 MOST_CHARACTERS = 2000
@@ -108,7 +187,10 @@ def note(id: str, title: str, explanation: str = "") -> Code:
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """One finding: `path` names the element inside the file, `help` says what to do."""
+    """One finding: `path` names the element inside the file, `help` says what to do.
+
+    `subjects` are the elements it is about, `places` where else to look, `fix` a change that would mend it.
+    """
 
     code: str
     severity: Severity
@@ -116,6 +198,9 @@ class Diagnostic:
     path: str
     message: str
     help: str = ""
+    subjects: tuple[Subject, ...] = ()
+    places: tuple[Location, ...] = ()
+    fix: Fix | None = None
 
     @property
     def is_error(self) -> bool:
@@ -159,7 +244,12 @@ class Findings:
 
 def sort_diagnostics(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
     """Order by file, line, code and text, without duplicates, so that output never depends on discovery order."""
-    return sorted(set(diagnostics), key=lambda d: (d.at.file, d.at.line, d.code, d.path, d.message, d.help, d.severity))
+    return sorted(set(diagnostics), key=_order)
+
+
+def _order(d: Diagnostic) -> tuple[Any, ...]:
+    places = [(place.file, place.line) for place in d.places]
+    return d.at.file, d.at.line, d.code, d.path, d.message, d.help, d.severity, d.subjects, places, repr(d.fix)
 
 
 def printable(text: str) -> str:
@@ -183,20 +273,24 @@ def render_text(diagnostic: Diagnostic, source_line: str = "") -> str:
 
 def render_json(diagnostics: Iterable[Diagnostic]) -> str:
     """Print as a JSON array of objects, one per diagnostic."""
-    return _json(
-        [
-            {
-                "code": d.code,
-                "severity": str(d.severity),
-                "file": d.at.file,
-                "line": d.at.line,
-                "path": d.path,
-                "message": d.message,
-                "help": d.help,
-            }
-            for d in diagnostics
-        ]
-    )
+    return _json([_as_data(d) for d in diagnostics])
+
+
+def _as_data(d: Diagnostic) -> dict[str, Any]:
+    data: dict[str, Any] = {
+        "code": d.code,
+        "severity": str(d.severity),
+        "file": d.at.file,
+        "line": d.at.line,
+        "path": d.path,
+        "message": d.message,
+        "help": d.help,
+        "subjects": [{"kind": subject.kind, "name": subject.name} for subject in d.subjects],
+        "places": [{"file": place.file, "line": place.line} for place in d.places],
+    }
+    if d.fix is not None:
+        data["fix"] = {"file": d.fix.at.file, "line": d.fix.at.line, "old": d.fix.old, "new": d.fix.new}
+    return data
 
 
 def _json(value: Any) -> str:
@@ -226,8 +320,6 @@ def render_sarif(diagnostics: Iterable[Diagnostic], version: str) -> str:
 
 
 def _sarif_result(diagnostic: Diagnostic) -> dict[str, Any]:
-    from urllib.parse import quote
-
     text = f"{diagnostic.path}: {diagnostic.message}" if diagnostic.path else diagnostic.message
     result: dict[str, Any] = {
         "ruleId": diagnostic.code,
@@ -235,8 +327,19 @@ def _sarif_result(diagnostic: Diagnostic) -> dict[str, Any]:
         "message": {"text": f"{text}\n{diagnostic.help}".strip()},
     }
     if diagnostic.at.file:
-        place: dict[str, Any] = {"artifactLocation": {"uri": quote(os.fsencode(diagnostic.at.file))}}
-        if diagnostic.at.line:
-            place["region"] = {"startLine": diagnostic.at.line}
-        result["locations"] = [{"physicalLocation": place}]
+        location: dict[str, Any] = {"physicalLocation": _sarif_place(diagnostic.at)}
+        if diagnostic.subjects:
+            location["logicalLocations"] = [{"name": s.name, "kind": s.kind} for s in diagnostic.subjects]
+        result["locations"] = [location]
+    if diagnostic.places:
+        result["relatedLocations"] = [{"physicalLocation": _sarif_place(place)} for place in diagnostic.places]
     return result
+
+
+def _sarif_place(at: Location) -> dict[str, Any]:
+    from urllib.parse import quote
+
+    place: dict[str, Any] = {"artifactLocation": {"uri": quote(os.fsencode(at.file))}}
+    if at.line:
+        place["region"] = {"startLine": at.line}
+    return place

@@ -11,9 +11,12 @@ from halpipe.diagnostics import (
     REGISTER,
     Code,
     Findings,
+    Fix,
     HalpipeError,
     Location,
     Severity,
+    Subject,
+    about,
     error,
     note,
     printable,
@@ -108,9 +111,65 @@ def test_json_has_every_field(diagnostic):
             "path": 'task "fuse"',
             "message": "needs 9ms",
             "help": "raise the deadline",
+            "subjects": [],
+            "places": [],
         }
     ]
     assert json.loads(render_json([])) == []
+
+
+def test_a_path_knows_what_it_names():
+    mode = about(mode="all")
+    assert (str(mode), mode.subjects) == ('mode "all"', (Subject("mode", "all"),))
+    job = about(mode, task="fuse", job=3)
+    assert (str(job), job.subjects[1:]) == (
+        'mode "all" task "fuse" job 3',
+        (Subject("task", "fuse"), Subject("job", "3")),
+    )
+    switch = about(transition=("a", "b"))
+    assert (str(switch), switch.subjects) == ('transition "a" to "b"', (Subject("transition", "a->b"),))
+    access = about(access_to="dram")
+    assert (str(access), access.subjects) == ('access to "dram"', (Subject("resource", "dram"),))
+
+
+def test_a_diagnostic_has_subjects_places_and_a_fix(late):
+    first, second = Location("model.xml", 1), Location("model.xml", 2)
+    found = late(
+        "overlap",
+        at=first,
+        path=about(unit="gpu"),
+        subjects=[Subject("task", "a"), Subject("unit", "gpu")],
+        places=[first, second, second, NOWHERE],
+        fix=Fix(first, "gpuu", "gpu"),
+    )
+    assert found.subjects == (Subject("unit", "gpu"), Subject("task", "a"))
+    assert found.places == (second,)
+    (data,) = json.loads(render_json([found]))
+    assert data["subjects"] == [{"kind": "unit", "name": "gpu"}, {"kind": "task", "name": "a"}]
+    assert data["places"] == [{"file": "model.xml", "line": 2}]
+    assert data["fix"] == {"file": "model.xml", "line": 1, "old": "gpuu", "new": "gpu"}
+    (result,) = json.loads(render_sarif([found], "1"))["runs"][0]["results"]
+    assert result["locations"][0]["logicalLocations"] == [
+        {"name": "gpu", "kind": "unit"},
+        {"name": "a", "kind": "task"},
+    ]
+    assert result["relatedLocations"][0]["physicalLocation"]["region"] == {"startLine": 2}
+
+
+def test_a_diagnostic_of_another_code_keeps_what_it_is_about(late):
+    other = note("TST0002", "Still late")
+    found = other.instead_of(late("is late", path=about(task="fuse"), help="hurry"))
+    assert (found.code, found.severity, found.help) == ("TST0002", Severity.NOTE, "hurry")
+    assert found.subjects == (Subject("task", "fuse"),)
+
+
+def test_the_order_does_not_depend_on_that_of_subjects(late):
+    same = [
+        late("is late", subjects=[Subject("task", name)], fix=fix)
+        for name in "ba"
+        for fix in (None, Fix(NOWHERE, "x", "y"))
+    ]
+    assert sort_diagnostics(same) == sort_diagnostics(same[::-1])
 
 
 def test_json_and_sarif_hold_any_text(diagnostic):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.exporters.codes import BAD_CPU
 from halpipe.suggest import did_you_mean
 
@@ -25,7 +25,7 @@ def placed(model: TaskModel, stated: Mapping[str, int] | None) -> dict[str, int]
     findings = Findings()
     first: dict[int, str] = {}
     for unit, cpu in stated.items():
-        path = f'unit "{unit}"'
+        path = about(unit=unit)
         if unit not in names:
             help = did_you_mean(unit, names, "the units are " + ", ".join(names))
             findings.add(BAD_CPU(f'the model has no unit "{unit}"', path=path, help=help))

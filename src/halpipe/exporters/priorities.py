@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.durations import ZERO
 from halpipe.exporters.codes import PRIORITY_CYCLE
 from halpipe.exporters.timeline import versions_of
@@ -68,7 +68,7 @@ def levels_of(relation: Relation) -> dict[str, dict[str, int]]:
             names = " above ".join(f'"{name}"' for name in reversed(failure.args[1]))
             message = f"no fixed priorities play the table: {names}"
             help = "state split points as a list for one of them, or bind what it waits for to its own unit"
-            findings.add(PRIORITY_CYCLE(message, path=f'unit "{unit}"', help=help))
+            findings.add(PRIORITY_CYCLE(message, path=about(unit=unit), help=help))
             continue
         for task in order:
             levels[task] = max((levels[low] + 1 for low in below.get(task, ())), default=0)

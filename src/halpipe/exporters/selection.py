@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.durations import ZERO
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
 from halpipe.exporters.timeline import versions_of
@@ -51,7 +51,7 @@ def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
             first.setdefault(job.task, job)
     for task, job in first.items():
         message = f"job {job.index} has {len(job.parts)} parts; {target}"
-        findings.add(NEEDS_HOLD(message, at=job.at, path=f'task "{task}"', help=help))
+        findings.add(NEEDS_HOLD(message, at=job.at, path=about(task=task), help=help))
     findings.stop_on_errors()
 
 
@@ -95,7 +95,7 @@ class _Check:
         self.scheduled = {mode.name for mode in schedule.modes}
 
     def mode(self, table: ModeSchedule) -> None:
-        path = f'mode "{table.name}"'
+        path = about(mode=table.name)
         self._known("mode", table.name, self.modes, table.at, path)
         if table.hyperperiod <= ZERO:
             self._time("the hyperperiod must be positive", table.at, path)

@@ -43,7 +43,7 @@ def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Ele
     except (etree.XMLSyntaxError, ValueError) as failure:
         found = _syntax_errors(parser, failure, name)
         is_plain = _PLAIN_ENCODING.match(data) is not None  # one in which a DOCTYPE would have been seen
-        if not (long_texts and is_plain) or not any(_LONG_TEXT.search(diagnostic.message) for diagnostic in found):
+        if not (long_texts and is_plain) or not any(_LONG_TEXT.search(entry.message) for entry in parser.error_log):
             raise HalpipeError(*found) from None
         root = _parse_long_texts(data, name)
     docinfo: Any = root.getroottree().docinfo

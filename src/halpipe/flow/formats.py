@@ -7,12 +7,13 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, error, warning
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
 from halpipe.pipeline.checked import refuse_invalid, validate_model
 from halpipe.suggest import did_you_mean
 
@@ -104,15 +105,13 @@ def _readiness(model: TaskModel) -> list[Diagnostic]:
     errors = [d for d in validate_model(model) if d.is_error]
     if not errors:
         return []
-    counts: dict[str, int] = {}
-    for found in errors:
-        counts[found.message] = counts.get(found.message, 0) + 1
-    most = max(counts, key=lambda message: counts[message])
-    others = f" and {len(errors) - counts[most]} others" if len(errors) > counts[most] else ""
+    ((most, count),) = Counter(found.code for found in errors).most_common(1)
+    first = next(found.message for found in errors if found.code == most)
+    others = f" and {len(errors) - count} others" if len(errors) > count else ""
     return [
         UNSCHEDULABLE_YET(
-            f"it cannot be scheduled yet: {counts[most]} times: {most}{others}",
-            path=f'model "{model.name}"',
+            f"it cannot be scheduled yet: {count} times: {first}{others}",
+            path=about(model=model.name),
             help="complete it with --overlay; `halpipe validate` lists every finding",
         )
     ]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, error
+from halpipe.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,7 +95,7 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
     from halpipe.pipeline.solve.codes import GRID_BREAKS, GRID_TICK, GRID_TIGHT, GRID_WHOLE
     from halpipe.pipeline.solve.quantise import describe, quantise, restore
 
-    path = f'model "{model.name}"'
+    path = about(model=model.name)
     if not has_whole_jobs(model):
         help = "leave --quantise away; the export rounds budgets to the safe side"
         raise HalpipeError(GRID_WHOLE("has jobs that may be split or interrupted", at=model.at, path=path, help=help))
@@ -118,8 +118,7 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
             model, modes=tuple(mode for mode in model.modes if mode.name in {m.name for m in schedule.modes})
         )
         broken = [found for found in verify_schedule(asked, schedule) if found.is_error]
-        lacking = {found.path for found in scheduled.diagnostics if found.is_error}
-        if broken and not lacking:
+        if broken and not any(found.is_error for found in scheduled.diagnostics):
             help = "try another --seed, or a shorter window"
             breaks = GRID_BREAKS(f"verify finds {len(broken)} violations", at=model.at, path=path, help=help)
             raise HalpipeError(breaks, *broken, exit=Exit.NOT_FOUND)
@@ -187,7 +186,7 @@ def explain_failure(model: TaskModel, scheduled: Scheduled, *, interrupted: bool
         cost = f", best cost {mode.cost.total}" if mode.cost else ""
         help = "raise --budget, try another --seed, or relax what is named below"
         found.append(
-            code(f"no valid schedule yet{cost}", at=model.mode(mode.name).at, path=f'mode "{mode.name}"', help=help)
+            code(f"no valid schedule yet{cost}", at=model.mode(mode.name).at, path=about(mode=mode.name), help=help)
         )
     if interrupted and missing:
         found.append(code(f"not searched: {', '.join(missing)}", at=model.at))
@@ -197,7 +196,7 @@ def explain_failure(model: TaskModel, scheduled: Scheduled, *, interrupted: bool
     alone = model.alone(*(mode.name for mode in failed))
     claims = tuple(replace(mode, status=Status.VALID, cost=None, chains=()) for mode in failed)
     broken = verify_schedule(alone, replace(scheduled.schedule, modes=claims)) if failed else []
-    found += [STILL_BROKEN(d.message, path=d.path) for d in broken if d.is_error]
+    found += [replace(STILL_BROKEN.instead_of(d), at=NOWHERE, places=(), help="") for d in broken if d.is_error]
     return found
 
 

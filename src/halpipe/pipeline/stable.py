@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, note
+from halpipe.diagnostics import HalpipeError, about, note
 from halpipe.durations import ZERO
 from halpipe.pipeline.parts import reserved_length, service_of
 
@@ -116,7 +116,7 @@ def _told(earlier: Schedule, found: Schedule) -> list[Diagnostic]:
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         others = f"; of others: {', '.join(names[:MOST_NAMED])}{more}" if names else ""
         text = f"{len(mode.jobs) - len(moved)} of {len(mode.jobs)} jobs stay where they were{others}"
-        notes.append(NEAR(text, path=f'mode "{mode.name}"', help="" if not names else "see `halpipe diff`"))
+        notes.append(NEAR(text, path=about(mode=mode.name), help="" if not names else "see `halpipe diff`"))
     return notes
 
 

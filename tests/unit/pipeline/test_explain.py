@@ -10,12 +10,14 @@ from halpipe.models import Chain, Mode, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
 from halpipe.pipeline.explain.explanation import Verdict, explain
+from halpipe.pipeline.explain.invalid import tasks_of
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes as search_codes
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from support import access, after, chain, model, task, version
+from halpipe.pipeline.verify import verify
+from support import access, after, chain, job, model, schedule, task, version
 
 CORES = "c1 c2"
 
@@ -247,6 +249,17 @@ def test_several_kinds_of_units_together():
     system = replace(model(*cpu, *gpu), units=(Unit(name="cpu", type="core"), Unit(name="gpu", type="gpu")))
     texts = remedies(system)
     assert texts[0].startswith('1 more unit of type "core" and 1 more unit of type "gpu"')
+
+
+def test_a_task_that_is_called_like_a_unit_is_not_taken_for_it():
+    """What is broken on the unit `gpu` concerns the jobs that meet there, not the task of this name."""
+    tasks = [task(name, "10ms", version("v", "4ms", "gpu cpu")) for name in ("a", "b", "gpu", "u job 0")]
+    system = model(*tasks, units="gpu cpu")
+    jobs = [job(system, name, 0, at, unit) for name, at, unit in (("a", 0, "gpu"), ("b", 1, "gpu"))]
+    others = [job(system, name, 0, at, "cpu") for name, at in (("gpu", 0), ("u job 0", 5))]
+    broken = [d for d in verify(system, schedule(system, "10ms", *jobs, *others)) if d.is_error]
+    assert broken
+    assert tasks_of(system, broken) == ("a", "b")
 
 
 def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):

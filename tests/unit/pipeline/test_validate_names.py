@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from validate_cases import alone, codes_of, found, the
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, Subject
 from halpipe.models import Mode, Run, Transfer, Unit
 from halpipe.pipeline.validate import codes, validate
 from support import access, after, chain, mode, model, task, version
@@ -135,3 +135,18 @@ def test_all_findings_are_reported_and_not_only_the_first():
     names = [f"missing{i}" for i in range(50)]
     system = alone("5ms", *(after(name, 0, 1) for name in names))
     assert len(found(system, codes.UNKNOWN_TASK)) == 50
+
+
+def test_an_unknown_name_is_a_subject_and_comes_with_its_fix():
+    wrong = the(model(task("a", 25, version("v", 5, "cor1")), units="core1"), codes.UNKNOWN_UNIT)
+    assert wrong.subjects == (Subject("task", "a"), Subject("version", "v"), Subject("unit", "cor1"))
+    assert wrong.fix is not None
+    assert (wrong.fix.old, wrong.fix.new, wrong.fix.at) == ("cor1", "core1", wrong.at)
+    lost = the(model(task("a", 25, version("v", 5, "xyz")), units="core1"), codes.UNKNOWN_UNIT)
+    assert lost.fix is None
+
+
+def test_of_two_elements_with_one_name_both_places_are_given():
+    first, second = (replace(A, at=Location("m.xml", line)) for line in (3, 8))
+    found = the(model(first, second), codes.DUPLICATE_NAME)
+    assert (found.at.line, [place.line for place in found.places]) == (8, [3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.exporters.amalthea import RELEASES
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.amalthea.constraints import Events, write_constraints
@@ -92,15 +92,15 @@ def _check(name: str, kind: str, known: Collection[str], path: str, findings: Fi
 def _references(model: TaskModel) -> Iterator[tuple[str, str, str]]:
     """Yield (path, kind, name) of every reference to an element by its name alone."""
     for task in model.tasks:
-        path = f'task "{task.name}"'
+        path = about(task=task.name)
         for version in task.versions:
             yield from _each(path, "unit", version.units)
             yield from _each(path, "resource", (access.resource for access in version.accesses))
             yield from _each(path, "task", (precedence.task for precedence in version.precedences))
     for chain in model.chains:
-        yield from _each(f'chain "{chain.name}"', "task", chain.tasks)
+        yield from _each(about(chain=chain.name), "task", chain.tasks)
     for mode in model.modes:
-        yield from _each(f'mode "{mode.name}"', "task", (run.task for run in mode.runs))
+        yield from _each(about(mode=mode.name), "task", (run.task for run in mode.runs))
     for transition in model.transitions:
         yield from _each("transition", "mode", (transition.source, transition.target))
     for rule in model.health:

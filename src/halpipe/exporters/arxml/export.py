@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.exporters.arxml import PARTS, RELEASES
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.document import (
@@ -147,10 +147,10 @@ def _refuse_dangling(model: TaskModel) -> None:
             check("resource", (access.resource for access in version.accesses), resources, path)
             check("task", (precedence.task for precedence in version.precedences), versions, path)
     for chain in model.chains:
-        check("task", chain.tasks, versions, f'chain "{chain.name}"')
+        check("task", chain.tasks, versions, about(chain=chain.name))
     for mode in model.modes:
         for run in mode.runs:
-            path = f'mode "{mode.name}"'
+            path = about(mode=mode.name)
             check("task", [run.task], versions, path)
             check("version", run.versions, versions.get(run.task, run.versions), f'{path}, task "{run.task}"')
     for transition in model.transitions:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.durations import ZERO
 from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
@@ -73,7 +73,7 @@ class Table:
     @property
     def path(self) -> str:
         """The table in messages."""
-        of = f'transition from "{self.mode}" to "{self.target}"' if self.target else f'mode "{self.mode}"'
+        of = f'transition from "{self.mode}" to "{self.target}"' if self.target else about(mode=self.mode)
         return f'{of} on "{self.unit}"'
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.durations import ZERO, Duration, greatest_common_divisor, seconds
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
 from halpipe.exporters.arxml.document import seconds_text
@@ -80,11 +80,11 @@ def _check(options: ArxmlOptions) -> None:
 def _instants(schedule: Schedule, holds: Holds) -> Iterator[tuple[str, str, Duration]]:
     """Yield (table, what, time) for everything that must be a whole number of ticks."""
     for mode in schedule.modes:
-        path = f'mode "{mode.name}"'
+        path = about(mode=mode.name)
         yield path, "the hyperperiod", mode.hyperperiod
         yield from _starts(path, mode.jobs, holds)
     for table in schedule.transitions:
-        path = f'transition from "{table.source}" to "{table.target}"'
+        path = about(transition_from=(table.source, table.target))
         yield path, "the length", table.length
         yield from _starts(path, table.jobs, holds)
 

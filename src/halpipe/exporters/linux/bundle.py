@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.bundles import seal
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.exporters.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
 from halpipe.exporters.linux.priorities import levels_of
@@ -176,7 +176,7 @@ def cpus_for(model: TaskModel, schedule: Schedule, options: LinuxOptions, findin
         if unit.name in used and (unit.name not in cpus or (is_other and options.cpus is None)):
             text = f'its type is "{unit.type}"' if is_other else "it has jobs, but no CPU"
             help = "state the CPU of every unit that is one: --cpus unit=number,...; move its jobs elsewhere otherwise"
-            findings.add(NOT_A_CPU(text, at=unit.at, path=f'unit "{unit.name}"', help=help))
+            findings.add(NOT_A_CPU(text, at=unit.at, path=about(unit=unit.name), help=help))
             cpus.setdefault(unit.name, 0)
     return cpus
 

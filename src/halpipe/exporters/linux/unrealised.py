@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.exporters.linux.codes import UNREALISED
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ _MOST_NAMES = 5
 
 def unrealised(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> list[Diagnostic]:
     """Return one warning for each kind of thing that the bundle leaves open."""
-    path = f'model "{model.name}"'
+    path = about(model=model.name)
     return [UNREALISED(text, path=path, help=help) for text, help in sentences(model, schedule, options)]
 
 

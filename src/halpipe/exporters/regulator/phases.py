@@ -8,6 +8,7 @@ from itertools import accumulate
 from math import ceil
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.quantities import format_rational
@@ -85,7 +86,7 @@ def _below_burst(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
             )
             named = f"a bound of at least {format_rational(least)}, or " if least <= 1 else ""
             help = f"use {named}a window of at least {cycles} cycles"
-            path = f'task "{phase.job.task}" version "{phase.job.version}"'
+            path = about(task=phase.job.task, version=phase.job.version)
             yield BELOW_BURST(message, at=phase.access.at, path=path, help=help)
 
 
@@ -102,7 +103,7 @@ def _off_grid(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
             f"window of {p.window}; so do {len(off)} of {len(phases)} phases, of {len({f.job.task for f in off})} tasks"
         )
         help = "state starts and ends of phases in multiples of the window; --quantise sees to the starts of jobs"
-        yield OFF_GRID(message, at=task.at, path=f'task "{task.name}"', help=help)
+        yield OFF_GRID(message, at=task.at, path=about(task=task.name), help=help)
 
 
 def _short(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
@@ -121,7 +122,7 @@ def _short(model: TaskModel, tables: Tables) -> Iterator[Diagnostic]:
                 help = f"let it last at least {ceil(longer)}ns" + (
                     f", or bind it to {_up(bound)}" if bound <= 1 else ""
                 )
-                path = f'task "{task.name}" version "{version.name}"'
+                path = about(task=task.name, version=version.name)
                 yield SHORT_PHASE(message, at=access.at, path=path, help=help)
 
 

@@ -10,7 +10,7 @@ from math import ceil
 from operator import ne
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.exporters.regulator.codes import (
     ABOVE_RESOURCE,
     DOES_NOT_FIT,
@@ -201,7 +201,7 @@ class TableBuilder:
         if len(frames) > MAX_TABLES:
             message = f"{len(frames)} modes and transitions need a table; table numbers have 8 bits"
             help = "list fewer transitions in the model, or export single modes with --mode"
-            self.findings.add(DOES_NOT_FIT(message, at=self.schedule.at, path=f'model "{self.model.name}"', help=help))
+            self.findings.add(DOES_NOT_FIT(message, at=self.schedule.at, path=about(model=self.model.name), help=help))
         stated = next((r.bandwidth for r in self.model.resources if r.name == self.resource), None)
         guaranteed = self.platform.guaranteed
         if stated is not None and guaranteed > stated:
@@ -209,7 +209,7 @@ class TableBuilder:
                 f"{format_bandwidth(guaranteed)} are guaranteed, the model's resource has {format_bandwidth(stated)}"
             )
             help = f"guarantee at most {format_bandwidth(stated)}, or correct the model"
-            path = f'resource "{self.resource}"'
+            path = about(resource=self.resource)
             self.findings.add(ABOVE_RESOURCE(message, at=self.platform.at, path=path, help=help))
 
     # ---- units
@@ -220,7 +220,7 @@ class TableBuilder:
             if name not in names:
                 help = did_you_mean(name, names, "remove it, or correct its name")
                 message = f'model "{self.model.name}" has no such unit'
-                self.findings.add(UNKNOWN_UNIT(message, at=port.at, path=f'unit "{name}"', help=help))
+                self.findings.add(UNKNOWN_UNIT(message, at=port.at, path=about(unit=name), help=help))
         for name in names:
             if name not in platform.units and any(row.unit == name for row in used):
                 message = (
@@ -230,7 +230,7 @@ class TableBuilder:
                     n for n in range(len(platform.units) + 1) if all(n != u.manager for u in platform.units.values())
                 )
                 help = f'add "{name}: {{manager: {free}}}" to the units of the platform'
-                self.findings.add(NO_MANAGER(message, at=platform.at, path=f'unit "{name}"', help=help))
+                self.findings.add(NO_MANAGER(message, at=platform.at, path=about(unit=name), help=help))
         known = [name for name in names if name in platform.units]
         overshoot = self._overshoot()
         rows = [Row(name, direction) for name in known for direction in DIRECTIONS]
@@ -285,7 +285,7 @@ class TableBuilder:
                 )
                 help = f"state {least} bytes (and use a longer window where that is too much)"
                 at = platform.units[row.unit].at
-                self.findings.add(UNSAFE_DEFAULTS(message, at=at, path=f'unit "{row.unit}"', help=help))
+                self.findings.add(UNSAFE_DEFAULTS(message, at=at, path=about(unit=row.unit), help=help))
         return defaults
 
     # ---- tables

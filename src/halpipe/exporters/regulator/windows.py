@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import Duration, divisors, greatest_common_divisor, seconds
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, WINDOW_DOES_NOT_DIVIDE
 from halpipe.exporters.regulator.platform import LEAST_CYCLES
@@ -22,8 +23,8 @@ MAX_WINDOWS = 2**20
 
 def check_windows(schedule: Schedule, platform: Platform) -> list[Diagnostic]:
     """Return a finding for every hyperperiod and transition that is not a whole number of windows."""
-    spans = [(f'mode "{m.name}"', "hyperperiod", m.hyperperiod, m.at) for m in schedule.modes]
-    spans += [(f'transition "{t.source}->{t.target}"', "length", t.length, t.at) for t in schedule.transitions]
+    spans = [(about(mode=m.name), "hyperperiod", m.hyperperiod, m.at) for m in schedule.modes]
+    spans += [(about(transition=f"{t.source}->{t.target}"), "length", t.length, t.at) for t in schedule.transitions]
     window = platform.window
     found = []
     for path, what, span, at in spans:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.exporters.riscv.codes import MAIN_MEMORY_FULL, OUTSIDE_BUFFER, TOO_MANY_RESOURCES, TOO_MANY_UNITS
 from halpipe.exporters.riscv.phases import moves_data
 from halpipe.exporters.riscv.profile import MAILBOX, RESERVED, Region
@@ -76,7 +77,7 @@ def cores_of(model: TaskModel, used: set[str], profile: Profile, findings: Findi
     if len(units) > profile.cores:
         message = f'the schedule uses {len(units)} units, profile "{profile.name}" has {profile.cores} cores'
         help = "use a profile with more cores, or schedule for fewer units (`halpipe size` finds how few do)"
-        findings.add(TOO_MANY_UNITS(message, at=model.at, path=f'model "{model.name}"', help=help))
+        findings.add(TOO_MANY_UNITS(message, at=model.at, path=about(model=model.name), help=help))
         units = units[: profile.cores]
     return {name: Core(name, i, profile.ispm.of(i), profile.dspm.of(i)) for i, name in enumerate(units)}
 
@@ -90,7 +91,7 @@ def channels_of(model: TaskModel, versions: Iterable[Version], profile: Profile,
             f"{len(names)} resources move data ({', '.join(names)}), there are {profile.dma.channels} DMA channels"
         )
         help = "use fewer resources, or a profile with more channels"
-        findings.add(TOO_MANY_RESOURCES(message, at=model.at, path=f'model "{model.name}"', help=help))
+        findings.add(TOO_MANY_RESOURCES(message, at=model.at, path=about(model=model.name), help=help))
     return {name: channel for channel, name in enumerate(names)}
 
 

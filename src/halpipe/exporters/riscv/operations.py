@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import Duration, greatest_common_divisor
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
 from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
@@ -204,18 +205,18 @@ def check_grid(schedule: Schedule, clock: Clock, findings: Findings) -> None:
     """Collect instants of the schedule that are no multiples of the tick."""
     instants: list[tuple[Duration, str, str, Location]] = []
     for mode in schedule.modes:
-        path = f'mode "{mode.name}"'
+        path = about(mode=mode.name)
         instants.append((mode.hyperperiod, "the hyperperiod", path, mode.at))
         instants += _starts(mode.jobs, path)
     for table in schedule.transitions:
-        path = f'transition from "{table.source}" to "{table.target}"'
+        path = about(transition_from=(table.source, table.target))
         instants.append((table.length, "the length", path, table.at))
         instants += _starts(table.jobs, path)
-    for instant, what, path, at in instants:
+    for instant, what, within, at in instants:
         if greatest_common_divisor((instant, clock.tick)) != clock.tick:
             help = f"schedule with --tick {clock.tick}, or with periods that are multiples of it"
             message = f"{what} {instant} is no multiple of the timer's tick {clock.tick}"
-            findings.add(OFF_GRID(message, at=at, path=path, help=help))
+            findings.add(OFF_GRID(message, at=at, path=within, help=help))
 
 
 def _starts(jobs: Iterable[Job], path: str) -> list[tuple[Duration, str, str, Location]]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.exporters.codes import NEEDS_HOLD
 from halpipe.exporters.riscv.codes import IMAGE_TOO_LARGE, PHASE_ORDER
@@ -87,7 +88,7 @@ def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> No
         if unit.interrupts:
             message = f'unit "{unit.name}" serves interrupts; the cores of a bundle have none'
             help = "leave the interrupts out of the model, or make tasks of them that poll"
-            findings.add(NEEDS_HOLD(message, at=model.at, path=f'unit "{unit.name}"', help=help))
+            findings.add(NEEDS_HOLD(message, at=model.at, path=about(unit=unit.name), help=help))
 
 
 @dataclass(frozen=True, slots=True)

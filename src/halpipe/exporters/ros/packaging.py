@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.bundles import seal
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
@@ -119,7 +119,7 @@ def _filled(name: str, values: dict[str, Any]) -> bytes:
 
 def _row(task: str, model: TaskModel, options: RosOptions, findings: Findings) -> Row | None:
     """Return the callback of a task; report a task that has none, and names that are none of ROS."""
-    at, path = model.task(task).at, f'task "{task}"'
+    at, path = model.task(task).at, about(task=task)
     binding = (options.bindings or {}).get(task)
     if binding is None:
         help = "name the graph or trace that the model was imported from with --graph"

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, about
 from halpipe.exporters.ros.codes import TOO_FINE
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def cycle_of(table: ModeSchedule) -> Duration:
                 f"hyperperiod {table.hyperperiod} repeats within whole nanoseconds only after {repeats} times, with "
                 f"{repeats * len(table.jobs)} jobs",
                 at=table.at,
-                path=f'mode "{table.name}"',
+                path=about(mode=table.name),
                 help=f"choose periods for which at most {MOST_TIMERS} jobs come of it",
             )
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.exporters.ros.codes import UNREALISED
 from halpipe.exporters.ros.timers import is_exact
 
@@ -19,7 +20,7 @@ _MOST_NAMES = 5
 
 def unrealised(model: TaskModel, schedule: Schedule, options: RosOptions) -> list[Diagnostic]:
     """Return one warning for each kind of thing that the exported file cannot make happen."""
-    path = f'model "{model.name}"'
+    path = about(model=model.name)
     return [UNREALISED(text, path=path, help=help) for text, help in _sentences(model, schedule, options)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -149,7 +149,7 @@ def _kept(drafts: list[Draft], options: ImportOptions) -> list[Draft]:
 def _as_error(found: Diagnostic) -> Diagnostic:
     if found.severity is not Severity.WARNING:
         return found
-    return Diagnostic(found.code, Severity.ERROR, found.at, found.path, found.message, found.help)
+    return replace(found, severity=Severity.ERROR)
 
 
 # ------------------------------------------------------------------------------------------------- tasks

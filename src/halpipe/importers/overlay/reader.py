@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.durations import Duration
 from halpipe.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
 from halpipe.importers.overlay import values
@@ -135,7 +135,7 @@ def _overlay(top: Fields) -> Overlay:
 
 def _origin(f: Fields, path: str, at: Location | None = None) -> Origin:
     at = at or f.at()
-    return Origin(at.file, at.line, path)
+    return Origin(at.file, at.line, str(path))
 
 
 # -------------------------------------------------------------------------------------- platform and sources
@@ -193,7 +193,7 @@ def _unit(f: Fields) -> Unit | None:
     for inner in f.items("interrupts", _INTERRUPT, f"{path} interrupt"):
         interrupt = _interrupt(inner)
         if interrupt is not None:
-            _keep_once(served, interrupt.name, interrupt, inner, f'{path} interrupt "{interrupt.name}"')
+            _keep_once(served, interrupt.name, interrupt, inner, about(path, interrupt=interrupt.name))
     if "name" not in stated:
         return None
     own = {field: one.value for field, one in stated.items()}
@@ -204,7 +204,7 @@ def _interrupt(f: Fields) -> Interrupt | None:
     found = _values(f, Interrupt)
     if found is None:
         return None
-    return Interrupt(**found, origin=_origin(f, f'interrupt "{found["name"]}"'), at=f.at())
+    return Interrupt(**found, origin=_origin(f, about(interrupt=found["name"])), at=f.at())
 
 
 def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
@@ -368,7 +368,7 @@ def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
         if stated is None:
             continue
         source, target = stated["source"], stated["target"]
-        path = f'transition "{source}" to "{target}"'
+        path = about(transition=(source, target))
         if source == target:
             f.complain(BAD_VALUE, f"{path} leads nowhere", "to", help="name two different modes")
             continue
@@ -382,7 +382,7 @@ def _chains(top: Fields) -> dict[str, Chain]:
     for f in top.items("chains", _names(Chain), "chain"):
         stated = _values(f, Chain)
         if stated is not None:
-            path = f'chain "{stated["name"]}"'
+            path = about(chain=stated["name"])
             chain = Chain(**stated, origin=_origin(f, path), at=f.at())
             _keep_once(found, chain.name, chain, f, path)
     return found
@@ -393,5 +393,5 @@ def _rules(top: Fields) -> Iterable[HealthRule]:
     for f in top.items("health", _names(HealthRule), "health rule"):
         stated = _values(f, HealthRule)
         if stated is not None:
-            origin = _origin(f, f'health rule of task "{stated["task"]}"')
+            origin = _origin(f, about(health_rule_of_task=stated["task"]))
             yield HealthRule(**stated, origin=origin, at=f.at())

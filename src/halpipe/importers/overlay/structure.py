@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
+from halpipe.diagnostics import about
 from halpipe.importers.overlay.changes import show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
 from halpipe.importers.overlay.patterns import Patterns, expand, is_glob
@@ -53,14 +54,14 @@ def with_interrupts(units: tuple[Unit, ...], overlay: Overlay, changes: Changes)
             if not matching and is_glob(pattern):
                 help = f"the units are: {show(tuple(served))}"
                 message = f'units "{pattern}" match no unit'
-                changes.fault(MATCHES_NOTHING, message, entry.units.at, f'interrupt "{added.name}"', help)
+                changes.fault(MATCHES_NOTHING, message, entry.units.at, about(interrupt=added.name), help)
             elif not matching:
                 otherwise = f"the units are: {show(tuple(served))}"
-                changes.unknown("unit", pattern, served, entry.units.at, f'interrupt "{added.name}"', otherwise)
+                changes.unknown("unit", pattern, served, entry.units.at, about(interrupt=added.name), otherwise)
             for unit in matching:
                 old = served[unit].get(added.name)
                 if old is not None:
-                    path = f'unit "{unit}" interrupt "{added.name}"'
+                    path = about(unit=unit, interrupt=added.name)
                     changes.overridden(path, "interrupt", old, added, added.at)
                 served[unit][added.name] = added
     return tuple(replace(unit, interrupts=tuple(served[unit.name].values())) for unit in units)
@@ -74,13 +75,13 @@ def without(model: TaskModel, dropped: Collection[str], changes: Changes) -> Tas
     for chain in model.chains:
         if chain not in kept:
             gone = tuple(task for task in chain.tasks if task in dropped)
-            changes.removed(f"went with its dropped tasks {show(gone)}", chain.at, f'chain "{chain.name}"')
+            changes.removed(f"went with its dropped tasks {show(gone)}", chain.at, about(chain=chain.name))
     modes = (replace(m, runs=tuple(run for run in m.runs if run.task not in dropped)) for m in model.modes)
     tasks = (_without_predecessors(task, dropped, changes) for task in model.tasks if task.name not in dropped)
     rules = tuple(rule for rule in model.health if rule.task not in dropped)
     for rule in model.health:
         if rule.task in dropped:
-            changes.removed("went with its dropped task", rule.at, f'health rule of task "{rule.task}"')
+            changes.removed("went with its dropped task", rule.at, about(health_rule_of_task=rule.task))
     return replace(model, tasks=tuple(tasks), chains=tuple(kept), modes=tuple(modes), health=rules)
 
 
@@ -92,7 +93,7 @@ def _without_predecessors(task: Task, dropped: Collection[str], changes: Changes
         kept = tuple(p for p in version.precedences if p.task not in dropped)
         if kept != version.precedences:
             gone = tuple(p.task for p in version.precedences if p.task in dropped)
-            path = f'task "{task.name}" version "{version.name}"'
+            path = about(task=task.name, version=version.name)
             changes.removed(f"precedence after dropped tasks {show(gone)} is void", version.at, path)
         versions.append(replace(version, precedences=kept))
     return replace(task, versions=tuple(versions))
@@ -102,7 +103,7 @@ def chains(imported: tuple[Chain, ...], overlay: Overlay, changes: Changes) -> t
     """Return the chains: the overlay's replace imported ones of the same name and join the others."""
     found = {chain.name: chain for chain in imported}
     for chain in overlay.chains.values():
-        path = f'chain "{chain.name}"'
+        path = about(chain=chain.name)
         known = [changes.knows_task(task, chain.at, path) for task in chain.tasks]
         old = found.get(chain.name)
         if old is not None:
@@ -147,7 +148,7 @@ def _updated(run: Run, before: Mapping[str, Task], after: Mapping[str, Task]) ->
 
 
 def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode:
-    path = f'mode "{entry.name}"'
+    path = about(mode=entry.name)
     chosen = _chosen(entry, tasks, path, changes)
     versions = Patterns((stated.value, (stated, names)) for stated, names in entry.versions)
     matched = {pattern for name in chosen for pattern, _ in versions.of(name)}
@@ -157,7 +158,7 @@ def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode
             help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
             changes.fault(MATCHES_NOTHING, message, stated.at, path, help)
     runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
-    return Mode(name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, path), at=entry.at)
+    return Mode(name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, str(path)), at=entry.at)
 
 
 def _chosen(entry: ModeEntry, tasks: Mapping[str, Task], path: str, changes: Changes) -> dict[str, Stated[str]]:
@@ -208,11 +209,11 @@ def transitions(
     if not overlay.transitions:
         for t in imported:
             if not {t.source, t.target} <= names:
-                changes.removed("its modes are replaced", t.at, f'transition "{t.source}" to "{t.target}"')
+                changes.removed("its modes are replaced", t.at, about(transition=(t.source, t.target)))
         return tuple(t for t in imported if {t.source, t.target} <= names)
     valid = []
     for t in overlay.transitions.values():
-        path = f'transition "{t.source}" to "{t.target}"'
+        path = about(transition=(t.source, t.target))
         missing = [name for name in (t.source, t.target) if name not in names]
         for name in missing:
             changes.unknown("mode", name, sorted(names), t.at, path, "add it under modes")
@@ -232,10 +233,10 @@ def health(
     if not overlay.health:
         for rule in imported:
             if rule.mode not in names:
-                changes.removed("its mode is replaced", rule.at, f'health rule of task "{rule.task}"')
+                changes.removed("its mode is replaced", rule.at, about(health_rule_of_task=rule.task))
         return tuple(rule for rule in imported if rule.mode in names)
     for rule in overlay.health:
-        path = f'health rule of task "{rule.task}"'
+        path = about(health_rule_of_task=rule.task)
         changes.knows_task(rule.task, rule.at, path)
         if rule.mode not in names:
             changes.unknown("mode", rule.mode, sorted(names - {""}), rule.at, path, "add it under modes")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from halpipe.diagnostics import about
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand, is_glob
@@ -43,7 +44,7 @@ class TaskMerger:
 
     def merge(self, task: Task, ranked: Ranked) -> Task:
         """Return `task` with what the entries that match it state, of which the first wins."""
-        path = f'task "{task.name}"'
+        path = about(task=task.name)
         entries = _ranks([(pattern == EVERYTHING, entry) for pattern, entry in ranked])
         key = _key_of_versions(task, ranked)
         return replace(
@@ -62,7 +63,7 @@ class TaskMerger:
         return self.changes.pick(path, shown, old, one.default, entries, lambda entry: entry.stated.get(one.field))
 
     def _version(self, task: str, base: Version, entries: Ranks[VersionEntry]) -> Version:
-        path = f'task "{task}" version "{base.name}"'
+        path = about(task=task, version=base.name)
         pick = self.changes.pick
         stated: dict[str, Any] = {
             one.field: self._units(path, base, entries)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TABLE, UNKNOWN_TASK
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
@@ -155,7 +155,7 @@ def _known(executions: Sequence[Execution], schedule: Schedule, findings: Findin
     for task, lost in sorted(unknown.items()):
         help = did_you_mean(task, sorted(tasks), "compare with the schedule that was loaded")
         message = f"ran {len(lost)} times and is not in the schedule"
-        findings.add(UNKNOWN_TASK(message, at=lost[0].at, path=f'task "{task}"', help=help))
+        findings.add(UNKNOWN_TASK(message, at=lost[0].at, path=about(task=task), help=help))
     return found
 
 

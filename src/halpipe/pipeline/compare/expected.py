@@ -6,6 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO
 from halpipe.pipeline.compare.codes import UNKNOWN_TABLE, WRONG_SEQUENCE
 from halpipe.suggest import did_you_mean
@@ -105,7 +106,7 @@ def _between(
         return fitting[:1]
     message = f'cycle {cycle} is "{table.name}", {steps} after "{last.name}" in cycle {played[-1].cycle}'
     allowed = ", ".join(sorted(last.successors))
-    findings.add(WRONG_SEQUENCE(message, path=f'table "{last.name}"', help=f"after it may come: {allowed}"))
+    findings.add(WRONG_SEQUENCE(message, path=about(table=last.name), help=f"after it may come: {allowed}"))
     return []
 
 

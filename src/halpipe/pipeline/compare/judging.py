@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import Path, Subject, about
 from halpipe.durations import ZERO
 from halpipe.pipeline.compare import codes
 from halpipe.pipeline.compare.matching import lateness
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.durations import Duration
+    from halpipe.models import Job
     from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.matching import Match, Matching
 
@@ -49,12 +51,12 @@ class Judge:
             self._parts(match)
             self._units(match)
         for table, cycle, job, start in matching.missing:
-            path = f'table "{table.name}", job {job.index} of task "{job.task}"'
+            path = _job(table.name, job)
             message = f"did not run at {start} (cycle {cycle})"
             self._add(codes.MISSING_JOB, path, ZERO, message, job.at, "check whether the trace lost events")
         for execution in matching.extra:
             message = f"ran at {execution.start} of the trace, where no job of it is due"
-            self._add(codes.EXTRA_JOB, f'task "{execution.task}"', ZERO, message, execution.at, "check who starts it")
+            self._add(codes.EXTRA_JOB, about(task=execution.task), ZERO, message, execution.at, "check who starts it")
         self._order(matching)
 
     def _start(self, match: Match) -> None:
@@ -108,11 +110,12 @@ class Judge:
                 self._of(match, codes.WRONG_ORDER, ZERO, message, "one unit runs one job at a time, in order")
 
     def _of(self, match: Match, code: Code, amount: Duration, message: str, help: str) -> None:
-        path = f'table "{match.table.name}", job {match.job.index} of task "{match.job.task}"'
+        path = _job(match.table.name, match.job)
         self._add(code, path, amount, f"{message} (cycle {match.cycle})", match.execution.at, help)
 
     def _add(self, code: Code, path: str, amount: Duration, message: str, at: Location, help: str) -> None:
-        path = f"{self.prefix}{path}"
+        subjects = path.subjects if isinstance(path, Path) else ()
+        path = Path(f"{self.prefix}{path}", subjects)
         known = self._worst.get((code.id, path))
         if known is None:
             self._worst[code.id, path] = _Deviation(code, path, 1, amount, message, at, help)
@@ -168,3 +171,8 @@ def _neighbours(matching: Matching) -> Iterator[tuple[Match, Match]]:
 
 def _units(execution: Execution, match: Match) -> tuple[str, ...]:
     return execution.units or match.job.units
+
+
+def _job(table: str, job: Job) -> Path:
+    text = f'table "{table}", job {job.index} of task "{job.task}"'
+    return Path(text, (Subject("table", table), Subject("task", job.task), Subject("job", str(job.index))))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, about
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
@@ -241,7 +241,7 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
     if not conflict.is_minimal:
         help = "relax one of these tasks or constraints"
-    return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=f'mode "{mode.name}"', help=help)
+    return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=about(mode=mode.name), help=help)
 
 
 def _parts(kept: Kept) -> Iterable[str]:

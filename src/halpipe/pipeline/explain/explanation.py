@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.diagnostics import Exit, HalpipeError, about
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.coarse import coarser_grid
 from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
-from halpipe.pipeline.explain.invalid import names_in, proves_infeasible
+from halpipe.pipeline.explain.invalid import proves_infeasible, tasks_of
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.jobs import expand, natural_tick
@@ -139,7 +139,7 @@ class _Question:
             tasks = tuple(active.name for active in conflict.kept.tasks)
             proof = [*self._rounded(conflict), describe(self.mode, conflict)]
             return Verdict.INFEASIBLE, [*proof, *self._remedies(tasks)]
-        return Verdict.NOT_FOUND, [*found, *self._remedies(names_in(self.model, broken))]
+        return Verdict.NOT_FOUND, [*found, *self._remedies(tasks_of(self.model, broken))]
 
     def _rounded(self, conflict: Conflict) -> list[Diagnostic]:
         """Say on which grid the exact engine has answered, if not on that of the mode."""
@@ -147,11 +147,11 @@ class _Question:
             return []
         how = "easier" if conflict.answer is Answer.INFEASIBLE else "harder"
         text = f"its times are too fine for the exact engine; rounded to {conflict.grid}, so that it can only be {how}"
-        return [codes.COARSE_GRID(text, at=place(self.mode), path=f'mode "{self.mode.name}"')]
+        return [codes.COARSE_GRID(text, at=place(self.mode), path=about(mode=self.mode.name))]
 
     def _schedulable(self, how: str, help: str = "nothing to do") -> Diagnostic:
         text = f"has a valid schedule; {how}"
-        return codes.SCHEDULABLE(text, at=place(self.mode), path=f'mode "{self.mode.name}"', help=help)
+        return codes.SCHEDULABLE(text, at=place(self.mode), path=about(mode=self.mode.name), help=help)
 
     def _remedies(self, tasks: tuple[str, ...]) -> list[Diagnostic]:
         if not self.remedies:
@@ -188,7 +188,7 @@ class _Question:
 
     def _not_found(self, best: Schedule, broken: list[Diagnostic]) -> list[Diagnostic]:
         """Say how far the search came: the best cost, the rules still broken with counts, and the first jobs."""
-        path, at = f'mode "{self.mode.name}"', place(self.mode)
+        path, at = about(mode=self.mode.name), place(self.mode)
         cost = best.modes[0].cost if best.modes else None
         reached = f", best cost {float(cost.total):.6g}" if cost else ""
         rules = Counter(d.code for d in broken)
@@ -202,6 +202,5 @@ class _Question:
         for violation in broken:
             shown[violation.code] += 1
             if shown[violation.code] <= 3:
-                help = f"{violation.code}: {violation.help}"
-                found.append(STILL_BROKEN(violation.message, at=violation.at, path=violation.path, help=help))
+                found.append(STILL_BROKEN.instead_of(violation, f"{violation.code}: {violation.help}"))
         return found

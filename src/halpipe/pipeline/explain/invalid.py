@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
@@ -83,8 +82,7 @@ def _overloads_itself(version: Version) -> bool:
     )
 
 
-def names_in(model: TaskModel, findings: Iterable[Diagnostic]) -> tuple[str, ...]:
-    """Return the tasks that findings of verify name, in the order of the model."""
-    quoted = {name for d in findings for name in re.findall(r'"([^"]*)"', f"{d.path} {d.message}")}
-    jobs = {name.partition("[")[0] for name in quoted}
-    return tuple(task.name for task in model.tasks if task.name in quoted | jobs)
+def tasks_of(model: TaskModel, findings: Iterable[Diagnostic]) -> tuple[str, ...]:
+    """Return the tasks that findings of verify are about, in the order of the model."""
+    named = {subject.name for d in findings for subject in d.subjects if subject.kind == "task"}
+    return tuple(task.name for task in model.tasks if task.name in named)

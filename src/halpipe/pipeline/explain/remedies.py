@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, Subject, about
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
@@ -97,7 +97,7 @@ class Trials:
         """Tell whether a witness says that the task finds no gap that is long enough."""
         blocked = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
         found = (d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics)
-        return any(d.code in blocked and f'task "{task}"' in d.path for d in found)
+        return any(d.code in blocked and Subject("task", task) in d.subjects for d in found)
 
     def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
         """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
@@ -139,7 +139,7 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     if not found:
         text = f"none of the single changes tried led to a schedule ({TRIALS - max(0, trials.left)} searches)"
         help = "combine several changes; start with what the findings above call necessary"
-        found = [codes.NO_REMEDY(text, path=f'mode "{trials.mode}"', help=help)]
+        found = [codes.NO_REMEDY(text, path=about(mode=trials.mode), help=help)]
     return found
 
 
@@ -149,7 +149,7 @@ def _remedy(trials: Trials, what: str, smaller: TaskModel | None, steps: str = "
     if smaller is not None:
         proven = trials.is_refuted(smaller)
         status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
-    return codes.REMEDY(f"{what} ({status})", path=f'mode "{trials.mode}"', help="change the model so, if you can")
+    return codes.REMEDY(f"{what} ({status})", path=about(mode=trials.mode), help="change the model so, if you can")
 
 
 # ------------------------------------------------------------------------------------------------ kinds of changes

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
 from halpipe.pipeline.validate.context import place, quoted
@@ -100,7 +101,7 @@ def _no_gap(facts: ModeFacts, task: TaskFacts, reasons: dict[str, _Gap]) -> Witn
         needed = _needed(facts, _by_name(task, name))
         parts.append(f'{_version(task, name)} needs {needed} on "{gap.unit}", where {_gap(facts, gap)}')
     help = f"necessary: {'; or '.join(_ways_out(facts, task, name, gap) for name, gap in reasons.items())}"
-    path = f'{facts.mode.path} task "{task.name}"'
+    path = about(facts.mode.path, task=task.name)
     found = codes.NO_GAP("; ".join(parts), at=place(task.task), path=path, help=help)
     return Witness(found, tuple(dict.fromkeys((task.name, *(gap.owner.name for gap in reasons.values())))))
 
@@ -148,7 +149,7 @@ def _gap(facts: ModeFacts, gap: _Gap) -> str:
 
 
 def _never_fits(facts: ModeFacts, task: TaskFacts, version: str, gap: _Gap) -> Diagnostic:
-    path = f'{facts.mode.path} task "{task.name}" version "{version}"'
+    path = about(facts.mode.path, task=task.name, version=version)
     needed = _needed(facts, _by_name(task, version))
     text = f'can never be chosen: it needs {needed} on "{gap.unit}", where {_gap(facts, gap)}'
     help = "nothing to do, unless the version is meant to be used"

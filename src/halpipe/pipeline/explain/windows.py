@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.sharing import Witness
@@ -123,7 +124,7 @@ def _narrow(facts: ModeFacts, bound: Bound) -> Witness:
     text += f"apart; that takes a window {facts.text(least)} wide, and it is {facts.text(bound.high - bound.low)} wide"
     text += " with the slack of both" if task.late or other.late else ""
     help = f"necessary: a window (or slack) wider by {facts.text(least - bound.high + bound.low)}, or equal periods"
-    path = f'{facts.mode.path} task "{task.name}"'
+    path = about(facts.mode.path, task=task.name)
     found = codes.WINDOW_TOO_NARROW(text, at=_line(task, other), path=path, help=help)
     return Witness(found, (bound.later, bound.earlier))
 

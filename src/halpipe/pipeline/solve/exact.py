@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.diagnostics import Exit, HalpipeError, about
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
@@ -212,7 +212,7 @@ def _solver_library(expansion: Expansion) -> Any:
 
 
 def _too_large(expansion: Expansion, text: str) -> HalpipeError:
-    path = f'mode "{expansion.mode.name}"'
+    path = about(mode=expansion.mode.name)
     return HalpipeError(EXACT_TOO_LARGE(text, at=expansion.mode.at, path=path, help="use --engine anneal"))
 
 
@@ -228,4 +228,4 @@ def _check(model: TaskModel, expansion: Expansion, jobs: Iterable[Job]) -> None:
     wrong = [d for d in verify(alone, schedule) if d.is_error]
     if wrong:
         text = f"verify finds {len(wrong)} violations in the schedule of the exact engine"
-        raise HalpipeError(EXACT_WRONG(text, path=f'mode "{expansion.mode.name}"'), *wrong, exit=Exit.INTERNAL)
+        raise HalpipeError(EXACT_WRONG(text, path=about(mode=expansion.mode.name)), *wrong, exit=Exit.INTERNAL)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.diagnostics import Exit, HalpipeError, about
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     EXACT_INFEASIBLE,
@@ -30,7 +30,7 @@ WORK = 20
 def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, effort: Effort) -> tuple[Job, ...]:
     """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
     mode = expansion.mode
-    path = f'mode "{mode.name}"'
+    path = about(mode=mode.name)
     if not has_whole_jobs(model):
         raise HalpipeError(EXACT_WHOLE("cannot schedule this model", at=mode.at, path=path, help="use --engine anneal"))
     if tick is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, HalpipeError
+from halpipe.diagnostics import Diagnostic, HalpipeError, about
 from halpipe.pipeline.solve.codes import OPTIONS_CUT, TOO_LARGE
 from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem
 
@@ -38,7 +38,7 @@ def too_large(expansion: Expansion, tick: Duration) -> Diagnostic:
     return TOO_LARGE(
         f"the hyperperiod has {expansion.hyperperiod // tick} ticks of {tick} and {expansion.job_count} jobs",
         at=expansion.mode.at,
-        path=f'mode "{expansion.mode.name}"',
+        path=about(mode=expansion.mode.name),
         help="choose a coarser --tick, or round WCETs, periods and bounds to fewer digits",
     )
 
@@ -53,7 +53,7 @@ def cut_options(problem: Problem) -> list[Diagnostic]:
                 key = (active.name, option.version.name)
                 counts[key] = counts.get(key, 0) + 1
     return [
-        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=f'task "{task}" version "{version}"')
+        OPTIONS_CUT(f"only {count} of its unit sets are tried", path=about(task=task, version=version))
         for (task, version), count in counts.items()
         if count >= MAX_OPTIONS_PER_VERSION
     ]

@@ -29,7 +29,7 @@ from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Findings, HalpipeError
+from halpipe.diagnostics import Diagnostic, Findings, HalpipeError, about
 from halpipe.durations import ZERO, Duration, divisors, greatest_common_divisor
 from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.jobs import expand
@@ -134,7 +134,7 @@ def _resource(model: TaskModel, grid: BurstGrid) -> str:
         return names[0]
     help = did_you_mean(grid.resource, names, "name one in the platform, as resource: ...")
     message = f'platform "{grid.name}" regulates "{grid.resource}"; the model has: {", ".join(names) or "no resource"}'
-    raise HalpipeError(GRID_RESOURCE(message, at=model.at, path=f'model "{model.name}"', help=help))
+    raise HalpipeError(GRID_RESOURCE(message, at=model.at, path=about(model=model.name), help=help))
 
 
 def _rows(model: TaskModel, grid: BurstGrid, resource: str) -> set[tuple[str, bool]]:
@@ -184,7 +184,7 @@ def _no_room(model: TaskModel, grid: BurstGrid, resource: str) -> Diagnostic:
     )
     least = Fraction(kept + grid.burst, grid.capacity) * (grid.window / grid.cycle)
     help = f"use a window of at least {ceil(least)} cycles"
-    return GRID_ROOM(message, at=model.at, path=f'platform "{grid.name}"', help=help)
+    return GRID_ROOM(message, at=model.at, path=about(platform=grid.name), help=help)
 
 
 def _off_grid(model: TaskModel, grid: BurstGrid) -> Iterator[Diagnostic]:
@@ -201,7 +201,7 @@ def _off_grid(model: TaskModel, grid: BurstGrid) -> Iterator[Diagnostic]:
         if value % grid.window:
             message = f"{what} {value} is not a multiple of the window {grid.window} of platform {grid.name}"
             help = _near(grid, [value for _, _, value in stated])
-            yield GRID_PERIOD(message, at=task.at, path=f'task "{task.name}"', help=help)
+            yield GRID_PERIOD(message, at=task.at, path=about(task=task.name), help=help)
 
 
 def _near(grid: BurstGrid, values: list[Duration]) -> str:
@@ -253,7 +253,7 @@ class _Tasks:
         return min(kept, default=task.deadline)
 
     def _version(self, task: Task, version: Version) -> Version:
-        path = f'task "{task.name}" version "{version.name}"'
+        path = about(task=task.name, version=version.name)
         return replace(
             version,
             wcet=None if version.wcet is None else self.grid.up(version.wcet),

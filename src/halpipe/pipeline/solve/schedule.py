@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.diagnostics import Diagnostic, HalpipeError
+from halpipe.diagnostics import Diagnostic, HalpipeError, about
 from halpipe.durations import greatest_common_divisor
 from halpipe.models import Binding, Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
@@ -338,9 +338,9 @@ def _grid(expansion: Expansion, shipped: dict[tuple[str, int], Job]) -> Duration
 def _changed(
     expansion: Expansion, tasks: tuple[str, ...], what: str = "number of jobs, version or units"
 ) -> list[Diagnostic]:
-    path = f'mode "{expansion.mode.name}"'
+    path = about(mode=expansion.mode.name)
     text = f"cannot stay as shipped: {what} have changed; it was placed anew"
-    return [CANNOT_STAY(text, at=expansion.by_name[task].task.at, path=f'{path} task "{task}"') for task in tasks]
+    return [CANNOT_STAY(text, at=expansion.by_name[task].task.at, path=about(path, task=task)) for task in tasks]
 
 
 def _solve_mode(
@@ -406,7 +406,7 @@ def _check_tick(expansion: Expansion, tick: Duration | None) -> None:
         return
     wrong = [
         TICK_DOES_NOT_DIVIDE(
-            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=f'task "{task.name}"'
+            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=about(task=task.name)
         )
         for task in (active.task for active in expansion.tasks)
         for what, value in (("period", task.period), ("offset", task.offset))
@@ -434,7 +434,7 @@ def _refuse_stuck(expansion: Expansion, names: list[str]) -> None:
         NO_OPTION(
             f'no version available in mode "{expansion.mode.name}" can run',
             at=active.task.at,
-            path=f'task "{active.name}"',
+            path=about(task=active.name),
             help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
         )
         for active in map(expansion.by_name.__getitem__, names)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, error, warning
+from halpipe.diagnostics import Diagnostic, about, error, warning
 from halpipe.models import Job, Part, Status, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
@@ -304,6 +304,6 @@ def _failure(model: TaskModel, pair: Transition, blocked: Blocked) -> Diagnostic
     return code(
         f"no table found; the closest try failed because {who}{blocked.rule}",
         at=pair.at,
-        path=f'transition "{pair.source}" to "{pair.target}"',
+        path=about(transition=(pair.source, pair.target)),
         help="allow a longer table, more slack or wider windows, or another --seed",
     )

@@ -6,6 +6,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, version_path
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def _path(task: Task, version: Version, access: Access) -> str:
-    return f'{version_path(task, version)} access to "{access.resource}"'
+    return about(version_path(task, version), access_to=access.resource)
 
 
 def _is_share(bound: Fraction) -> bool:

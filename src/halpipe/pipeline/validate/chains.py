@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration
 from halpipe.models import AccessKind
 from halpipe.pipeline.validate import codes
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def _path(chain: Chain) -> str:
-    return f'chain "{chain.name}"'
+    return about(chain=chain.name)
 
 
 def check_tasks(context: Context) -> Iterator[Diagnostic]:
@@ -127,7 +128,7 @@ def check_transitions(context: Context) -> Iterator[Diagnostic]:
     seen: set[tuple[str, str]] = set()
     for transition in context.model.transitions:
         pair = (transition.source, transition.target)
-        at, path = place(transition), f'transition "{pair[0]}" to "{pair[1]}"'
+        at, path = place(transition), about(transition=(pair[0], pair[1]))
         if pair[0] == pair[1]:
             yield codes.SELF_TRANSITION(
                 "leads nowhere", at=at, path=path, help="remove it, or correct one of the modes"

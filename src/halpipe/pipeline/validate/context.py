@@ -9,14 +9,14 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import NOWHERE
+from halpipe.diagnostics import NOWHERE, Fix, about
 from halpipe.durations import ZERO, Duration, least_common_multiple
-from halpipe.suggest import did_you_mean
+from halpipe.suggest import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
-    from halpipe.diagnostics import Code, Diagnostic, Location
+    from halpipe.diagnostics import Code, Diagnostic, Location, Path
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
 
 Named = TypeVar("Named")
@@ -67,7 +67,7 @@ class ActiveMode:
     @property
     def path(self) -> str:
         """How messages name the mode."""
-        return f'mode "{self.mode.name}"'
+        return about(mode=self.mode.name)
 
     @cached_property
     def named(self) -> dict[str, dict[str, list[int]]]:
@@ -119,7 +119,7 @@ class Context:
 
     model: TaskModel
     _compared: int = 0
-    _suggested: dict[tuple[str, str], str] = field(default_factory=dict)
+    _suggested: dict[tuple[str, str], list[str]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.units = by_name(self.model.units)
@@ -157,12 +157,20 @@ class Context:
 
     def suggest(self, kind: str, name: str, known: Collection[str]) -> str:
         """Say which known name was probably meant, or what to do; `kind` says what is named."""
+        otherwise = f"declare the {kind}, or correct the name"
+        near = self._near(kind, name, known)
+        return "did you mean " + " or ".join(f'"{one}"' for one in near) + "?" if near else otherwise
+
+    def fix(self, kind: str, name: str, known: Collection[str], at: Location) -> Fix | None:
+        """Return the change of a name to the known one that was probably meant, if there is one."""
+        near = self._near(kind, name, known)
+        return Fix(at, name, near[0]) if near else None
+
+    def _near(self, kind: str, name: str, known: Collection[str]) -> list[str]:
         key = (kind, name)
         if key not in self._suggested:
-            otherwise = f"declare the {kind}, or correct the name"
             self._compared += len(known)
-            near = did_you_mean(name, known, otherwise) if self._compared <= _MAX_COMPARISONS else otherwise
-            self._suggested[key] = near
+            self._suggested[key] = nearest(name, known) if self._compared <= _MAX_COMPARISONS else []
         return self._suggested[key]
 
 
@@ -190,14 +198,14 @@ def place(*elements: Any) -> Location:
     return NOWHERE
 
 
-def task_path(task: Task) -> str:
+def task_path(task: Task) -> Path:
     """Return how messages name a task."""
-    return f'task "{task.name}"'
+    return about(task=task.name)
 
 
-def version_path(task: Task, version: Version) -> str:
+def version_path(task: Task, version: Version) -> Path:
     """Return how messages name a version."""
-    return f'task "{task.name}" version "{version.name}"'
+    return about(task=task.name, version=version.name)
 
 
 def quoted(names: Iterable[str], most: int = 5) -> str:

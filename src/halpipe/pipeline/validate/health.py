@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.models import HealthAction
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place
@@ -20,7 +21,7 @@ MOST = 255
 
 
 def _path(rule: HealthRule) -> str:
-    return f'health rule of task "{rule.task}"'
+    return about(health_rule_of_task=rule.task)
 
 
 def check_form(context: Context) -> Iterator[Diagnostic]:

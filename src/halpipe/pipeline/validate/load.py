@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Severity
+from halpipe.diagnostics import Severity, about
 from halpipe.durations import Duration
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
@@ -175,7 +175,7 @@ def check_length(context: Context) -> Iterator[Diagnostic]:
                 text = f'version "{version.name}" needs {lengths[version.name]}, longer than the hyperperiod of '
                 text += str(hyperperiod)
                 at = place(version, active.task)
-                path = f'{mode.path} task "{active.task.name}"'
+                path = about(mode.path, task=active.task.name)
                 help = "shorten the WCET, or lengthen a period of the mode"
                 yield codes.WCET_BEYOND_HYPERPERIOD(text, at=at, path=path, help=help, severity=severity)
 

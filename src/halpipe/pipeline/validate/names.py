@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import Path, Subject, about
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, repeated, task_path, version_path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.diagnostics import Code, Diagnostic
     from halpipe.pipeline.validate.context import Context
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
@@ -30,43 +31,50 @@ def _named_elements(context: Context) -> Iterator[tuple[str, list[Any]]]:
 
 def check_form(context: Context) -> Iterator[Diagnostic]:
     """Names have the form that the schema gives them, also in models that were never XML."""
-    yield from _form("model", context.model.name, context.model)
+    yield from _form("", "model", context.model.name, context.model)
     for kind, elements in _named_elements(context):
         for element in elements:
-            yield from _form(kind, element.name, element)
+            yield from _form("", kind, element.name, element)
     for unit in context.model.units:
         if unit.type:
-            yield from _form(f'unit "{unit.name}": type', unit.type, unit)
+            yield from _form(about(unit=unit.name), ": type", unit.type, unit)
         for interrupt in unit.interrupts:
-            yield from _form(f'unit "{unit.name}" interrupt', interrupt.name, interrupt, unit)
+            yield from _form(about(unit=unit.name), "interrupt", interrupt.name, interrupt, unit)
     for task, version in context.versions_of_tasks:
-        yield from _form(f'task "{task.name}" version', version.name, version, task)
+        yield from _form(about(task=task.name), "version", version.name, version, task)
     for task, version, access in context.accesses_of_versions:
         for transfer in access.transfers:
-            path = f"{version_path(task, version)}: "
-            yield from _form(f"{path}buffer", transfer.buffer, transfer, access, version, task)
-            yield from _form(f"{path}symbol", transfer.symbol, transfer, access, version, task)
+            path = version_path(task, version)
+            yield from _form(path, ": buffer", transfer.buffer, transfer, access, version, task)
+            yield from _form(path, ": symbol", transfer.symbol, transfer, access, version, task)
 
 
-def _form(kind: str, name: str, *elements: Any) -> Iterator[Diagnostic]:
+def _form(within: str, kind: str, name: str, *elements: Any) -> Iterator[Diagnostic]:
     if _NAME.fullmatch(name):
         return
     shown = name if len(name) <= 60 else f"{name[:60]}..."
     text = "is not a name" if name else "has no name"
-    yield codes.BAD_NAME(text, at=place(*elements), path=f'{kind} "{shown}"', help=_FORM)
+    yield codes.BAD_NAME(text, at=place(*elements), path=_within(within, kind, shown), help=_FORM)
+
+
+def _within(within: str, kind: str, name: str) -> Path:
+    """Return the path of an element or, after a colon, of a name inside one."""
+    subjects = within.subjects if isinstance(within, Path) else ()
+    text = f'{within}{"" if kind.startswith(":") or not within else " "}{kind} "{name}"'
+    return Path(text, (*subjects, Subject(kind.strip(": "), name)))
 
 
 def check_duplicates(context: Context) -> Iterator[Diagnostic]:
     """Every name is defined once."""
     for kind, elements in _named_elements(context):
-        yield from _duplicates(kind, elements)
+        yield from _duplicates("", kind, elements)
     for unit in context.model.units:
-        yield from _duplicates(f'unit "{unit.name}" interrupt', list(unit.interrupts), unit)
+        yield from _duplicates(about(unit=unit.name), "interrupt", list(unit.interrupts), unit)
     for task in context.model.tasks:
-        yield from _duplicates(f"{task_path(task)} version", list(task.versions), task)
+        yield from _duplicates(task_path(task), "version", list(task.versions), task)
 
 
-def _duplicates(kind: str, elements: list[Any], *owners: Any) -> Iterator[Diagnostic]:
+def _duplicates(within: str, kind: str, elements: list[Any], *owners: Any) -> Iterator[Diagnostic]:
     first: dict[str, Any] = {}
     for element in elements:
         if element.name not in first:
@@ -75,7 +83,8 @@ def _duplicates(kind: str, elements: list[Any], *owners: Any) -> Iterator[Diagno
             before = place(first[element.name])
             text = f"is defined twice, first in line {before.line}" if before.line else "is defined twice"
             at = place(element, *owners)
-            yield codes.DUPLICATE_NAME(text, at=at, path=f'{kind} "{element.name}"', help="rename one of the two")
+            path, help = _within(within, kind, element.name), "rename one of the two"
+            yield codes.DUPLICATE_NAME(text, at=at, path=path, help=help, places=[before])
 
 
 def check_lists(context: Context) -> Iterator[Diagnostic]:
@@ -83,7 +92,7 @@ def check_lists(context: Context) -> Iterator[Diagnostic]:
     for mode in context.model.modes:
         tasks: set[str] = set()
         for run in mode.runs:
-            path = f'mode "{mode.name}" task "{run.task}"'
+            path = about(mode=mode.name, task=run.task)
             at = place(run, mode)
             if run.task in tasks:
                 help = "merge the two lists of versions"
@@ -107,42 +116,50 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
         for name in dict.fromkeys(version.units):
             if name not in context.units:
                 path = version_path(task, version)
-                text = f'unit "{name}" does not exist'
-                help = context.suggest("unit", name, context.units)
-                yield codes.UNKNOWN_UNIT(text, at=place(version, task), path=path, help=help)
+                yield _unknown(codes.UNKNOWN_UNIT, context, "unit", name, context.units, path, version, task)
 
 
 def check_resources(context: Context) -> Iterator[Diagnostic]:
     """The resource of an access phase exists."""
     for task, version, access in context.accesses_of_versions:
-        if access.resource not in context.resources:
-            at, path = place(access, version, task), version_path(task, version)
-            help = context.suggest("resource", access.resource, context.resources)
-            yield codes.UNKNOWN_RESOURCE(f'resource "{access.resource}" does not exist', at=at, path=path, help=help)
+        name = access.resource
+        if name not in context.resources:
+            path, around = version_path(task, version), (access, version, task)
+            yield _unknown(codes.UNKNOWN_RESOURCE, context, "resource", name, context.resources, path, *around)
 
 
 def check_tasks(context: Context) -> Iterator[Diagnostic]:
     """The tasks that precedence constraints, chains, modes and health rules name exist."""
+    for name, path, around in _named_tasks(context):
+        if name not in context.tasks:
+            yield _unknown(codes.UNKNOWN_TASK, context, "task", name, context.tasks, path, *around)
+
+
+def _named_tasks(context: Context) -> Iterator[tuple[str, str, tuple[Any, ...]]]:
+    """Yield every name of a task, the path of what names it, and the elements around it."""
     for task, version in context.versions_of_tasks:
         for constraint in version.precedences:
-            if constraint.task not in context.tasks:
-                yield _task(context, constraint.task, version_path(task, version), constraint, version, task)
+            yield constraint.task, version_path(task, version), (constraint, version, task)
     for chain in context.model.chains:
-        for name in dict.fromkeys(chain.tasks):
-            if name not in context.tasks:
-                yield _task(context, name, f'chain "{chain.name}"', chain)
+        yield from ((name, about(chain=chain.name), (chain,)) for name in dict.fromkeys(chain.tasks))
     for mode in context.model.modes:
-        for run in mode.runs:
-            if run.task not in context.tasks:
-                yield _task(context, run.task, f'mode "{mode.name}"', run, mode)
-    for rule in context.model.health:
-        if rule.task not in context.tasks:
-            yield _task(context, rule.task, "health rule", rule)
+        yield from ((run.task, about(mode=mode.name), (run, mode)) for run in mode.runs)
+    yield from ((rule.task, "health rule", (rule,)) for rule in context.model.health)
 
 
-def _task(context: Context, name: str, path: str, *elements: Any) -> Diagnostic:
-    help = context.suggest("task", name, context.tasks)
-    return codes.UNKNOWN_TASK(f'task "{name}" does not exist', at=place(*elements), path=path, help=help)
+def _unknown(
+    code: Code, context: Context, kind: str, name: str, known: Collection[str], path: str, *elements: Any
+) -> Diagnostic:
+    """Report a name that nothing has, with the one that was probably meant."""
+    at, subject = place(*elements), kind.partition(" ")[0]
+    return code(
+        f'{subject} "{name}" does not exist',
+        at=at,
+        path=path,
+        help=context.suggest(kind, name, known),
+        subjects=[Subject(subject, name)],
+        fix=context.fix(kind, name, known, at),
+    )
 
 
 def check_versions(context: Context) -> Iterator[Diagnostic]:
@@ -154,10 +171,8 @@ def check_versions(context: Context) -> Iterator[Diagnostic]:
                 continue
             for name in dict.fromkeys(run.versions):
                 if name not in known:
-                    path = f'mode "{mode.name}" task "{run.task}"'
-                    text = f'version "{name}" does not exist'
-                    help = context.suggest(f'version of task "{run.task}"', name, known)
-                    yield codes.UNKNOWN_VERSION(text, at=place(run, mode), path=path, help=help)
+                    path, kind = about(mode=mode.name, task=run.task), f'version of task "{run.task}"'
+                    yield _unknown(codes.UNKNOWN_VERSION, context, kind, name, known, path, run, mode)
 
 
 def check_modes(context: Context) -> Iterator[Diagnostic]:
@@ -165,15 +180,12 @@ def check_modes(context: Context) -> Iterator[Diagnostic]:
     for transition in context.model.transitions:
         for name in dict.fromkeys((transition.source, transition.target)):
             if name not in context.modes:
-                path = f'transition "{transition.source}" to "{transition.target}"'
-                help = context.suggest("mode", name, context.modes)
-                text = f'mode "{name}" does not exist'
-                yield codes.UNKNOWN_MODE(text, at=place(transition), path=path, help=help)
+                path = about(transition=(transition.source, transition.target))
+                yield _unknown(codes.UNKNOWN_MODE, context, "mode", name, context.modes, path, transition)
     for rule in context.model.health:
         if rule.mode and rule.mode not in context.modes:
-            help = context.suggest("mode", rule.mode, context.modes)
-            path = f'health rule of task "{rule.task}"'
-            yield codes.UNKNOWN_MODE(f'mode "{rule.mode}" does not exist', at=place(rule), path=path, help=help)
+            path = about(health_rule_of_task=rule.task)
+            yield _unknown(codes.UNKNOWN_MODE, context, "mode", rule.mode, context.modes, path, rule)
 
 
 CHECKS = (

@@ -6,6 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted, version_path
 
@@ -28,7 +29,7 @@ def check_windows(context: Context) -> Iterator[Diagnostic]:
             if constraint.min <= constraint.max and not is_self:
                 continue
             at = place(constraint, version, task)
-            path = f'{version_path(task, version)} precedence on "{constraint.task}"'
+            path = about(version_path(task, version), precedence_on=constraint.task)
             if constraint.min > constraint.max:
                 text = f"has the minimum {constraint.min} beyond its maximum {constraint.max}"
                 yield codes.EMPTY_WINDOW(text, at=at, path=path, help="exchange them, or correct one of them")
@@ -51,7 +52,7 @@ def check_cycles(context: Context) -> Iterator[Diagnostic]:
             task.name: dict.fromkeys(p.task for version in task.versions for p in version.precedences)
             for task in context.tasks.values()
         }
-        yield from _cycles(context, f'model "{context.model.name}"', graph, None)
+        yield from _cycles(context, about(model=context.model.name), graph, None)
     for mode in context.active:
         if not mode.order:
             yield from _cycles(context, mode.path, mode.named, mode)
@@ -121,7 +122,7 @@ def _absent(context: Context, mode: ActiveMode, version: Version) -> list[str]:
 
 
 def _unmet(mode: ActiveMode, active: ActiveTask, version: Version, absent: list[str], *, is_last: bool) -> Diagnostic:
-    path = f"{mode.path} {version_path(active.task, version)}"
+    path = about(mode.path, task=active.task.name, version=version.name)
     at = place(active.run, mode.mode, version, active.task)
     text = f"is constrained by {quoted(absent)}, which {'do' if len(absent) > 1 else 'does'} not run in the mode"
     if is_last:
@@ -143,7 +144,7 @@ def check_demand(context: Context) -> Iterator[Diagnostic]:
                 active = mode.tasks[name]
                 text = "has no period, and no constraint of the mode names it: it never runs"
                 help = "give it a period, or let a task that needs it name it in a precedence constraint"
-                path, at = f'{mode.path} task "{name}"', place(active.run, mode.mode, active.task)
+                path, at = about(mode.path, task=name), place(active.run, mode.mode, active.task)
                 yield codes.NEVER_DEMANDED(text, at=at, path=path, help=help)
 
 

@@ -6,6 +6,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.validate import codes
@@ -61,16 +62,16 @@ def _reserved(work: Duration, service: Service[Duration]) -> Duration | None:
 def check_interrupts(context: Context) -> Iterator[Diagnostic]:
     """Interrupts keep a distance, are shorter than it, and leave time for the jobs of their units."""
     for unit in context.model.units:
-        path = f'unit "{unit.name}"'
+        path = about(unit=unit.name)
         for interrupt in unit.interrupts:
-            at, about = place(interrupt, unit), f'{path} interrupt "{interrupt.name}"'
+            at, inner = place(interrupt, unit), about(path, interrupt=interrupt.name)
             if interrupt.distance == ZERO:
                 help = "state the least time between two of them"
-                yield codes.ZERO_DISTANCE("has the distance zero", at=at, path=about, help=help)
+                yield codes.ZERO_DISTANCE("has the distance zero", at=at, path=inner, help=help)
             elif interrupt.wcet > interrupt.distance:
                 text = f"takes {interrupt.wcet}, but may come every {interrupt.distance}"
                 help = "shorten its wcet, or lengthen its distance"
-                yield codes.INTERRUPT_TOO_LONG(text, at=at, path=about, help=help)
+                yield codes.INTERRUPT_TOO_LONG(text, at=at, path=inner, help=help)
         if unit.interrupts and _length(unit, Duration(1)) is None:
             text = f"its interrupts take {format_rational(load_of(unit))} of its time"
             help = (

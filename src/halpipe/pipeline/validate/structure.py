@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, task_path, version_path
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 def check_model(context: Context) -> Iterator[Diagnostic]:
     """The model has units, tasks and modes; every task has versions, every version has units."""
     model = context.model
-    path, at = f'model "{model.name}"', place(model)
+    path, at = about(model=model.name), place(model)
     if not model.units:
         yield codes.NO_UNITS("has no unit", at=at, path=path, help="declare the units in the model or the overlay")
     if not model.tasks:
@@ -38,7 +39,7 @@ def check_model(context: Context) -> Iterator[Diagnostic]:
 def check_modes(context: Context) -> Iterator[Diagnostic]:
     """Every mode runs something periodic, and every task it lists runs in some version."""
     for mode in context.model.modes:
-        path = f'mode "{mode.name}"'
+        path = about(mode=mode.name)
         if not mode.runs:
             help = "list the tasks that run in it, or remove the mode"
             yield codes.EMPTY_MODE("selects nothing: no task runs in it", at=place(mode), path=path, help=help)
@@ -47,7 +48,7 @@ def check_modes(context: Context) -> Iterator[Diagnostic]:
                 help = "list the available versions, or remove the task from the mode"
                 at = place(run, mode)
                 text = "none of its versions is available"
-                yield codes.RUN_SELECTS_NOTHING(text, at=at, path=f'{path} task "{run.task}"', help=help)
+                yield codes.RUN_SELECTS_NOTHING(text, at=at, path=about(path, task=run.task), help=help)
     for active in context.active:
         if active.tasks and all(task.task.period is None for task in active.tasks.values()):
             text = "no task that runs in it has a period, so nothing demands the others and there is no hyperperiod"
@@ -61,12 +62,12 @@ def check_unused(context: Context) -> Iterator[Diagnostic]:
     for unit in context.units.values():
         if unit.name not in units:
             text, help = "no version may run on it", "remove it, or add it to the units of a version"
-            yield codes.UNUSED_UNIT(text, at=place(unit), path=f'unit "{unit.name}"', help=help)
+            yield codes.UNUSED_UNIT(text, at=place(unit), path=about(unit=unit.name), help=help)
     resources = {access.resource for _, _, access in context.accesses_of_versions}
     for resource in context.resources.values():
         if resource.name not in resources:
             text, help = "no version accesses it", "remove it, or add the missing access phases"
-            yield codes.UNUSED_RESOURCE(text, at=place(resource), path=f'resource "{resource.name}"', help=help)
+            yield codes.UNUSED_RESOURCE(text, at=place(resource), path=about(resource=resource.name), help=help)
     if context.model.modes:
         yield from _never_run(context)
 

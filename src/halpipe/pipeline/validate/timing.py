@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, task_path, version_path
@@ -109,7 +110,7 @@ def _durations(context: Context) -> Iterator[tuple[str, str, Duration | None, tu
     """Yield every duration of the model with what it is, its element's path, and the elements around it."""
     for unit in context.model.units:
         for interrupt in unit.interrupts:
-            path = f'unit "{unit.name}" interrupt "{interrupt.name}"'
+            path = about(unit=unit.name, interrupt=interrupt.name)
             yield "distance", path, interrupt.distance, (interrupt, unit)
             yield "wcet", path, interrupt.wcet, (interrupt, unit)
     for task in context.model.tasks:
@@ -130,10 +131,10 @@ def _durations(context: Context) -> Iterator[tuple[str, str, Duration | None, tu
             for constraint in version.precedences:
                 yield "window minimum", path, constraint.min, (constraint, version, task)
     for chain in context.model.chains:
-        yield "limit of reaction time", f'chain "{chain.name}"', chain.max_reaction, (chain,)
-        yield "limit of data age", f'chain "{chain.name}"', chain.max_age, (chain,)
+        yield "limit of reaction time", about(chain=chain.name), chain.max_reaction, (chain,)
+        yield "limit of data age", about(chain=chain.name), chain.max_age, (chain,)
     for transition in context.model.transitions:
-        path = f'transition "{transition.source}" to "{transition.target}"'
+        path = about(transition=(transition.source, transition.target))
         yield "maximum length", path, transition.max_length, (transition,)
 
 

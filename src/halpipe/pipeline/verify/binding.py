@@ -9,6 +9,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.models import Binding
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
@@ -48,7 +49,7 @@ def check_binding_on_line(switch: Switch) -> Iterator[Diagnostic]:
             by_task.setdefault(placed.job.task, []).append(placed)
     for name, jobs in by_task.items():
         there = switch.target.by_task.get(name, ())
-        yield from _elsewhere(jobs, _usual(there or jobs), switch, f'mode "{switch.target.name}"')
+        yield from _elsewhere(jobs, _usual(there or jobs), switch, about(mode=switch.target.name))
 
 
 def check_binding_of_system(tables: Tables) -> Iterator[Diagnostic]:
@@ -64,7 +65,7 @@ def check_binding_of_system(tables: Tables) -> Iterator[Diagnostic]:
         for table, jobs in places:
             here = _usual(jobs)
             if here != usual and here is not None and usual is not None:
-                path = f'{table.path()} task "{task.name}"'
+                path = about(table.path(), task=task.name)
                 text = f"uses {_listed(here)} here and {_listed(usual)} elsewhere, but is bound in the whole system"
                 yield codes.NOT_BOUND(
                     text, at=jobs[0].job.at, path=path, help="use one unit set in all modes and tables"

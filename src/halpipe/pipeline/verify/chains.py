@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.precedence import LineInstants
@@ -37,7 +38,7 @@ def check_chain(table: ModeTable) -> Iterator[Diagnostic]:
         for what, limit, found in zip(WHAT, (chain.max_reaction, chain.max_age), worst, strict=True):
             if limit is not None and (found is None or found[0] > table.clock.ticks(limit)):
                 help = "move its jobs closer together, or raise the limit"
-                path = f'{table.path()} chain "{chain.name}"'
+                path = about(table.path(), chain=chain.name)
                 yield codes.CHAIN_LIMIT(_fault(what, limit, found, table.clock), at=table.at, path=path, help=help)
 
 
@@ -132,7 +133,7 @@ def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
         for what, limit, found in zip(WHAT, (chain.max_reaction, chain.max_age), worst, strict=True):
             if limit is not None and found is not None and found[0] > switch.clock.ticks(limit):
                 help = "start its tasks during the switch, or raise the limit"
-                path = f'{switch.path()} chain "{chain.name}"'
+                path = about(switch.path(), chain=chain.name)
                 text = _fault(what, limit, found, switch.clock) + " across the switch"
                 yield codes.CHAIN_LIMIT(text, at=switch.table.at, path=path, help=help)
 

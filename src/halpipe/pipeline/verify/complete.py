@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sweep import NAMED
@@ -46,7 +47,7 @@ def _periodic(table: ModeTable, name: str, count: int) -> Iterator[Diagnostic]:
             yield codes.SURPLUS_JOB(text, at=placed.job.at, path=table.path(placed), help="remove the job")
     if len(inside) < count:
         text = f"has {len(inside)} of its {count} jobs; missing: {_gaps(inside, count)}"
-        yield codes.MISSING_JOB(text, at=table.at, path=f'{table.path()} task "{name}"', help="schedule the mode again")
+        yield codes.MISSING_JOB(text, at=table.at, path=about(table.path(), task=name), help="schedule the mode again")
 
 
 def _gaps(present: Sequence[int], count: int) -> str:
@@ -146,7 +147,7 @@ def _on_demand(table: ModeTable, name: str, counts: _Counts) -> Iterator[Diagnos
     if missing:
         text = f"{len(arising)} demands arise, {len(arising) - len(missing)} are served; missing jobs: "
         text += ", ".join(str(index) for index in missing[:NAMED]) + (" and more" if len(missing) > NAMED else "")
-        path = f'{table.path()} task "{name}"'
+        path = about(table.path(), task=name)
         yield codes.MISSING_JOB(text, at=table.at, path=path, help="schedule one job for each demand")
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE
+from halpipe.diagnostics import NOWHERE, about
 from halpipe.models import HealthAction, Reaction, Status
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
@@ -35,7 +35,7 @@ def check_health(health: Health) -> Iterator[Diagnostic]:
         for rule in health.model.health:
             if rule.mode == mode.name or rule.task not in running.get(mode.name, ()):
                 continue
-            path = f'mode "{mode.name}" health rule of task "{rule.task}"'
+            path = about(mode=mode.name, health_rule_of_task=rule.task)
             within = _time(health.schedule, mode, rule)
             if within is None and rule.action is not HealthAction.RESTART:
                 text, help = f'there is no table to "{rule.mode}"', "schedule the transition, or change the rule"
@@ -59,7 +59,7 @@ def check_health(health: Health) -> Iterator[Diagnostic]:
             yield codes.REACTION_MISSING(text, at=mode.at, path=path, help=help)
     places = {replace(reaction, at=NOWHERE): reaction.at for reaction in health.schedule.reactions}
     for reaction in stated.elements():
-        path = f'mode "{reaction.mode}" reaction to task "{reaction.task}"'
+        path = about(mode=reaction.mode, reaction_to_task=reaction.task)
         after = f"{reaction.action} after {reaction.count} times {reaction.event} in {reaction.cycles} tables"
         to = f' to "{reaction.target}"' if reaction.target else ""
         took = "" if reaction.within is None else f" within {reaction.within}"

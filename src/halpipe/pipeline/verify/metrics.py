@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import Path, about
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.chains import age, reaction
@@ -32,9 +33,13 @@ def check_figures(table: ModeTable) -> Iterator[Diagnostic]:
     yield from _chain_latencies(table)
 
 
+def _inside(table: Path, element: str) -> Path:
+    return Path(f"{table} {element}", (*table.subjects, *(element.subjects if isinstance(element, Path) else ())))
+
+
 def _wrong(table: ModeTable, element: str, text: str) -> Diagnostic:
     help = "have the report made again from the jobs"
-    return codes.WRONG_FIGURE(text, at=table.at, path=f"{table.path()} {element}", help=help)
+    return codes.WRONG_FIGURE(text, at=table.at, path=_inside(table.path(), element), help=help)
 
 
 _PENALTIES: Mapping[str, frozenset[str]] = {
@@ -93,13 +98,13 @@ def _unit_loads(table: ModeTable) -> Iterator[Diagnostic]:
     units = {unit.name for unit in table.model.units}
     for load in table.schedule.unit_loads:
         if load.unit not in units:
-            yield _wrong(table, f'unit-load "{load.unit}"', "the unit does not exist")
+            yield _wrong(table, about(unit_load=load.unit), "the unit does not exist")
             continue
         busy = sum(end - start for start, end, _, _ in claims.get(load.unit, ()))
         share = Fraction(busy, table.period)
         if load.busy * table.clock.scale != Duration(busy) or load.share != share:
             text = f"busy {load.busy}, share {_number(load.share)}; the jobs make {table.clock.text(busy)}, "
-            yield _wrong(table, f'unit-load "{load.unit}"', text + f"share {_number(share)}")
+            yield _wrong(table, about(unit_load=load.unit), text + f"share {_number(share)}")
 
 
 def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
@@ -107,7 +112,7 @@ def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
     resources = {resource.name for resource in table.model.resources}
     for load in table.schedule.resource_loads:
         if load.resource not in resources:
-            yield _wrong(table, f'resource-load "{load.resource}"', "the resource does not exist")
+            yield _wrong(table, about(resource_load=load.resource), "the resource does not exist")
             continue
         shared = claimed.get(load.resource, Shared(1, []))
         if shared.scale is None:
@@ -117,7 +122,7 @@ def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
         mean = Fraction(sum((end - start) * weight for start, end, weight, _ in claims), shared.scale * table.period)
         if (load.peak, load.mean) != (peak, mean):
             text = f"peak {_number(load.peak)}, mean {_number(load.mean)}; the jobs make peak {_number(peak)}, "
-            yield _wrong(table, f'resource-load "{load.resource}"', text + f"mean {_number(mean)}")
+            yield _wrong(table, about(resource_load=load.resource), text + f"mean {_number(mean)}")
 
 
 def _peak(claims: list[Claim]) -> int:
@@ -127,7 +132,7 @@ def _peak(claims: list[Claim]) -> int:
 def _chain_latencies(table: ModeTable) -> Iterator[Diagnostic]:
     chains = {chain.name: chain for chain in table.chains()}
     for given in table.schedule.chains:
-        element = f'chain "{given.name}"'
+        element = about(chain=given.name)
         chain = chains.get(given.name)
         if chain is None:
             yield _wrong(table, element, "the mode has no such chain")

@@ -7,6 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO
 from halpipe.pipeline.verify.codes import MODEL_FAULT
 
@@ -35,7 +36,7 @@ def repeated_names(model: TaskModel) -> Iterator[Diagnostic]:
         yield from (_fault(f'{kind} "{name}"', "is defined more than once", model.at) for name in _repeated(names))
     for task in model.tasks:
         for name in _repeated(v.name for v in task.versions):
-            yield _fault(f'task "{task.name}" version "{name}"', "is defined more than once", task.at)
+            yield _fault(about(task=task.name, version=name), "is defined more than once", task.at)
 
 
 def _repeated(names: Iterable[str]) -> list[str]:
@@ -49,16 +50,16 @@ def unknown_names(model: TaskModel) -> Iterator[Diagnostic]:
         yield from _mode_names(mode, versions)
     for chain in model.chains:
         for name in sorted(set(chain.tasks) - versions.keys()):
-            yield _fault(f'chain "{chain.name}"', f'names task "{name}", which does not exist', chain.at)
+            yield _fault(about(chain=chain.name), f'names task "{name}", which does not exist', chain.at)
     modes = {mode.name for mode in model.modes}
     for transition in model.transitions:
         for name in sorted({transition.source, transition.target} - modes):
-            path = f'transition "{transition.source}" to "{transition.target}"'
+            path = about(transition=(transition.source, transition.target))
             yield _fault(path, f'names mode "{name}", which does not exist', transition.at)
 
 
 def _mode_names(mode: Mode, versions: dict[str, set[str]]) -> Iterator[Diagnostic]:
-    path = f'mode "{mode.name}"'
+    path = about(mode=mode.name)
     for name in _repeated(run.task for run in mode.runs):
         yield _fault(path, f'runs task "{name}" more than once', mode.at)
     for run in mode.runs:
@@ -75,7 +76,7 @@ def interrupts(model: TaskModel) -> Iterator[Diagnostic]:
         for interrupt in unit.interrupts:
             if not is_interrupt(interrupt):
                 text = f'has the interrupt "{interrupt.name}" of {interrupt.wcet} every {interrupt.distance}'
-                yield _fault(f'unit "{unit.name}"', f"{text}; its distance must be positive", interrupt.at)
+                yield _fault(about(unit=unit.name), f"{text}; its distance must be positive", interrupt.at)
 
 
 def is_interrupt(interrupt: Interrupt) -> bool:
@@ -85,7 +86,7 @@ def is_interrupt(interrupt: Interrupt) -> bool:
 
 def timing(task: Task) -> Iterator[Diagnostic]:
     """A period is positive, a slack is a share; arrivals are polled, at least as often as they come."""
-    path = f'task "{task.name}"'
+    path = about(task=task.name)
     if task.period is not None and task.period <= ZERO:
         yield _fault(path, f"has the period {task.period}; it must be positive", task.at)
     if not 0 <= task.slack <= 1:
@@ -97,7 +98,7 @@ def timing(task: Task) -> Iterator[Diagnostic]:
 
 def version(task: Task, version: Version) -> Iterator[Diagnostic]:
     """A version that is available in a mode states a WCET, a gang, windows and access phases that make sense."""
-    path = f'task "{task.name}" version "{version.name}"'
+    path = about(task=task.name, version=version.name)
     if version.wcet is None:
         yield _fault(path, "has no WCET, so nothing can be said about its jobs", version.at)
     elif version.wcet < ZERO:
@@ -148,4 +149,4 @@ def cycle(mode: str, tasks: dict[str, ActiveTask], at: Location) -> Iterator[Dia
         TopologicalSorter({name: sorted(before) for name, before in graph.items()}).prepare()
     except CycleError as failure:
         names = " after ".join(f'"{name}"' for name in reversed(failure.args[1]))
-        yield _fault(f'mode "{mode}"', f"its precedence constraints form a cycle: {names}", at)
+        yield _fault(about(mode=mode), f"its precedence constraints form a cycle: {names}", at)

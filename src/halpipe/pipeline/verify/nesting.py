@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.tables import TABLE
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
 def check_nested(table: ModeTable) -> Iterator[Diagnostic]:
     """Look at two cycles of every unit; a job that lasts longer than one lies across its own copies."""
     for unit, jobs in _split_units(table.jobs).items():
-        path = f'{table.path()} unit "{unit}"'
+        path = about(table.path(), unit=unit)
         for placed in jobs:
             if _has_gaps(placed) and (placed.span or 0) > table.period:
                 text = f"{placed.label} lasts {table.clock.text(placed.span or 0)}, longer than the hyperperiod"
-                yield codes.NOT_NESTED(text, at=placed.job.at, path=path, help="end the job before its next one starts")
+                help = "end the job before its next one starts"
+                yield codes.NOT_NESTED(text, at=placed.job.at, path=path, help=help, subjects=[placed.subject])
         short = [placed for placed in jobs if (placed.span or 0) <= table.period]
         line = [p.moved(-table.period, " of the cycle before") for p in short if p.end > table.period] + short
         for outer, inner in _crossing(line):
@@ -44,7 +46,7 @@ def check_nested_on_line(switch: Switch) -> Iterator[Diagnostic]:
     for unit, jobs in _split_units(line).items():
         for outer, inner in _crossing(jobs):
             if outer.where != inner.where or outer.where == TABLE:
-                yield _not_nested(outer, inner, switch.clock, f'{switch.path()} unit "{unit}"')
+                yield _not_nested(outer, inner, switch.clock, about(switch.path(), unit=unit))
 
 
 def _split_units(jobs: Iterable[Placed]) -> dict[str, list[Placed]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from halpipe.diagnostics import Subject
 from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.recurrence import Future, Listed, Past
@@ -43,7 +44,12 @@ def check_precedence(table: ModeTable) -> Iterator[Diagnostic]:
             if found is None or not found[1]:
                 text = _fault(placed, constraint, found and found[0], table)
                 help = "move one of the two jobs, or change the window"
-                yield codes.OUT_OF_WINDOW(text, at=placed.job.at, path=table.path(placed), help=help)
+                yield _out_of_window(text, placed, constraint, table.path(placed), help)
+
+
+def _out_of_window(text: str, placed: Placed, constraint: Precedence, path: str, help: str) -> Diagnostic:
+    before = Subject("task", constraint.task)
+    return codes.OUT_OF_WINDOW(text, at=placed.job.at, path=path, help=help, subjects=[before])
 
 
 def _witness(start: int, constraint: Precedence, instants: Findable, clock: Clock) -> tuple[Found, bool] | None:
@@ -138,7 +144,7 @@ def check_precedence_on_line(switch: Switch) -> Iterator[Diagnostic]:
                 )
                 text += f"; {_nearest(placed, found and found[0], clock)}"
                 help = "start the predecessor during the switch, or move the jobs"
-                yield codes.OUT_OF_WINDOW(text, at=placed.job.at, path=switch.path(placed), help=help)
+                yield _out_of_window(text, placed, constraint, switch.path(placed), help)
 
 
 def _broken_anyway(cyclic: Placed, constraint: Precedence, table: ModeTable) -> bool:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Status
 from halpipe.pipeline.verify import codes, modelfaults
@@ -117,7 +118,7 @@ def _active_mode(model: TaskModel, mode: Mode, platform: Platform, clock: Clock,
         fault = "no periodic task runs in it, so it has no hyperperiod"
     if fault:
         help = "correct the periods, or remove the mode"
-        found.add(codes.MODEL_FAULT(fault, at=mode.at, path=f'mode "{mode.name}"', help=help))
+        found.add(codes.MODEL_FAULT(fault, at=mode.at, path=about(mode=mode.name), help=help))
         return ActiveMode(mode.name, tasks, 0, platform)
     return ActiveMode(mode.name, tasks, period, platform)
 
@@ -154,7 +155,7 @@ def mode_tables(
     tables: dict[str, ModeTable] = {}
     seen: set[str] = set()
     for given in schedule.modes:
-        path = f'mode "{given.name}"'
+        path = about(mode=given.name)
         if given.name not in modes:
             known = ", ".join(f'"{name}"' for name in modes) or "none"
             text = "does not exist in the model"
@@ -170,14 +171,14 @@ def mode_tables(
     for name in modes:
         if name not in seen:
             text = "has no table in the schedule"
-            path = f'mode "{name}"'
+            path = about(mode=name)
             found.add(codes.MISSING_MODE(text, at=schedule.at, path=path, help="schedule this mode as well"))
     return tables
 
 
 def _claims(given: ModeSchedule, mode: ActiveMode, clock: Clock) -> Iterator[Diagnostic]:
     """The table says that it was found, and names the right hyperperiod."""
-    path = f'mode "{given.name}"'
+    path = about(mode=given.name)
     if given.status is not Status.VALID:
         text = "no valid table was found for it"
         help = "give the search more time, or relax the model; `halpipe explain` names the conflict"
@@ -188,7 +189,7 @@ def _claims(given: ModeSchedule, mode: ActiveMode, clock: Clock) -> Iterator[Dia
 
 
 def _mode_table(model: TaskModel, given: ModeSchedule, mode: ActiveMode, clock: Clock, found: Findings) -> ModeTable:
-    path = f'mode "{mode.name}"'
+    path = about(mode=mode.name)
     jobs: list[Placed] = []
     by_task: dict[str, list[Placed]] = {}
     for placed in _placed_jobs(model, mode, given.jobs, path, clock, found):
@@ -246,15 +247,15 @@ def _wrong_end(job: Job, wcet: int, length: int, clock: Clock, path: str) -> Dia
         text = f"ends at {job.end}, but its start {job.start}, its WCET {clock.text(wcet)} and the interrupts make"
         help = "end = start + reserved length of the WCET, not reduced"
     text += f" {clock.text(clock.ticks(job.start) + length)}"
-    return codes.WRONG_END(text, at=job.at, path=f"{path} {_job(job)}", help=help)
+    return codes.WRONG_END(text, at=job.at, path=_job(path, job), help=help)
 
 
-def _job(job: Job) -> str:
-    return f'task "{job.task}" job {job.index}'
+def _job(path: str, job: Job) -> str:
+    return about(path, task=job.task, job=job.index)
 
 
 def _no_task(job: Job, known: bool, path: str, mode: str) -> Diagnostic:
-    where = f"{path} {_job(job)}"
+    where = _job(path, job)
     if known:
         text = f'the task does not run in mode "{mode}"'
         return codes.NOT_IN_MODE(text, at=job.at, path=where, help="remove the job, or let the task run in the mode")
@@ -263,7 +264,7 @@ def _no_task(job: Job, known: bool, path: str, mode: str) -> Diagnostic:
 
 def _bad_start(placed: Placed, path: str, span: str) -> Diagnostic:
     job = placed.job
-    where = f"{path} {_job(job)}"
+    where = _job(path, job)
     return codes.BAD_START(f"starts at {job.start}, outside {span}", at=job.at, path=where, help="move the job inside")
 
 
@@ -302,7 +303,7 @@ def _not_found(given: TransitionTable) -> Iterator[Diagnostic]:
 
 def _no_table(schedule: Schedule, source: str, target: str) -> Diagnostic:
     text = "is allowed by the model but has no table, so it must not be performed"
-    path = f'transition "{source}" to "{target}"'
+    path = about(transition=(source, target))
     return codes.NO_TABLE(text, at=schedule.at, path=path, help="schedule the transition, or list only those needed")
 
 
@@ -331,4 +332,4 @@ def _switch(
 def _left(job: Job, mode: str, path: str) -> Diagnostic:
     """(D) Rule 4: a task that leaves is not started any more."""
     text = f'starts at {job.start}, but the task does not run in mode "{mode}" any more'
-    return codes.STARTED_AFTER_LEAVING(text, at=job.at, path=f"{path} {_job(job)}", help="remove the job")
+    return codes.STARTED_AFTER_LEAVING(text, at=job.at, path=_job(path, job), help="remove the job")

@@ -12,7 +12,7 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE
+from halpipe.diagnostics import NOWHERE, about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 
@@ -40,14 +40,14 @@ def check_priorities(tables: Tables) -> Iterator[Diagnostic]:
     at = tables.modes[0].at if tables.modes else NOWHERE
     for unit, lower in sorted(above.items()):
         told = "; ".join(f"{_listed(lower[task])} above {_listed([task])}" for task in sorted(lower))
-        yield codes.PRIORITIES(told, at=at, path=f'unit "{unit}"')
+        yield codes.PRIORITIES(told, at=at, path=about(unit=unit))
         circle = _circle(lower)
         if circle:
             help = (
                 "state split points as a list for one of them; a target that suspends by the table needs no priorities"
             )
             text = "no fixed priorities play the table: " + " above ".join(f'"{task}"' for task in circle)
-            yield codes.PRIORITY_CIRCLE(text, at=at, path=f'unit "{unit}"', help=help)
+            yield codes.PRIORITY_CIRCLE(text, at=at, path=about(unit=unit), help=help)
 
 
 def _unrolled(table: ModeTable) -> list[Placed]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.modelfaults import is_phase
 from halpipe.pipeline.verify.rules import Rule
@@ -16,7 +17,7 @@ from halpipe.quantities import format_rational
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic, Location
+    from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Version
     from halpipe.pipeline.verify.sweep import Claim, Excess
     from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
@@ -151,8 +152,8 @@ def _overlap(unit: str, excess: Excess, clock: Clock, path: str) -> Diagnostic:
     text = f"is held by {excess.names()} {span}"
     if len(excess.members) == 1:
         text = f"is held twice by {excess.names()}, which is longer than the hyperperiod, {span}"
-    where = next(iter(excess.members.values())).job.at
-    return codes.OVERLAP(text, at=where, path=f'{path} unit "{unit}"', help="move one of the jobs, or use another unit")
+    help = "move one of the jobs, or use another unit"
+    return _together(codes.OVERLAP, text, excess, about(path, unit=unit), help)
 
 
 def _overload(resource: str, excess: Excess, scale: int, clock: Clock, path: str) -> Diagnostic:
@@ -162,14 +163,20 @@ def _overload(resource: str, excess: Excess, scale: int, clock: Clock, path: str
         f"is claimed up to {peak} {span} by {excess.names()}: {format_rational(Fraction(excess.peak - scale, scale))}"
     )
     text += " too much"
-    where = next(iter(excess.members.values())).job.at
     help = "move one of the jobs, or lower a bound"
-    return codes.OVERLOAD(text, at=where, path=f'{path} resource "{resource}"', help=help)
+    return _together(codes.OVERLOAD, text, excess, about(path, resource=resource), help)
+
+
+def _together(code: Code, text: str, excess: Excess, path: str, help: str) -> Diagnostic:
+    """Report what jobs do together; it concerns each of them."""
+    first, *others = excess.members.values()
+    subjects = [placed.subject for placed in (first, *others)]
+    return code(text, at=first.job.at, path=path, help=help, subjects=subjects, places=[p.job.at for p in others])
 
 
 def _too_fine(resource: str, path: str, at: Location) -> Diagnostic:
     text = f"the common denominator of its bounds has more than {MAX_BITS} bits"
-    return codes.TOO_FINE(text, at=at, path=f'{path} resource "{resource}"', help="round the bounds up")
+    return codes.TOO_FINE(text, at=at, path=about(path, resource=resource), help="round the bounds up")
 
 
 EXCLUSIVE = Rule(

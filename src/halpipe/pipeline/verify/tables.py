@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeAlias
 
+from halpipe.diagnostics import Path, Subject, about
 from halpipe.durations import Duration
 from halpipe.models import Anchor
 from halpipe.pipeline.verify.recurrence import Recurring
@@ -117,6 +118,11 @@ class Placed:
         """The job as messages call it."""
         return f'"{self.job.task}" job {self.job.index}{self.where}'
 
+    @property
+    def subject(self) -> Subject:
+        """Its task, for a diagnostic that concerns the job."""
+        return Subject("task", self.job.task)
+
     def moved(self, by: int, where: str) -> Placed:
         """Return the same job `by` ticks later, as a part of a line."""
         start = self.start + by
@@ -177,9 +183,11 @@ class ModeTable:
         """The place of the table in the schedule file."""
         return self.schedule.at
 
-    def path(self, placed: Placed | None = None) -> str:
+    def path(self, placed: Placed | None = None) -> Path:
         """Name the table, or a job of it, for a diagnostic."""
-        return f'mode "{self.name}"' + (f' task "{placed.job.task}" job {placed.job.index}' if placed else "")
+        if placed is None:
+            return about(mode=self.name)
+        return about(mode=self.name, task=placed.job.task, job=placed.job.index)
 
     def chains(self) -> list[Chain]:
         """Return the chains all of whose tasks run in this mode; the others say nothing about it (D)."""
@@ -229,11 +237,12 @@ class Switch:
         last = max((p.end for p in jobs if len(p.stretches) > 1), default=0)
         return max(2, -(-(last - self.length) // self.target.period))
 
-    def path(self, placed: Placed | None = None) -> str:
+    def path(self, placed: Placed | None = None) -> Path:
         """Name the switch, or a job on its line, for a diagnostic."""
-        return switch_path(self.table) + (f" task {placed.label}" if placed else "")
+        path = switch_path(self.table)
+        return path if placed is None else Path(f"{path} task {placed.label}", (*path.subjects, placed.subject))
 
 
-def switch_path(table: TransitionTable) -> str:
+def switch_path(table: TransitionTable) -> Path:
     """Name the table of a switch for a diagnostic."""
-    return f'transition "{table.source}" to "{table.target}"'
+    return about(transition=(table.source, table.target))

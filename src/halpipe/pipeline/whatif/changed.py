@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.explain.changes import more_units
 from halpipe.pipeline.validate.context import place
@@ -160,7 +161,7 @@ def _without(model: TaskModel, unusable: dict[tuple[str, str], str]) -> Changed:
             runs.append(replace(run, versions=left))
             if not left:
                 why = "; ".join(f'version "{name}" {unusable[run.task, name]}' for name in run.versions)
-                path = f'mode "{mode.name}" task "{run.task}"'
+                path = about(mode=mode.name, task=run.task)
                 lost.append(codes.LAST_VERSION(why, at=place(model.task(run.task)), path=path, help="see the others"))
         modes.append(replace(mode, runs=tuple(runs)))
     return Changed(replace(model, modes=tuple(modes)), tuple(lost))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location
+from halpipe.diagnostics import Findings, Location, about
 from halpipe.durations import Duration, greatest_common_divisor, seconds
 from halpipe.exporters.arxml.layout import ShortNames, short
 from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, SPLIT_JOB, WRONG_CORE
@@ -99,7 +99,7 @@ class _Planner:
         split = sorted({job.task for _, _, _, jobs in self._tables for job in jobs if len(job.parts) > 1})
         for task in split:
             help = "import it again without split points, and schedule again"
-            self._findings.add(SPLIT_JOB("has jobs in several parts", path=f'task "{task}"', help=help))
+            self._findings.add(SPLIT_JOB("has jobs in several parts", path=about(task=task), help=help))
 
     # ------------------------------------------------------------------------------------------------- starts
 
@@ -117,7 +117,7 @@ class _Planner:
                     NOT_MAPPED(
                         f"its event {call.event} is mapped to no OsTask of the project",
                         at=self._at(call.mapping),
-                        path=f'task "{task}"',
+                        path=about(task=task),
                         help="map its event in the Rte configuration of the project",
                     )
                 )
@@ -146,7 +146,7 @@ class _Planner:
                     WRONG_CORE(
                         f'runs on {unit}, but OsTask "{os_task}" {where}',
                         at=self._project.items[os_task].at,
-                        path=f'task "{task}"',
+                        path=about(task=task),
                         help="bind its OsApplication to the core, import again, and schedule again",
                     )
                 )
@@ -209,7 +209,7 @@ class _Planner:
             COUNTER_NEEDED(
                 f"{message}; a counter with a tick of {added.tick} is needed, and added as {added.path}",
                 at=at,
-                path=f'unit "{unit}"',
+                path=about(unit=unit),
                 help=f"give the new counter a timer of the hardware{again}",
             )
         )

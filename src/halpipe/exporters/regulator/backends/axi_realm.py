@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import file_names, identifiers, render
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
@@ -218,7 +219,7 @@ def _check_managers(tables: Tables) -> list[Diagnostic]:
         DOES_NOT_FIT(
             f"manager {unit.manager} does not exist; the register file has {managers}",
             at=tables.platform.units[unit.name].at,
-            path=f'unit "{unit.name}"',
+            path=about(unit=unit.name),
             help=f'use 0 to {managers - 1}, or state "axi-realm: {{managers: {unit.manager + 1}}}"',
         )
         for unit in tables.units
@@ -230,7 +231,7 @@ def _check_directions(tables: Tables) -> list[Diagnostic]:
     p, rows, found = tables.platform, set(tables.rows), []
     pending = int(p.settings[AxiRealm.name]["pending"]) * p.burst
     for unit in tables.units:
-        at, path = p.units[unit.name].at, f'unit "{unit.name}"'
+        at, path = p.units[unit.name].at, about(unit=unit.name)
         bound = [row for row in (Row(unit.name, d) for d in DIRECTIONS) if row in rows]
         if len(bound) == len(DIRECTIONS):
             message = "both its reads and its writes are bound; whichever spends its budget first stops the other, too"

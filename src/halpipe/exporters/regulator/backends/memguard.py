@@ -15,6 +15,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import file_names, predecessors, render
 from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
@@ -160,7 +161,7 @@ def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
         if port.core is None:
             help = 'state "core: N", the number of the core as the system counts them'
             message = "is no core: it has no number for MemGuard"
-            yield NO_MANAGER(message, at=port.at, path=f'unit "{port.unit}"', help=help)
+            yield NO_MANAGER(message, at=port.at, path=about(unit=port.unit), help=help)
     yield from check_owners(((port.unit, port.core, port.at) for port in ports if port.core is not None), "core")
     known = _cores(tables)
     stated = int(tables.platform.settings[MemGuard.name]["cores"])
@@ -168,7 +169,7 @@ def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
     if stated and last >= stated:
         message = f"core {last} does not exist; the platform has {stated} cores"
         help = f'use 0 to {stated - 1}, or state "memguard: {{cores: {last + 1}}}"'
-        yield NO_MANAGER(message, at=tables.platform.at, path=f'unit "{known[last]}"', help=help)
+        yield NO_MANAGER(message, at=tables.platform.at, path=about(unit=known[last]), help=help)
     gaps = sorted(set(range(last)) - set(known))
     if gaps and not stated:
         message = f"cores {', '.join(map(str, gaps))} belong to no unit, and MemGuard wants a limit for every core"

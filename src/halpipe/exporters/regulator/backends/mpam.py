@@ -10,6 +10,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
 from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, NO_MANAGER, RATE_DOES_NOT_FIT
@@ -114,7 +115,7 @@ def _check_partitions(tables: Tables) -> Iterator[Diagnostic]:
     count = int(tables.platform.settings[Mpam.name]["partids"])
     ports = [tables.platform.units[unit.name] for unit in tables.units]
     for port in ports:
-        path = f'unit "{port.unit}"'
+        path = about(unit=port.unit)
         if not port.partid:
             message = "has partition 0, which is everything else's" if port.partid == 0 else "has no partition"
             yield NO_MANAGER(message, at=port.at, path=path, help='state "partid: N", from 1 on')
@@ -133,7 +134,7 @@ def _check_parts(tables: Tables, table: Table) -> Iterator[Diagnostic]:
     for unit, count in parts.items():
         if count > _parts(tables.platform):
             message = f"is promised {rate_text(promised[unit])}, more than the capacity"
-            path = f'{table.frame.path} unit "{unit}"'
+            path = about(table.frame.path, unit=unit)
             yield RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help="lower the bound")
         else:
             yield from coarse(tables, table, unit, given[unit], promised[unit])

@@ -15,6 +15,7 @@ from itertools import groupby
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
 from halpipe.exporters.regulator.backends.rates import (
     Segment,
@@ -162,7 +163,7 @@ def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
         if port.port not in PORTS:
             message = f'has the port "{port.port}", which is none of the ZynqMP' if port.port else "has no port"
             help = did_you_mean(port.port, PORTS, 'state "port: ", one of ' + ", ".join(PORTS))
-            yield NO_MANAGER(message, at=port.at, path=f'unit "{unit.name}"', help=help)
+            yield NO_MANAGER(message, at=port.at, path=about(unit=unit.name), help=help)
 
 
 def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
@@ -180,7 +181,7 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
                 rate = rate_text(promised[names[row]])
                 message = f"{row.direction} rate {rate} is more than the {rate_text(most)} that the register holds"
                 help = f"use longer bursts or a faster clock, or bounds of at most {rate_text(most)}"
-                where = f'{path} unit "{row.unit}"'
+                where = about(path, unit=row.unit)
                 found[where] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
         given = {names[row]: count * step for row, count in steps.items()}
         fault = over_limit(tables, table, given, promised, _OTHERWISE[_is_phased(tables)])

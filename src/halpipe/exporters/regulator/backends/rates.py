@@ -8,6 +8,7 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
 from halpipe.exporters.regulator.rounding import pieces
 from halpipe.quantities import format_bandwidth
@@ -87,7 +88,7 @@ def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: F
         return []
     message = f"{rate_text(given)} is the least that can be set for the {rate_text(promised)} promised"
     help = "choose bounds on the steps of the regulator, or regulate this unit by another back-end"
-    return [COARSE_RATE(message, at=table.frame.at, path=f'{table.frame.path} unit "{unit}"', help=help)]
+    return [COARSE_RATE(message, at=table.frame.at, path=about(table.frame.path, unit=unit), help=help)]
 
 
 def unit_rates(tables: Tables, table: Table) -> dict[str, Fraction]:
@@ -118,4 +119,4 @@ def check_owners(owners: Iterable[tuple[str, Hashable, Location]], what: str) ->
         if first.setdefault(owned, unit) != unit:
             message = f'{what} {owned} is the one of unit "{first[owned]}", too; what is written last holds for both'
             help = f"give each unit a {what} of its own, or model what shares it as one unit"
-            yield SHARED_MANAGER(message, at=at, path=f'unit "{unit}"', help=help)
+            yield SHARED_MANAGER(message, at=at, path=about(unit=unit), help=help)

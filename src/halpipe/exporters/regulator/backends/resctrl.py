@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
 from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
@@ -151,10 +152,10 @@ def _check_groups(tables: Tables) -> Iterator[Diagnostic]:
     for port in ports:
         if not port.group:
             help = 'state "group: NAME", the folder in /sys/fs/resctrl for the tasks of this unit'
-            yield NO_MANAGER("has no group for resctrl", at=port.at, path=f'unit "{port.unit}"', help=help)
+            yield NO_MANAGER("has no group for resctrl", at=port.at, path=about(unit=port.unit), help=help)
         elif port.group in _RESERVED:
             help = "name the group otherwise; resctrl has a folder of this name"
-            yield NO_MANAGER(f'has the group "{port.group}"', at=port.at, path=f'unit "{port.unit}"', help=help)
+            yield NO_MANAGER(f'has the group "{port.group}"', at=port.at, path=about(unit=port.unit), help=help)
     yield from check_owners(((port.unit, port.group, port.at) for port in ports if port.group), "group")
     settings = tables.platform.settings[Resctrl.name]
     if settings["domain"] in settings["others"].split():
@@ -178,7 +179,7 @@ def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
             message = f"is promised {rate_text(rate)}; the largest share is {rate_text(given[unit])}"
             capacity = -(-rate.numerator // rate.denominator)
             help = f'state "capacity: {format_bandwidth(capacity)}" or lower the bound'
-            path = f'{table.frame.path} unit "{unit}"'
+            path = about(table.frame.path, unit=unit)
             found.append(RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help=help))
         else:
             found += coarse(tables, table, unit, given[unit], rate)

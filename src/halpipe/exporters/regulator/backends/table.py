@@ -11,6 +11,7 @@ from importlib import resources
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
+from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import identifiers, render
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import LEAST_CYCLES, READ, WRITE
@@ -62,7 +63,7 @@ class TableUnit:
                     f'state "table: {{depth: {entries}}}" and build it so, use longer windows, or schedule on the grid'
                 )
                 at = tables.platform.units[unit.name].at
-                found.append(DOES_NOT_FIT(message, at=at, path=f'unit "{unit.name}"', help=help))
+                found.append(DOES_NOT_FIT(message, at=at, path=about(unit=unit.name), help=help))
         return found
 
     def facts(self, tables: Tables) -> dict[str, Any]:
