@@ -4,8 +4,10 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
-from halpipe.pipeline.solve import exact_member, schedule
+from halpipe.pipeline.solve import codes, exact_member, relay, schedule
+from halpipe.pipeline.solve.exact import Answer, ExactResult
 from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
+from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
 from support import mode, model, task, version
 
@@ -19,6 +21,13 @@ def perfect_fit(modes=None):
     """Seven tasks fill two units to the last millisecond: 41 + 37 + 22 and the rest."""
     tasks = [task(f"t{number}", 100, version("v", wcet, UNITS)) for number, wcet in enumerate(LENGTHS)]
     return model(*tasks, units=UNITS, modes=modes and modes(tasks))
+
+
+def fuller():
+    """A perfect fit for which the annealer needs more than its first turn."""
+    lengths = (61, 59, 53, 47, 43, 41, 37, 35, 33, 31, 29, 27, 23, 21, 60)
+    units = "u1 u2 u3 u4 u5 u6"
+    return model(*(task(f"t{n}", 100, version("v", wcet, units)) for n, wcet in enumerate(lengths)), units=units)
 
 
 @pytest.fixture
@@ -35,7 +44,8 @@ def go_on(*progress):
 def test_the_exact_engine_finds_what_the_search_has_not(few_moves):
     found = schedule_model(perfect_fit(), SearchOptions(), go_on)
     assert found.is_complete
-    assert found.schedule.solver == "anneal, exact"
+    assert found.schedule.solver == "exact"
+    assert [d.code for d in found.diagnostics] == [codes.EXACT_ANSWERED.id]
     assert not [d for d in verify(perfect_fit(), found.schedule) if d.is_error]
     assert schedule_model(perfect_fit(), SearchOptions(), go_on).schedule == found.schedule
 
@@ -53,16 +63,41 @@ def test_a_budget_that_is_stated_is_all_there_is(few_moves, monkeypatch):
     assert not schedule_model(perfect_fit(), SearchOptions(budget=1), go_on).is_complete
 
 
+@pytest.mark.parametrize("workers", [2, 8])
+def test_any_number_of_workers_gives_the_same(few_moves, workers):
+    one = schedule_model(perfect_fit(), SearchOptions(), go_on).schedule
+    assert schedule_model(perfect_fit(), SearchOptions(workers=Workers(workers)), go_on).schedule == one
+
+
+def test_turns_grow_to_the_budget():
+    assert list(relay.turns(1600, 1600)) == [(100, 1), (400, 4), (1600, 16)]
+    assert list(relay.turns(1600, 5000)) == [(100, 1), (400, 4), (1600, 16), (5000, 64)]
+
+
+def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
+    """The annealer goes on where its last turn ended, as if nobody had been asked in between."""
+    monkeypatch.setattr(schedule, "LEAST_MOVES", 16_000)
+    monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
+    monkeypatch.setattr(exact_member, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
+    in_turns = schedule_model(fuller(), SearchOptions(), go_on)
+    monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)
+    at_once = schedule_model(fuller(), SearchOptions(), go_on)
+    assert in_turns.schedule == at_once.schedule
+    assert in_turns.moves == at_once.moves > 1000, "the second turn is needed"
+
+
 @pytest.mark.parametrize("reason", ["not installed", "no answer", "too large"])
 def test_without_its_answer_the_search_is_what_it_was(few_moves, monkeypatch, reason):
     if reason == "not installed":
-        monkeypatch.setattr(exact_member, "is_installed", lambda: False)
+        monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)
     elif reason == "no answer":
-        monkeypatch.setattr(exact_member, "WORK", 0)
+        monkeypatch.setattr(relay, "FIRST_WORK", 0)
     else:
         monkeypatch.setattr("halpipe.pipeline.solve.exact.MAX_PARTS", 1)
     found = schedule_model(perfect_fit(), SearchOptions(), go_on)
     assert (found.is_complete, found.schedule.solver) == (False, "anneal")
+    said = {d.code for d in found.diagnostics}
+    assert (codes.EXACT_ABSENT.id in said) == (reason == "not installed")
 
 
 def test_what_has_no_schedule_is_not_called_infeasible_on_its_word(few_moves):
@@ -73,11 +108,12 @@ def test_what_has_no_schedule_is_not_called_infeasible_on_its_word(few_moves):
     assert [each.status for each in found.schedule.modes] == [Status.NOT_FOUND]
 
 
-def test_with_the_clock_as_the_limit_it_is_asked_early_and_the_search_goes_on(few_moves, monkeypatch):
+def test_with_the_clock_as_the_limit_both_go_on(few_moves, monkeypatch):
     asked = []
-    monkeypatch.setattr(exact_member, "solve_after", lambda *arguments: asked.append(arguments))
+    monkeypatch.setattr(exact_member, "solve_after", lambda *arguments: asked.append(arguments[2].work))
     monkeypatch.setattr(schedule, "UNBOUNDED", 10)
     found = schedule_model(perfect_fit(), SearchOptions(budget=10), go_on)
-    assert len(asked) == 1
     assert found.is_complete or found.moves == 10 * len(LENGTHS)
+    assert asked == [4**turn for turn in range(len(asked))]
+    assert len(asked) > 2
     assert UNBOUNDED > 10

@@ -80,6 +80,18 @@ EXACT_WHOLE = error(
     "It knows no split points, interrupts, bound tasks and sporadic arrivals (docs/explanation/model.md). The annealer "
     "does.",
 )
+EXACT_ABSENT = note(
+    "HAL0426",
+    "Exact engine is not installed",
+    "Small modes that the annealer does not solve are given to the exact engine, which finds what leaves nothing idle. "
+    "It is an optional part: pip install 'halpipe[exact]'.",
+)
+EXACT_ANSWERED = note(
+    "HAL0427",
+    "Schedule comes from the exact engine",
+    "The annealer had not found a schedule of the mode when the exact engine did. Where OR-Tools is missing, or of "
+    "another version, the schedule may be another one, or none is found.",
+)
 GRID_WHOLE = error(
     "HAL0458",
     "Regulator grid is for whole jobs only",

@@ -14,17 +14,12 @@ from halpipe.pipeline.solve.codes import (
     INTERRUPTED,
     NOT_FOUND,
 )
-from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_exact
+from halpipe.pipeline.solve.exact import Answer, Effort, is_small, solve_exact
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from halpipe.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
-
-WORK = 20
-"""Deterministic seconds that it gets after a search."""
 
 
 def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, effort: Effort) -> tuple[Job, ...]:
@@ -48,15 +43,12 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
     raise HalpipeError(NOT_FOUND(text, at=mode.at, path=path, help="use --engine anneal"), exit=Exit.NOT_FOUND)
 
 
-def solve_after(model: TaskModel, expansion: Expansion, seed: int, go_on: Callable[[], bool]) -> tuple[Job, ...] | None:
-    """Return the jobs of a valid schedule of a small mode; None if the engine is not there, or finds none in its time.
-
-    It has one thread, so that its answer is the same on every machine.
-    """
-    if not (has_whole_jobs(model) and is_installed() and is_small(expansion)):
+def solve_after(model: TaskModel, expansion: Expansion, effort: Effort) -> tuple[Job, ...] | None:
+    """Return the jobs of a valid schedule of a small mode, for which a search has found none; None if this does not."""
+    if not is_small(expansion):
         return None
     try:
-        result = solve_exact(model, expansion.mode, Effort(work=WORK, seed=seed, go_on=go_on))
+        result = solve_exact(model, expansion.mode, effort)
     except HalpipeError as failure:
         if [found.code for found in failure.diagnostics] == [EXACT_TOO_LARGE.id]:
             return None

@@ -12,8 +12,11 @@ from halpipe.durations import greatest_common_divisor
 from halpipe.models import Binding, Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
+    EXACT_ABSENT,
+    EXACT_ANSWERED,
     NO_OPTION,
     TICK_DOES_NOT_DIVIDE,
 )
@@ -63,6 +66,9 @@ It is called from several threads.
 """
 
 EXACT = "exact"
+
+TURN_SEED = 1000
+"""Between the seeds of the exact engine's turns; within one, it counts on from its own."""
 
 EXACT_JOBS = 200
 """Jobs of a mode up to which the exact engine is asked, where it is installed, for what a search has not found."""
@@ -152,7 +158,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         model=model.name,
         model_sha256=model.digest,
         generator=f"halpipe {__version__}",
-        solver=", ".join(sorted({options.engine, *(each.engine for each in found)})),
+        solver=", ".join(sorted({each.engine for each in found})) or options.engine,
         seed=options.seed,
         tick=options.tick or _common_tick(expansions),
         modes=tuple(each.table for each in found),
@@ -227,8 +233,12 @@ def _schedule_mode(
         return _solve_mode(model, expansion, options, number, on_progress)
     if any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
         return _schedule_parts(model, expansion, options, number, on_progress, earlier)
+    from halpipe.pipeline.solve.exact import Effort as ExactEffort
+    from halpipe.pipeline.solve.exact import is_installed
+    from halpipe.pipeline.solve.exact_member import solve_after
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.kernel.search import Effort, search
+    from halpipe.pipeline.solve.relay import Memory, relay
 
     name = expansion.mode.name
     shipped = _shipped(expansion, options)
@@ -237,7 +247,9 @@ def _schedule_mode(
     problem = _problem(model, expansion, tick, pinned=pinned)
     polish = _polish(model, expansion, options, number)
     budget, tasks = options.moves(len(expansion.tasks)), len(expansion.tasks)
-    asks_exact = options.is_open and tick is None and expansion.job_count <= EXACT_JOBS
+    may_ask = options.is_open and tick is None and expansion.job_count <= EXACT_JOBS and has_whole_jobs(model)
+    asks_exact = may_ask and is_installed()
+    keeper = Memory(options.keeper) if asks_exact else options.keeper
 
     def chained() -> Problem:
         return _problem(model, expansion, tick, every_chain=True, pinned=pinned)
@@ -252,20 +264,28 @@ def _schedule_mode(
             earlier,
             None if polish is None else (polish, chained),
             shipped,
-            None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
+            None if keeper is None else Kept(keeper, f"{options.attempt}/{number}"),
             Effort(options.portfolio, options.workers),
         )
 
-    outcome = look(replace(options, budget=None).moves(tasks) if asks_exact else budget)
-    notes = cut_options(problem) + _changed(expansion, outcome.changed)
-    if asks_exact and outcome.cost and not outcome.stopped:
-        from halpipe.pipeline.solve.exact_member import solve_after
+    def ask(outcome: Outcome, turn: int, work: int) -> tuple[Job, ...] | None:
+        seed = (_mode_seed(options.seed, number, options.attempt) + turn * TURN_SEED) % 2**31
+        go_on = lambda: on_progress(name, outcome.moves, budget, outcome.cost)  # noqa: E731
+        effort = ExactEffort(work=work, seed=seed, go_on=go_on, workers=options.workers.count)
+        return solve_after(model, expansion, effort)
 
-        seed = _mode_seed(options.seed, number, options.attempt) % 2**31
-        jobs = solve_after(model, expansion, seed, lambda: on_progress(name, outcome.moves, budget, outcome.cost))
-        if jobs is not None:
-            return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=EXACT)
-        outcome = look(budget) if outcome.moves < budget else outcome
+    if asks_exact:
+        outcome, jobs = relay(look, ask, replace(options, budget=None).moves(tasks), budget)
+    else:
+        outcome, jobs = look(budget), None
+    notes = cut_options(problem) + _changed(expansion, outcome.changed)
+    path, at = f'mode "{name}"', expansion.mode.at
+    if jobs is not None:
+        notes.append(EXACT_ANSWERED("the exact engine answered", at=at, path=path))
+        return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=EXACT)
+    if may_ask and not asks_exact and outcome.cost:
+        help = "pip install 'halpipe[exact]'"
+        notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
     table = mode_report(model, expansion, outcome.jobs, status)

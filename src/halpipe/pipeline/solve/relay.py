@@ -1,0 +1,98 @@
+"""The annealer and the exact engine take turns on one mode, each with more work every time.
+
+Both have sets that cost them an instant and the other for ever: the annealer large ones with room, the exact engine
+small ones that leave nothing idle. Turns are counted in moves and in CP-SAT's own count of work, so that who answers
+depends on the model and the options alone, however many processors there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from halpipe.pipeline.solve.checkpoint import SAVED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from halpipe.models import Job
+    from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
+    from halpipe.pipeline.solve.kernel.search import Outcome
+    from halpipe.pipeline.solve.kernel.state import State
+
+FIRST_SHARE = 16
+"""The annealer's first turn is this part of its least budget."""
+
+FIRST_WORK = 1
+"""Deterministic seconds of the exact engine in its first turn."""
+
+FASTER = 4
+"""How many times as much a turn is as the one before."""
+
+
+def turns(least: int, budget: int) -> Iterator[tuple[int, int]]:
+    """Yield how many moves the annealer has made after each of its turns, and the work of the exact engine after it.
+
+    With a budget above `least`, which is that of a time limit, they go on and on.
+    """
+    moves, work = max(1, least // FIRST_SHARE), FIRST_WORK
+    while True:
+        yield min(moves, budget), work
+        if moves >= budget:
+            return
+        moves, work = moves * FASTER, work * FASTER
+
+
+def relay(
+    look: Callable[[int], Outcome],
+    ask: Callable[[Outcome, int, int], tuple[Job, ...] | None],
+    least: int,
+    budget: int,
+) -> tuple[Outcome, tuple[Job, ...] | None]:
+    """Let both take turns; return what the annealer came to, and the jobs that the exact engine found, if it did.
+
+    `look` goes on to so many moves in all; `ask` gets the outcome, the number of the turn and its work.
+    """
+    outcome: Outcome | None = None
+    for number, (moves, work) in enumerate(turns(least, budget)):
+        outcome = look(moves)
+        if outcome.cost == 0 or outcome.stopped:
+            break
+        jobs = ask(outcome, number, work)
+        if jobs is not None:
+            return outcome, jobs
+    assert outcome is not None, "there is at least one turn"
+    return outcome, None
+
+
+@dataclass(slots=True)
+class Memory:
+    """A keeper that remembers every search at the end of its turn, for the next; saving is left to another one."""
+
+    saver: Keeper | None = None
+    _states: dict[str, dict[str, Ints]] = field(default_factory=dict)
+
+    def restore(self, key: str, state: State) -> None:
+        """Fill a fresh state with what is remembered of it, or was saved."""
+        if key in self._states:
+            for name, values in self._states[key].items():
+                getattr(state, name)[:] = values
+        elif self.saver is not None:
+            self.saver.restore(key, state)
+
+    def keep(self, key: str, state: State, *, now: bool) -> None:
+        """Remember a state at the end of its turn."""
+        if now:
+            self._states[key] = {name: getattr(state, name)[:] for name in SAVED}
+        if self.saver is not None:
+            self.saver.keep(key, state, now=now)
+
+    def note(self, key: str, facts: Mapping[str, Ints]) -> None:
+        """Save the outcome of a stage that is over, which no later turn comes to again."""
+        if self.saver is not None:
+            self.saver.note(key, facts)
+
+    def noted(self, key: str) -> Mapping[str, Ints] | None:
+        """Return such an outcome."""
+        return None if self.saver is None else self.saver.noted(key)
