@@ -23,12 +23,12 @@ def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: I
     from dataclasses import replace
 
     from halpipe.exporters.arxml.onto.export import put_onto
-    from halpipe.exporters.selection import refuse_gaps, select
+    from halpipe.exporters.selection import refuse_early_phases, select
     from halpipe.importers.arxml.project import read_project
 
     refuse_invalid(model, schedule)
     chosen = select(model, schedule, "", "arxml")
-    refuse_gaps(chosen, "the OsTasks of the project do not wait for events", WITHOUT_ONTO)
+    refuse_early_phases(model, chosen, "the OsTasks of the project do not wait for them", WITHOUT_ONTO)
     findings = Findings()
     project = read_project([directory], model, options, findings)
     files = {

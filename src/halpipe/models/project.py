@@ -68,12 +68,17 @@ class Call:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProjectTask:
-    """An OsTask: its unit of the model (empty if not bound), its OsApplication, and whether it waits for OS events."""
+    """An OsTask: its unit of the model (empty if not bound), its OsApplication, and whether it waits for OS events.
+
+    `priority` is None if the project states none; `is_preemptive` says that OsTasks above may interrupt it anywhere.
+    """
 
     path: str
     unit: str
     application: str
     is_extended: bool
+    priority: int | None = None
+    is_preemptive: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

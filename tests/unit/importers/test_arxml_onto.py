@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import pytest
 from arxml_case import (
@@ -22,15 +21,14 @@ from arxml_case import (
 )
 
 from command_line import run_here
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
-from halpipe.exporters.arxml.onto.plan import make_onto_plan
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import project_codes
-from halpipe.importers.arxml.project import read_project
+from halpipe.importers.arxml.files import sniff
 from halpipe.importers.base import ImportOptions
 from support import job, schedule
 
@@ -321,18 +319,16 @@ def test_nothing_is_written_where_something_stands_against_it(tmp_path):
     assert "HAL0581" in done.stderr
 
 
-def test_a_job_in_several_parts_is_refused(tmp_path):
-    path = project(tmp_path)
-    model = model_of(path)
-    plan = planned(model, 0, 2)
-    (table,) = plan.modes
-    first = table.jobs[0]
-    findings = Findings()
-    read = read_project([str(tmp_path)], model, ImportOptions(), findings)
-    split = replace(plan, modes=(replace(table, jobs=(replace(first, parts=(None, None)), *table.jobs[1:])),))
-    with pytest.raises(HalpipeError) as failure:
-        make_onto_plan(model, split, read, findings)
-    assert {d.code for d in failure.value.diagnostics if d.is_error} == {codes.SPLIT_JOB.id}
+def test_a_large_project_gets_the_same(tmp_path, monkeypatch):
+    path = project(tmp_path, events=["Go"], more=[container("Os/OsStack", "Halpipe_default_First")])
+    text = path.read_text()
+    marked = text.replace("<ECUC-CONTAINER-VALUE>", '<ECUC-CONTAINER-VALUE UUID="1">')
+    path.write_text(marked.replace("<AR-PACKAGE>", '<AR-PACKAGE UUID="2">'))
+    whole = put(path)
+    monkeypatch.setattr(sniff, "LARGE_INPUT", 0)
+    assert put(path).files == whole.files
+    assert b'UUID="1"' in whole.files["delta.arxml"]
+    assert b'UUID="2"' in whole.files["delta.arxml"]
 
 
 def test_a_project_of_an_older_release_is_refused(tmp_path):

@@ -19,6 +19,7 @@ from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.ecuc import Containers, Ticks
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
+from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions,
 
     Raise `HalpipeError` with every difference, if the project is another one or changed.
     """
-    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions), whole=True)
+    tree = read_tree(paths, Findings(), Choice(options.variant, options.conditions), marks=True)
     built = _again(tree, model, paths, options, findings)
     _compare(model, built.model, findings)
     findings.stop_on_errors()
@@ -296,7 +297,15 @@ class _Reader:
         kind = task.value("OsTaskType")
         waits = any(True for _ in task.refs("OsTaskEventRef")) or (kind is not None and kind.text == "EXTENDED")
         unit = self._applications.get(owner, "") or self._only
-        return ProjectTask(path=path, unit=unit, application=owner, is_extended=waits)
+        priority, schedule = task.number("OsTaskPriority"), task.value("OsTaskSchedule")
+        return ProjectTask(
+            path=path,
+            unit=unit,
+            application=owner,
+            is_extended=waits,
+            priority=int(priority) if priority is not None else None,
+            is_preemptive=schedule is not None and schedule.text == FULL,
+        )
 
     def _call(self, member: Activation) -> Call:
         mapping, event = member.mapping, member.event

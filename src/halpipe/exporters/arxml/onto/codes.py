@@ -39,9 +39,11 @@ ALARM_LEFT = warning(
 )
 SPLIT_JOB = error(
     "HAL0887",
-    "Split jobs cannot be put onto a project",
-    "Of a job in several parts, an expiry point starts the first; nothing in the project would hold it at its split "
-    "points and let it go on. Schedule a model whose versions are not split.",
+    "Nothing in the project plays a gap of a job",
+    "A job with a gap is held if its OsTask waits for an OsEvent of its own before each of its runnables, which are "
+    "then the pieces between the split points: an expiry point sets the events of a part when the part begins. "
+    "Otherwise its OsTask must be preemptive (FULL), and have a lower OsTaskPriority than each OsTask of a job that "
+    "starts in the gap. Priorities of a project are not changed.",
 )
 CANNOT_EDIT = error(
     "HAL0886",

@@ -112,7 +112,7 @@ class _Writer:
         for task, calls in self._project.calls.items():
             point = self._first_point(task)
             for call in calls if point else ():
-                self._call(call, point)
+                self._call(call, self._later_point(call) or point)
 
     # -------------------------------------------------------------------------------------------------- tables
 
@@ -178,8 +178,18 @@ class _Writer:
         """Return the path of the expiry point at which a task first starts in the first mode that has it."""
         for placed in self._plan.tables:
             if placed.table.is_repeating and task in placed.first:
-                return f"{self._project.os_module}/{placed.table.name}/{point_name(placed.first[task])}"
+                return self._path(placed, placed.first[task])
         return ""
+
+    def _later_point(self, call: Call) -> str:
+        """Return the path of the expiry point of the part that a call begins with, empty if that is the first."""
+        for placed in self._plan.tables:
+            if placed.table.is_repeating and call.mapping in placed.later:
+                return self._path(placed, placed.later[call.mapping])
+        return ""
+
+    def _path(self, placed: Placed, offset: int) -> str:
+        return f"{self._project.os_module}/{placed.table.name}/{point_name(offset)}"
 
     def _call(self, call: Call, point: str) -> None:
         """Name the expiry point that starts an event; an alarm chosen by hand excludes it (SWS_Rte_07808)."""

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Findings, Location, about
 from halpipe.durations import Duration, greatest_common_divisor, seconds
 from halpipe.exporters.arxml.layout import ShortNames, short
-from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, SPLIT_JOB, WRONG_CORE
+from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, WRONG_CORE
+from halpipe.exporters.arxml.onto.gaps import Gaps
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.models.project import ProjectCounter
@@ -39,11 +40,15 @@ class Action:
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """A table with its counter; `first` has the offset at which each task of the model first starts in it."""
+    """A table with its counter, and where each task of the model first starts in it.
+
+    `later` has the offsets of calls (their mappings) that begin with a later part of the job.
+    """
 
     table: Table
     counter: ProjectCounter
     first: dict[str, int]
+    later: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +74,7 @@ class _Planner:
         self._units = [unit.name for unit in model.units if unit.name in units]
         taken = {path.rpartition("/")[2] for path in project.items if path.startswith(project.os_module + "/")}
         self._names = ShortNames(*taken)
+        self._gaps = Gaps(model, schedule, project)
         self._actions: dict[str, Action] = {}
 
     def plan(self) -> OntoPlan:
@@ -79,7 +85,8 @@ class _Planner:
                 used.setdefault(job.task, set()).update(job.units)
         for task, units in used.items():
             starts[task] = self._starts(task, units)
-        self._refuse_split()
+        self._findings.stop_on_errors()
+        self._gaps.check(self._findings)
         self._findings.stop_on_errors()
         self._report_shared(starts)
         self._actions = {action.key: action for found in starts.values() for action in found}
@@ -94,12 +101,6 @@ class _Planner:
         self._findings.extend(findings.items)
         self._findings.stop_on_errors()
         return OntoPlan(tuple(placed), tuple(new), self._actions)
-
-    def _refuse_split(self) -> None:
-        split = sorted({job.task for _, _, _, jobs in self._tables for job in jobs if len(job.parts) > 1})
-        for task in split:
-            help = "import it again without split points, and schedule again"
-            self._findings.add(SPLIT_JOB("has jobs in several parts", path=about(task=task), help=help))
 
     # ------------------------------------------------------------------------------------------------- starts
 
@@ -220,6 +221,9 @@ class _Planner:
             if mine:
                 yield mode, f'the end of "{target or mode}"', length
                 yield from ((mode, f'job {job.index} of "{job.task}"', job.start) for job in mine)
+                for job in mine:
+                    held = [number for _, number in self._gaps.calls(job) if number]
+                    yield from ((mode, f'a part of job {job.index} of "{job.task}"', job.parts[k].start) for k in held)
 
     # -------------------------------------------------------------------------------------------------- tables
 
@@ -235,14 +239,25 @@ class _Planner:
         for mode, target, length, jobs in self._tables:
             points: dict[int, dict[str, None]] = {}
             first: dict[str, int] = {}
+            later: dict[str, int] = {}
             for job in sorted((job for job in jobs if unit in job.units), key=lambda job: job.start):
-                offset = ticks.ticks(job.start)
-                first.setdefault(job.task, offset)
-                points.setdefault(offset, {}).update(dict.fromkeys(action.key for action in starts[job.task]))
+                first.setdefault(job.task, ticks.ticks(job.start))
+                for calls, number in self._gaps.calls(job):
+                    offset = ticks.ticks(job.parts[number].start if number else job.start)
+                    found = self._started(job.task, calls, starts)
+                    points.setdefault(offset, {}).update(dict.fromkeys(action.key for action in found))
+                    if number:
+                        later.update({call.mapping: offset for call in calls if call.mapping not in later})
             if points:
                 name = names("Halpipe", *([mode, "to", target] if target else [mode]), short(unit))
-                found = tuple(ExpiryPoint(offset, tuple(points[offset])) for offset in sorted(points))
-                yield Placed(Table(name, unit, mode, target, ticks.ticks(length), found), counter, first)
+                placed = tuple(ExpiryPoint(offset, tuple(points[offset])) for offset in sorted(points))
+                yield Placed(Table(name, unit, mode, target, ticks.ticks(length), placed), counter, first, later)
+
+    def _started(self, task: str, calls: Sequence[Call], starts: dict[str, tuple[Action, ...]]) -> Iterable[Action]:
+        """Return what starts some calls of a task: all that starts it, unless they are a part of them."""
+        if len(calls) == len(self._project.calls.get(task, ())):
+            return starts[task]
+        return [action for call in calls for action in self._of_call(call)]
 
 
 def _tables(schedule: Schedule) -> Iterator[tuple[str, str, Duration, tuple[Job, ...]]]:

@@ -59,10 +59,11 @@ STATIC-MEMORYS SW-DATA-DEF-PROPS
 """
 
 
-def tags_to_drop(namespace: str) -> list[str]:
-    """Return the tags, with their namespace, of what may be dropped, or is made smaller."""
+def tags_to_drop(namespace: str, *, marks: bool = False) -> list[str]:
+    """Return the tags, with their namespace, of what may be dropped or made smaller; not of `marks` to keep."""
     tags = (*_ELEMENTS.split(), *_PARTS.split(), *_PARAMETERS, _CONTAINER, _ADMIN, _PACKAGE)
-    return [f"{{{namespace}}}{tag}" for tag in tags]
+    kept = ("ANNOTATIONS", _PACKAGE) if marks else ()
+    return [f"{{{namespace}}}{tag}" for tag in tags if tag not in kept]
 
 
 @cache
@@ -81,10 +82,12 @@ class Slimming:
     """Decides what of one file is dropped, and remembers what that was.
 
     `dropped` counts elements with a short name by kind; `symbols` has the values, with a line, of the floating point
-    parameters of dropped containers by name, since a period may be the name of one.
+    parameters of dropped containers by name, since a period may be the name of one. With `marks`, what an export onto
+    the project needs is kept: UUIDs, classes of definitions, annotations, and every container of Os, Rte and EcuC.
     """
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, *, marks: bool = False) -> None:
+        self._marks = marks
         self._ns = f"{{{namespace}}}"
         self._short_name, self._definition = self._ns + "SHORT-NAME", self._ns + "DEFINITION-REF"
         self._numerical = self._ns + _PARAMETERS[0]
@@ -122,7 +125,7 @@ class Slimming:
         steps = self._steps(container)
         for module, kinds in _KEPT.items():
             if module in steps:
-                return not steps[-1].startswith(kinds) and self._count(container)
+                return not (self._marks or steps[-1].startswith(kinds)) and self._count(container)
         return self._count(container)
 
     def _drops_admin(self, admin: etree._Element) -> bool:

@@ -75,18 +75,18 @@ def load(
     paths: Sequence[str],
     findings: Findings,
     *,
-    whole: bool = False,
+    marks: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> list[Document]:
     """Parse every file of `paths`; what a directory holds besides is skipped, what was named directly is an error.
 
-    Of a large input, what cannot matter to timing is left out, unless the `whole` of it is wanted.
+    Of a large input, what cannot matter to timing is left out, and so are the `marks` of tools unless they are wanted.
 
     Raise `HalpipeError` if any file named directly cannot be used, or if none is left.
     """
     suffixes = (".arxml", ".xdm")
-    is_large = not whole and sum(map(input_size, find_inputs(paths, suffixes))) > LARGE_INPUT
-    slim = SlimReader(on_progress)
+    is_large = sum(map(input_size, find_inputs(paths, suffixes))) > LARGE_INPUT
+    slim = SlimReader(on_progress, marks=marks)
     read, note = (slim, slim.show) if is_large else (read_whole, on_progress)
     documents = read_inputs(paths, suffixes, read, codes.SKIPPED_FILE, codes.NO_INPUT, findings, note)
     findings.stop_on_errors()
@@ -104,9 +104,10 @@ def read_whole(name: str) -> Document:
 class SlimReader:
     """Parses the files of a large input, without what cannot matter to timing."""
 
-    def __init__(self, on_progress: Callable[[int, int], None] | None = None) -> None:
+    def __init__(self, on_progress: Callable[[int, int], None] | None = None, *, marks: bool = False) -> None:
         self._on_progress = on_progress
-        self._parser = LargeXmlParser(tags_to_drop(NAMESPACE))
+        self._marks = marks
+        self._parser = LargeXmlParser(tags_to_drop(NAMESPACE, marks=marks))
         self._done = self._total = 0
 
     def show(self, done: int, total: int) -> None:
@@ -122,7 +123,7 @@ class SlimReader:
         """Parse a file."""
         if name == STDIO:
             return read_whole(name)
-        slim = Slimming(NAMESPACE)
+        slim = Slimming(NAMESPACE, marks=self._marks)
         try:
             with open_input(name) as stream:
                 root = self._parser.parse(stream, name, slim.drops, self._show)

@@ -34,14 +34,14 @@ def read_tree(
     findings: Findings,
     choice: Choice | None = None,
     *,
-    whole: bool = False,
+    marks: bool = False,
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Tree:
-    """Parse and merge all files, of one variant if one is chosen, and wholly if `whole`, however large they are.
+    """Parse and merge all files, of one variant if one is chosen, with the `marks` of tools if those are wanted.
 
     Raise `HalpipeError` if nothing in them could be a task.
     """
-    tree = Tree(load(paths, findings, whole=whole, on_progress=on_progress), findings, choice)
+    tree = Tree(load(paths, findings, marks=marks, on_progress=on_progress), findings, choice)
     _check_platform(tree)
     return tree
 
