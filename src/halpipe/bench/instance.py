@@ -49,7 +49,7 @@ class Instance:
 def measure(instance: Instance) -> dict[str, Any]:
     """Return the record of one instance: its key, the ``result``, which is reproducible, and the ``timing``."""
     _warm_up()
-    model = instance.parameters.draw(instance.seed)
+    model = _draw(instance.parameters, instance.seed)
     document = format_model(model)
     made = achieved(model)
     result: dict[str, Any] = {
@@ -67,6 +67,10 @@ def measure(instance: Instance) -> dict[str, Any]:
     if instance.exact_seconds:
         timing["exact"] = _exact(model, instance)
     return {"key": instance.key, "seed": instance.seed, "result": result, "timing": timing}
+
+
+def _draw(cell: Cell, seed: int) -> TaskModel:
+    return generate(cell, seed) if isinstance(cell, SetParameters) else cell.draw(seed)
 
 
 def _schedule(instance: Instance, source: str, target: str, result: dict[str, Any], timing: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from halpipe.bench.real import Engine, EngineControl, Waters2019
 from halpipe.durations import Duration, milliseconds, seconds
@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
 
 
-class Cell(Protocol):
+class Family(Protocol):
     """A family of systems, one for each seed."""
 
     def draw(self, seed: int) -> TaskModel:
         """Return the system of a seed."""
+
+
+Cell: TypeAlias = "SetParameters | Family"
+"""What sets are drawn from: parameters of generated ones, or systems of another kind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from halpipe.importers.base import Coverage, Imported
 
 T = TypeVar("T")
-SHOWN_REASONS = 12
 _LARGE = 32 * 2**20
 """Bytes of an input from which on its progress is shown."""
 

@@ -45,7 +45,6 @@ class Exporter(Protocol):
     summary: str
     help: str
     extent: Extent
-    needs_schedule: bool
     suffix: str
     options: type[ExportOptions]
     titled: bool
@@ -70,7 +69,6 @@ class PlainExporter:
     """What most exporters are, and inherit."""
 
     help = ""
-    needs_schedule = True
     options: type[ExportOptions] = ExportOptions
     titled = False
     shown = ""

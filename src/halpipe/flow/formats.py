@@ -79,10 +79,10 @@ def deployment(name: str) -> Deployment:
 
 def import_model(format: str, paths: Sequence[str], overlays: Sequence[str], options: ImportOptions) -> Imported:
     """Read sources, put the overlay onto the result, and say whether it can be scheduled."""
-    from halpipe.importers.overlay import read_overlays
+    from halpipe.importers.overlay import OverlayUse, read_overlays
 
     reader = importer(format)
-    overlay = read_overlays(overlays).begin()
+    overlay = OverlayUse(read_overlays(overlays))
     imported = reader.read(paths, replace(options, overlay=overlay))
     model, changes = overlay.apply(imported.model, imported.coverage)
     imported = replace(imported, model=model, diagnostics=(*imported.diagnostics, *changes)).completed()

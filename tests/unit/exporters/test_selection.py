@@ -36,7 +36,6 @@ def test_a_format_that_shows_jobs_needs_a_schedule(exporter):
     with pytest.raises(HalpipeError) as caught:
         exporter.write(system, None, ExportOptions())
     assert [d.code for d in caught.value.diagnostics] == ["HAL0801"]
-    assert exporter.needs_schedule
 
 
 @pytest.mark.parametrize("exporter", [REPORT, TRACE, GRAPH])

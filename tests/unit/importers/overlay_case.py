@@ -8,7 +8,7 @@ from pathlib import Path
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.importers.base import Coverage
-from halpipe.importers.overlay import read_overlays
+from halpipe.importers.overlay import OverlayUse, read_overlays
 from support import after, chain, model, task, version
 
 FIXTURES = Path(__file__).parent / "overlay_fixtures"
@@ -47,7 +47,7 @@ def overlay(tmp_path, *texts):
 def apply(given, to=None):
     """Apply an overlay; return the model, the diagnostics and the account."""
     coverage = Coverage()
-    result, diagnostics = given.begin().apply(to or imported(), coverage)
+    result, diagnostics = OverlayUse(given).apply(to or imported(), coverage)
     return result, diagnostics, coverage
 
 

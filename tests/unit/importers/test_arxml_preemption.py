@@ -19,7 +19,7 @@ from arxml_case import (
 from halpipe.durations import Duration
 from halpipe.importers.arxml import FORMAT, codes
 from halpipe.importers.base import ImportOptions
-from halpipe.importers.overlay.reader import read_overlays
+from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.models import WHOLE, Binding, Split
 
 UPPER = ("ANALYZED-EXECUTION-TIME", "WORST-CASE-EXECUTION-TIME")
@@ -49,7 +49,7 @@ def imported(folder, schedule, *more, overlay="", times=(1, 7), **options):
     if overlay:
         file = folder / "overlay.yaml"
         file.write_text("halpipe-overlay: 1\n" + overlay)
-        used = read_overlays([str(file)]).begin()
+        used = OverlayUse(read_overlays([str(file)]))
     return FORMAT.read([str(project(folder, schedule, *more, times=times))], ImportOptions(overlay=used, **options))
 
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 from overlay_case import applied, apply, imported, overlay
 
 from halpipe.importers.base import Coverage
-from halpipe.importers.overlay import codes
+from halpipe.importers.overlay import OverlayUse, codes
 from halpipe.models import AccessKind, HealthAction, HealthEvent, Mode, Origin, Run, Source, Transfer
 from support import access, mode, model, ms, task, version
 
@@ -203,12 +203,12 @@ def test_dropped_tasks_go_with_what_the_source_says_of_them(tmp_path):
 
 
 def test_drop_can_be_stated_with_the_task_and_taken_back_for_one(tmp_path):
-    use = overlay(tmp_path, 'tasks: {"/debug/*": {drop: true}, /debug/view: {drop: false}}').begin()
+    use = OverlayUse(overlay(tmp_path, 'tasks: {"/debug/*": {drop: true}, /debug/view: {drop: false}}'))
     assert [use.drops(name) for name in ("/debug/view", "/debug/plot", "/planning")] == [False, True, False]
 
 
 def test_the_drop_list_is_asked_for_any_element_and_marks_its_entries_as_used(tmp_path):
-    use = overlay(tmp_path, "drop: [/rviz*, /tf]\ntasks: {/rviz2: {wcet: 1ms}}").begin()
+    use = OverlayUse(overlay(tmp_path, "drop: [/rviz*, /tf]\ntasks: {/rviz2: {wcet: 1ms}}"))
     assert [use.drops(name) for name in ("/rviz2", "/tf", "/scan")] == [True, True, False]
     _, diagnostics = use.apply(imported(), Coverage())
     assert diagnostics == ()
@@ -229,7 +229,7 @@ def test_entries_that_match_nothing_do_not_hide_each_other(tmp_path):
 
 
 def test_source_periods_by_name_and_glob(tmp_path):
-    use = overlay(tmp_path, 'sources: {"/cam*": {period: 50ms}, /camera_left: {period: 20ms}}').begin()
+    use = OverlayUse(overlay(tmp_path, 'sources: {"/cam*": {period: 50ms}, /camera_left: {period: 20ms}}'))
     periods = [use.source_period(name) for name in ("/camera_left", "/camera_right", "/scan")]
     assert periods == [ms(20), ms(50), None]
 

@@ -7,7 +7,7 @@ from overlay_case import FIXTURES, apply, imported, marks, overlay, refusal
 
 from halpipe.diagnostics import REGISTER
 from halpipe.importers.base import Coverage
-from halpipe.importers.overlay import codes, read_overlays
+from halpipe.importers.overlay import OverlayUse, codes, read_overlays
 from halpipe.quantities import parse_bandwidth
 from support import ms
 
@@ -85,7 +85,7 @@ def test_the_nearest_name_of_the_model_is_suggested(fixture, line, near):
 
 
 def test_a_source_that_no_import_asks_for_is_reported_with_those_it_asked_for(tmp_path):
-    use = overlay(tmp_path, "sources: {/scam: {period: 25ms}}").begin()
+    use = OverlayUse(overlay(tmp_path, "sources: {/scam: {period: 25ms}}"))
     assert use.source_period("/scan") is None
     _, diagnostics = use.apply(imported(), Coverage())
     assert [(d.code, d.help) for d in diagnostics] == [(codes.MATCHES_NOTHING.id, 'did you mean "/scan"?')]
@@ -102,7 +102,7 @@ tasks:
     wcet: 100/3ms
 """
     given = overlay(tmp_path, text)
-    use = given.begin()
+    use = OverlayUse(given)
     assert use.source_period("/camera") == ms("1/30s")
     result, _, _ = apply(given)
     planning = result.task("/planning")

@@ -9,7 +9,7 @@ from overlay_case import bare
 from halpipe.files import parse_yaml, read_bytes
 from halpipe.importers.base import ImportOptions
 from halpipe.importers.native.model import read_model
-from halpipe.importers.overlay import read_overlays
+from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.importers.ros import FORMAT
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.health import with_reactions
@@ -75,7 +75,7 @@ def errors(system, schedule):
 
 
 def test_the_graph_with_its_overlay_is_the_model_written_by_hand(written):
-    use = read_overlays([str(EXAMPLE / "overlay.yaml")]).begin()
+    use = OverlayUse(read_overlays([str(EXAMPLE / "overlay.yaml")]))
     graph = FORMAT.read([str(EXAMPLE / "graph" / "architecture.yaml")], ImportOptions(overlay=use))
     imported, diagnostics = use.apply(graph.model, graph.coverage)
     assert [d for d in diagnostics if d.is_error] == []

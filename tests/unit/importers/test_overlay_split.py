@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from overlay_case import applied, apply, imported, overlay
 
-from halpipe.importers.overlay import codes
+from halpipe.importers.overlay import OverlayUse, codes
 from halpipe.models import Binding, Interrupt, Split
 from support import model, ms, task, version
 
@@ -99,8 +99,8 @@ def test_interrupts_of_listed_units(tmp_path):
 def test_interrupts_join_the_units_of_the_source(tmp_path):
     text = 'platform: {interrupts: [{units: "core*", name: timer, distance: 1ms, wcet: 10us}]}'
     given = overlay(tmp_path, text)
-    assert given.begin().states_interrupt("timer")
-    assert not given.begin().states_interrupt("other")
+    assert OverlayUse(given).states_interrupt("timer")
+    assert not OverlayUse(given).states_interrupt("other")
     assert bare(apply(given)[0].units[0].interrupts) == [TIMER]
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from halpipe.cli.export.command import parameter
+from halpipe.cli.export.request import parameter
 from halpipe.cli.export.writing import export_files
 
 if TYPE_CHECKING:
-    from halpipe.cli.export.command import Request
+    from halpipe.cli.export.request import Request
 
 Graph = Annotated[
     list[str] | None, typer.Option(metavar="PATH", help="Graph or trace that says which callback each task is.")

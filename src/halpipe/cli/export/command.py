@@ -3,32 +3,21 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.export import callbacks, onto
+from halpipe.cli.export.request import Request, parameter
 from halpipe.cli.export.writing import Folder, ModeName, OptionalSchedule, Title, export_files
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, ScheduleFile, Verbose
 from halpipe.exporters.choices import Choice, Form, choices
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator
 
-    from halpipe.exporters.base import Exporter, ExportOptions
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What the user asks of an exporter: the files, and the options of the format; `given` are the further ones."""
-
-    exporter: Exporter
-    model: str
-    schedule: str
-    target: str
-    options: ExportOptions
-    given: Mapping[str, Any]
+    from halpipe.exporters.base import Exporter
 
 
 def command_of(exporter: Exporter) -> Callable[..., int]:
@@ -54,19 +43,10 @@ def command_of(exporter: Exporter) -> Callable[..., int]:
 def _further(name: str) -> tuple[list[inspect.Parameter], Callable[[Request], int]]:
     """Return what the command of a format takes beyond what the exporter states, and what it then does."""
     if name == "arxml":
-        from halpipe.cli.export import onto
-
         return onto.PARAMETERS, onto.export
     if name == "ros":
-        from halpipe.cli.export import callbacks
-
         return callbacks.PARAMETERS, callbacks.export
     return [], export_files
-
-
-def parameter(name: str, annotation: Any, default: Any = inspect.Parameter.empty) -> inspect.Parameter:
-    """Return a parameter of a command."""
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
 def _common(exporter: Exporter) -> Iterator[inspect.Parameter]:

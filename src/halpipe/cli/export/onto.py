@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.export.command import parameter
+from halpipe.cli.export.request import parameter
 from halpipe.cli.export.writing import export_files
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
-    from halpipe.cli.export.command import Request
+    from halpipe.cli.export.request import Request
     from halpipe.importers.base import ImportOptions
 
 Project = Annotated[

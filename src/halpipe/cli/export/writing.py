@@ -14,7 +14,7 @@ from halpipe.diagnostics import Exit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.cli.export.command import Request
+    from halpipe.cli.export.request import Request
     from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.base import ExportOptions
 

@@ -17,7 +17,10 @@ from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from halpipe.deploy.riscv.target import Site
+    from halpipe.diagnostics import Diagnostic
 
 EMULATOR = "qemu-system-riscv64"
 SECONDS = 6
@@ -29,6 +32,14 @@ _MACHINE, _MEMORY = "-machine", "-m"
 _OTHER = ["-display", "none", "-monitor", "none", "-serial", "null", "-no-reboot", "-icount", "shift=0,sleep=off"]
 _HOSTING = ["-semihosting-config", "enable=on,target=native"]
 _WORDS = 18
+
+_STATES = {
+    0: "the management core did not come to the first table",
+    1: "it was still playing",
+    3: "an application core did not answer when it was started",
+    4: "the management core trapped",
+}
+FINISHED = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,3 +143,13 @@ def _read(file: Path, site: Site, said: bytes | None) -> Played:
         recording = read_recording(read, site.trace, traced, site.faults, faults)
         buffers = {name: read(area.base, area.size) for name, area in site.buffers.items()}
     return Played(recording, words, buffers, said is not None)
+
+
+def is_over(played: Played) -> Iterator[Diagnostic]:
+    """Yield what kept a run from its end."""
+    if played.state == FINISHED:
+        return
+    message = _STATES.get(played.state, f"the runtime is in state {played.state}") + " at the end"
+    if not played.is_over:
+        message += "; the emulator was ended, for it would not have come to one"
+    yield codes.NOT_FINISHED(message, help="play the bundle with --engine cosim to see more")

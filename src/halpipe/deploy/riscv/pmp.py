@@ -48,11 +48,6 @@ class Protection:
         """Whether any entry binds machine mode."""
         return any(config & _LOCK for config in self._config)
 
-    @property
-    def is_armed(self) -> bool:
-        """Whether any entry is in force."""
-        return any(config >> 3 & 3 for config in self._config)
-
     def read(self, csr: int) -> int:
         """Return the value of a register; of the 64-bit architecture only even ``pmpcfg`` are there, the others 0."""
         if csr >= ADDRESS:

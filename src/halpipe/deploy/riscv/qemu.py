@@ -16,7 +16,7 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.check import CYCLES, simulate, static_findings, tolerance_of
 from halpipe.deploy.riscv.cosimulation import PROGRAM, read_images
-from halpipe.deploy.riscv.emulator import EMULATOR, find_emulator, play
+from halpipe.deploy.riscv.emulator import EMULATOR, find_emulator, is_over, play
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.records import hold
 from halpipe.deploy.riscv.sequence import Request, Tour, played_tables
@@ -32,15 +32,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.riscv.target import Site
     from halpipe.diagnostics import Diagnostic
 
-__all__ = ["EMULATOR", "Leg", "check_by_qemu", "is_over", "legs"]
-
-_STATES = {
-    0: "the management core did not come to the first table",
-    1: "it was still playing",
-    3: "an application core did not answer when it was started",
-    4: "the management core trapped",
-}
-FINISHED = 2
+__all__ = ["EMULATOR", "Leg", "check_by_qemu", "legs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,16 +115,6 @@ def legs(target: Target, cycles: int) -> list[Leg]:
     found = [Leg(t.source, t.target, 2 + cycles) for t in schedule.transitions]
     seen = {name for leg in found for name in (leg.first, leg.to)}
     return found + [Leg(mode.name, "", cycles) for mode in schedule.modes if mode.name not in seen]
-
-
-def is_over(played: Played) -> Iterator[Diagnostic]:
-    """Yield what kept a run from its end."""
-    if played.state == FINISHED:
-        return
-    message = _STATES.get(played.state, f"the runtime is in state {played.state}") + " at the end"
-    if not played.is_over:
-        message += "; the emulator was ended, for it would not have come to one"
-    yield codes.NOT_FINISHED(message, help="play the bundle with --engine cosim to see more")
 
 
 def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:

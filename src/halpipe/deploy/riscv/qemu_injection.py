@@ -10,7 +10,7 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.containment import FROM_RUNTIME, prefixed
 from halpipe.deploy.riscv.cosimulation import PROGRAM, read_images
 from halpipe.deploy.riscv.elf import offset_of
-from halpipe.deploy.riscv.emulator import play
+from halpipe.deploy.riscv.emulator import is_over, play
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.injection import CODES, Injection, Kind, code_of
 from halpipe.deploy.riscv.observation import Outcome
@@ -101,16 +101,10 @@ def _run(
     played = play(bytes(program), site, emulator, mode, 0, CYCLES, health=False)
     failed = [_fail(job, failing, site) for job in jobs]
     held = hold(site, played.recording, tables, failed, _starved(failed))
-    findings = [*_is_over(played), *held.findings]
+    findings = [*is_over(played), *held.findings]
     findings += _unwritten(site, jobs, failing, played)
     told = {(d.code, d.path) for d in found.findings}
     found.findings += [d for d in prefixed(findings) if (d.code, d.path) not in told]
-
-
-def _is_over(played: Played) -> Iterator[Diagnostic]:
-    from halpipe.deploy.riscv.qemu import is_over
-
-    yield from is_over(played)
 
 
 def _patch(program: bytearray, site: Site, image: Image, kind: Kind) -> bool:

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.exporters.amalthea.options import RELEASES, AmaltheaOptions
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
-
-RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AmaltheaOptions(ExportOptions):
-    """`release`: the version of APP4MC whose format is written, one of `RELEASES`; the title is not used."""
-
-    release: str = choice(RELEASES[-1], f"Release of APP4MC to write for, {RELEASES[0]} to {RELEASES[-1]}.")
 
 
 class AmaltheaExporter(PlainExporter):
@@ -54,7 +44,6 @@ class AmaltheaExporter(PlainExporter):
             "Values that AMALTHEA rounds (picoseconds, whole ticks) stay exact in custom properties.",
         ),
     )
-    needs_schedule = False
     suffix = ".amxmi"
     options = AmaltheaOptions
 
@@ -64,5 +53,7 @@ class AmaltheaExporter(PlainExporter):
 
         return {"": format_amalthea(model, schedule, specific(AmaltheaOptions, options))}
 
+
+__all__ = ["FORMAT", "RELEASES", "AmaltheaExporter", "AmaltheaOptions"]
 
 FORMAT = AmaltheaExporter()

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, about
-from halpipe.exporters.amalthea import RELEASES
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.amalthea.constraints import Events, write_constraints
 from halpipe.exporters.amalthea.document import NONE, add, add_property, add_structure, document, serialise
+from halpipe.exporters.amalthea.options import RELEASES
 from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.exporters.amalthea import AmaltheaOptions
+    from halpipe.exporters.amalthea.options import AmaltheaOptions
     from halpipe.models import HealthRule, Schedule, TaskModel
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
-from halpipe.exporters.arxml import RELEASES
+from halpipe.exporters.arxml.options import RELEASES
 from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:

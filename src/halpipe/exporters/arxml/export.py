@@ -6,7 +6,6 @@ import re
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, about
-from halpipe.exporters.arxml import PARTS, RELEASES
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.document import (
     add,
@@ -24,6 +23,7 @@ from halpipe.exporters.arxml.guarantees import write_guarantees
 from halpipe.exporters.arxml.holds import Holds
 from halpipe.exporters.arxml.layout import Layout
 from halpipe.exporters.arxml.modes import disabled_modes, write_modes
+from halpipe.exporters.arxml.options import PARTS, RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os
 from halpipe.exporters.arxml.platform import write_platform
 from halpipe.exporters.arxml.rteconfig import write_rte
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.exporters.arxml import ArxmlOptions
+    from halpipe.exporters.arxml.options import ArxmlOptions
     from halpipe.models import Schedule, TaskModel
 
 _PREFIX = re.compile(r"(/[A-Za-z][A-Za-z0-9_]{0,127})+")

@@ -14,8 +14,8 @@ from halpipe.exporters.arxml.document import seconds_text
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.exporters.arxml import ArxmlOptions
     from halpipe.exporters.arxml.holds import Holds
+    from halpipe.exporters.arxml.options import ArxmlOptions
     from halpipe.models import Job, Schedule
 
 _LONGEST = seconds(1)

@@ -37,7 +37,6 @@ class GraphExporter(PlainExporter):
         },
         ("It is a picture and is not read back.",),
     )
-    needs_schedule = False
     suffix = ".dot"
     options = GraphOptions
     titled = True

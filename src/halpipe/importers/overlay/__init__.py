@@ -4,7 +4,7 @@ Public ARXML and ROS graphs state no WCETs, no memory phases and mostly no deadl
 the names of the imported elements or by globs of those names::
 
     overlay = read_overlays(["base.yaml", "board.yaml"])     # later files win
-    use = overlay.begin()                                    # one import
+    use = OverlayUse(overlay)                                # one import
     use.drops("/rviz")                                       # asked by the importer while it reads
     use.source_period("/scan")
     model, diagnostics = use.apply(model, coverage)          # everything else, at the end

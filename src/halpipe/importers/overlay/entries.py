@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
-    from halpipe.importers.overlay.use import OverlayUse
     from halpipe.models import (
         Access,
         Chain,
@@ -96,12 +95,6 @@ class Overlay:
     chains: Mapping[str, Chain] = field(default_factory=dict)
     health: tuple[HealthRule, ...] = ()
     drops: tuple[Stated[str], ...] = ()
-
-    def begin(self) -> OverlayUse:
-        """Start one import: the result remembers which entries matched something."""
-        from halpipe.importers.overlay.use import OverlayUse
-
-        return OverlayUse(self)
 
 
 def merge(overlays: Iterable[Overlay]) -> Overlay:

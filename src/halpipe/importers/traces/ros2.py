@@ -60,11 +60,6 @@ class RosTrace:
     has_switches: bool = False
     discarded: int = 0
 
-    @property
-    def is_lossless(self) -> bool:
-        """Whether no event is known to be missing."""
-        return not self.discarded
-
 
 def read_ros_trace(root: str, findings: Findings) -> RosTrace:
     """Read the trace in a directory; raise `HalpipeError` if there is none that can be read."""

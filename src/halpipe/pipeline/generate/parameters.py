@@ -14,7 +14,6 @@ from halpipe.pipeline.generate.codes import BAD_PARAMETER
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.models import TaskModel
 
 TICK = Duration(1000)
 """The grid of all generated times (D): one microsecond."""
@@ -75,12 +74,6 @@ class SetParameters:
     def span(self) -> Duration:
         """The hyperperiod t_P."""
         return least_common_multiple(self.periods) if self.periods else self.hyperperiod
-
-    def draw(self, seed: int) -> TaskModel:
-        """Return the set of a seed."""
-        from halpipe.pipeline.generate.system import generate
-
-        return generate(self, seed)
 
     def check(self) -> None:
         """Raise `HalpipeError` with everything that no set could have."""

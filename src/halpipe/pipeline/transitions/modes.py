@@ -40,10 +40,6 @@ class Window:
         """Return the instant of a predecessor job from which the window counts."""
         return job.end if self.from_end else job.start
 
-    def met_by(self, start: int, predecessors: list[LineJob]) -> bool:
-        """Return whether some predecessor job lies in the window of a job that starts at `start`."""
-        return any(self.low <= start - self.instant(job) <= self.high for job in predecessors)
-
 
 @dataclass(frozen=True)
 class GridMode:

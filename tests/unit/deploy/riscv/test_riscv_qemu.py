@@ -8,8 +8,8 @@ from riscv_target import bundle, target
 
 from halpipe.deploy.base import CheckOptions, Target
 from halpipe.deploy.riscv import DEPLOYMENT, codes, emulator
+from halpipe.deploy.riscv.emulator import is_over
 from halpipe.deploy.riscv.expectation import PlannedExecution, PlannedJob
-from halpipe.deploy.riscv.qemu import is_over
 from halpipe.deploy.riscv.recording import Flag, Kind, Record, Recording
 from halpipe.deploy.riscv.records import hold
 from halpipe.deploy.riscv.sequence import Played
