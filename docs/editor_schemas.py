@@ -209,11 +209,14 @@ def _pipeline() -> dict[str, Any]:
     steps = []
     for name in formats(EXPORTERS):
         kind = exporter(name).options
-        step = Outline(("output", "mode", "title"), {each.name: each.help for each in choices(kind)})
+        said = {each.name: each.help for each in choices(kind)}
+        step = Outline(("output", "mode", "title"), meanings("pipeline.md") | said if name in plan.BESIDES else said)
         options_of(kind, ExportOptions(), step, "")
         for each in choices(kind):
             if each.form is Form.NAMES:
                 step.asked[each.name] = {"type": "object", "additionalProperties": form_of(each.read)}
+        for key in plan.BESIDES.get(name, ()):
+            step.get(key, str)
         step.asked["format"] = {"const": name}
         step.required += ["format", "output"]
         steps.append(step.schema())

@@ -22,12 +22,14 @@ def run(
     verbose: Verbose = False,
 ) -> int:
     """Run a whole pipeline from one file: import, validate, schedule, verify, export."""
+    from halpipe.cli.export.onto import write_onto
     from halpipe.cli.export.writing import write_export
     from halpipe.cli.import_ import summarise
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.exporters.native import format_model
     from halpipe.files import refuse_inputs, write_output
     from halpipe.flow import formats
+    from halpipe.flow.onto import export_onto
     from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
 
@@ -48,6 +50,9 @@ def run(
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
+        if step.onto:
+            write_onto(export_onto(model, schedule, step.onto, step.source), step.output)
+            continue
         exported = formats.export_with_remarks(step.format, model, schedule, step.options)
         output.report(exported.remarks)
         write_export(exported.contents, step.output)

@@ -5,7 +5,7 @@ Paths in it are relative to the file itself, so that a pipeline means the same f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +41,8 @@ _IMPORT = (
 )
 _SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
 _EXPORT = ("format", "output", "mode", "title")
+BESIDES = {"arxml": ("onto",)}
+"""Keys of an export besides the options of its format."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +57,13 @@ class ImportStep:
 
 @dataclass(frozen=True, slots=True)
 class ExportStep:
-    """What to write from the verified schedule."""
+    """What to write from the verified schedule; with `onto`, onto the project that was imported with `source`."""
 
     format: str
     output: str
     options: ExportOptions
+    onto: str = ""
+    source: ImportOptions = field(default_factory=ImportOptions)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +103,14 @@ class _Reader:
         schedule = top.section("schedule", _SCHEDULE, "schedule")
         if schedule is not None:
             schedule.require("output")
+        source = None if imports is None else self._import(imports)
+        used = ImportOptions() if source is None else source.options
         return Plan(
-            imports=None if imports is None else self._import(imports),
+            imports=source,
             model=top.value("model", self._path, ""),
             search=SearchOptions() if schedule is None else self._search(schedule),
             schedule="" if schedule is None else schedule.value("output", self._path, ""),
-            exports=tuple(self._export(f) for f in top.items("exports", (), "export")),
+            exports=tuple(self._export(f, used) for f in top.items("exports", (), "export")),
         )
 
     def _path(self, text: str) -> str:
@@ -161,15 +167,16 @@ class _Reader:
             self._findings.extend(failure.diagnostics)
             return None
 
-    def _export(self, f: Fields) -> ExportStep:
+    def _export(self, f: Fields, used: ImportOptions) -> ExportStep:
         f.require("format", "output")
         name = self._format(f, exporter)
         options = ExportOptions(mode=f.value("mode", str, ""), title=f.value("title", str, ""))
         if name:
             kind = exporter(name).options
-            f.allow((*_EXPORT, *keys_of(kind)))
+            f.allow((*_EXPORT, *keys_of(kind), *BESIDES.get(name, ())))
             options = options_of(kind, options, f, str(self._base))
-        return ExportStep(name, f.value("output", self._path, ""), options)
+        step = ExportStep(name, f.value("output", self._path, ""), options)
+        return replace(step, onto=f.value("onto", self._path, ""), source=used) if name in BESIDES else step
 
 
 def _grid(text: str) -> Duration:

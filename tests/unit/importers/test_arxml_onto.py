@@ -306,6 +306,31 @@ def test_the_command_writes_a_folder_and_lists_the_changes(tmp_path):
     assert "RteUsedOsAlarmRef: /E/Os/ByHand -> (nothing)" in done.stderr
 
 
+def test_a_pipeline_puts_its_schedule_onto_the_project(tmp_path):
+    source = tmp_path / "in"
+    source.mkdir()
+    project(source)
+    (tmp_path / "wcet.yaml").write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
+    text = """halpipe-pipeline: 1
+import: {format: arxml, inputs: in, overlay: wcet.yaml}
+model: model.xml
+schedule: {output: schedule.xml, tick: 1ms}
+exports:
+  - {format: arxml, onto: in, output: out}
+"""
+    (tmp_path / "pipeline.yaml").write_text(text)
+    done = run_here(tmp_path, "run", "pipeline.yaml")
+    assert done.returncode == 0
+    assert "/E/Rte/Car_p/Pump_B_Tick RteUsedOsAlarmRef: /E/Os/ByHand -> (nothing)" in done.stderr
+    again = run_here(tmp_path, "export", "arxml", "model.xml", "schedule.xml", "--onto", "in", "-o", "other")
+    assert again.returncode == 0
+    names = [path.relative_to(tmp_path / "out") for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    assert names
+    assert all((tmp_path / "out" / name).read_bytes() == (tmp_path / "other" / name).read_bytes() for name in names)
+    (tmp_path / "pipeline.yaml").write_text(text.replace("format: arxml, onto", "format: btf, onto"))
+    assert "HAL0021" in run_here(tmp_path, "run", "pipeline.yaml").stderr
+
+
 def test_nothing_is_written_where_something_stands_against_it(tmp_path):
     source = tmp_path / "in"
     source.mkdir()

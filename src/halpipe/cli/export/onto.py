@@ -13,6 +13,7 @@ from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
     from halpipe.cli.export.request import Request
+    from halpipe.exporters.arxml.onto import Onto
     from halpipe.importers.base import ImportOptions
 
 Project = Annotated[
@@ -49,15 +50,21 @@ def export(request: Request) -> int:
 
 
 def _put_onto(model: str, schedule: str, project: str, target: str, options: ImportOptions) -> int:
-    """Write what is added to a project, what changes in it, and the list of both; show the list."""
-    from halpipe.exporters.arxml.onto import CHANGES
-    from halpipe.files import write_directory
+    """Write what is added to a project, what changes in it, and the list of both."""
     from halpipe.flow.onto import export_onto
     from halpipe.importers.native import read_model, read_schedule
 
     if not schedule:
         raise typer.BadParameter("a project gets a schedule; name its file after the model", param_hint="--onto")
-    onto = export_onto(read_model(model), read_schedule(schedule), project, options)
+    write_onto(export_onto(read_model(model), read_schedule(schedule), project, options), target)
+    return Exit.OK
+
+
+def write_onto(onto: Onto, target: str) -> None:
+    """Write the folder, and show the list of changes."""
+    from halpipe.exporters.arxml.onto import CHANGES
+    from halpipe.files import write_directory
+
     write_directory(target, onto.files)
     output.report(onto.findings)
     if output.is_text():
@@ -68,4 +75,3 @@ def _put_onto(model: str, schedule: str, project: str, target: str, options: Imp
         output.inform(f"{target}: written")
     else:
         output.text(onto.files[CHANGES].decode().rstrip())
-    return Exit.OK
