@@ -98,4 +98,5 @@ def bare(system):
         chains=tuple(replace(c, origin=None) for c in system.chains),
         modes=tuple(replace(m, origin=None) for m in system.modes),
         transitions=tuple(replace(t, origin=None) for t in system.transitions),
+        health=tuple(replace(r, origin=None) for r in system.health),
     )
