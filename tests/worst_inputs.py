@@ -88,7 +88,7 @@ WORST = {
     "model: split points": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("wcet='1us'", f"wcet='1s' split='{times(n, '{i}ns ')}'").replace("BODY", ""), modes=ONE_MODE)),
     "model: units": (VALIDATE, "m.xml", lambda n: model(0, TASK, units=times(n, "<unit name='u{i}'/>"), modes=ONE_MODE)),
     "model: interrupts": (VALIDATE, "m.xml", lambda n: model(0, TASK, units="<unit name='u'>" + times(n, "<interrupt name='i{i}' distance='1{i}us' wcet='1ns'/>") + "</unit>", modes=ONE_MODE)),
-    "model: transitions": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest="", modes=ONE_MODE).replace("</task-model>", times(n, "<x/>", "<transitions>", "</transitions></task-model>").replace("<x/>", "<transition from='a' to='a'/>"))),
+    "model: transitions": (VALIDATE, "m.xml", lambda n: model(0, TASK, modes=ONE_MODE).replace("</task-model>", times(n, "<transition from='a' to='a'/>\n", "<transitions>", "</transitions></task-model>"))),
     "verify: jobs of one task": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='a' index='{i}' start='0ms' end='1ms' version='v' units='u'/>\n")),
     "verify: unlike jobs": (VERIFY, "x.xml", lambda n: schedule(n, "<job task='t{i}' index='0' start='{i}ns' end='1ms' version='v' units='u'/>\n")),
     "verify: parts": (VERIFY, "x.xml", lambda n: schedule(0, "<job task='a' index='0' start='0ms' end='1ms' version='v' units='u'>" + times(n, "<part start='{i}ns' end='1{i}ns' from='{i}ns' to='1{i}ns'/>\n") + "</job>")),

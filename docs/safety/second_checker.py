@@ -2,24 +2,24 @@
 
     python docs/safety/second_checker.py MODEL.xml SCHEDULE.xml
 
-It decides the steady state of every mode, with split jobs, interrupts, bindings and sporadic arrivals, from
-the page that says what "valid" means. It does not judge switches between modes, and says so. Times are exact.
-Of a task without period it counts the
-jobs; the page does not say which number belongs to which demand.
+It decides the steady state of every mode and every switch, with split jobs, interrupts, bindings and sporadic arrivals,
+from the page that says what "valid" means. Of reported figures it knows hyperperiods, worst latencies and those of
+chains; costs, loads and health rules it does not judge. Times are exact.
 One line per broken rule; exit code 0: valid, 1: not valid, 2: cannot read.
 """
 
-import argparse
+from __future__ import annotations
+
+import hashlib
 import re
 import sys
 import xml.etree.ElementTree as ET
 from collections import defaultdict
+from copy import copy
 from fractions import Fraction
 from itertools import pairwise
 from math import ceil, floor, gcd, lcm
 
-MODEL_SPACE = "{urn:halpipe:task-model:1}"
-SCHEDULE_SPACE = "{urn:halpipe:schedule:1}"
 SCALE = {"ns": 1, "us": 1000, "ms": 1000**2, "s": 1000**3}
 LARGEST_FILE = 64 * 1024 * 1024
 MOST_JOBS = 1_000_000
@@ -54,22 +54,26 @@ def need(element, name):
     return element.get(name)
 
 
-def root_of(path, tag):
+def inside(element, *path):
+    """Yield the elements on a path of names, which are in the namespace of the element."""
+    space = element.tag.partition("}")[0] + "}"
+    return element.iterfind("/".join(space + name for name in path))
+
+
+def root_of(path, kind):
     with open(path, "rb") as file:
         data = file.read(LARGEST_FILE + 1)
-    if len(data) > LARGEST_FILE:
-        raise UnreadableError(f"{path} is too large")
     # Another encoding could hide a declaration from the scan.
-    if b"\0" in data or b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise UnreadableError(f"{path} has a document type or is not UTF-8")
+    if len(data) > LARGEST_FILE or b"\0" in data or b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+        raise UnreadableError(f"{path} is too large, has a document type or is not UTF-8")
     data.decode("utf-8")
     declared = re.match(rb"\s*<\?xml[^>]*encoding\s*=\s*[\"']([^\"']*)", data.removeprefix(b"\xef\xbb\xbf"))
     if declared and declared[1].lower() not in (b"utf-8", b"us-ascii"):
         raise UnreadableError(f"{path} is not UTF-8")
     root = ET.fromstring(data)
-    if root.tag != tag:
-        raise UnreadableError(f"{path} is not a {tag}")
-    return root
+    if root.tag != f"{{urn:halpipe:{kind}:1}}{kind}":
+        raise UnreadableError(f"{path} is not a {kind}")
+    return root, hashlib.sha256(data).hexdigest()
 
 
 class Version:
@@ -80,21 +84,18 @@ class Version:
         self.anywhere = split == ["anywhere"]
         self.points = set() if split in (["none"], ["anywhere"]) else {duration(point) for point in split}
         self.resume = optional(element, "resume", Fraction(0))
-        gaps = element.get("max-gaps")
-        self.max_gaps = None if gaps is None else int(gaps)
+        self.max_gaps = int(element.get("max-gaps", "1000000000"))
         self.min_part = optional(element, "min-part", Fraction(0))
-        units = element.find(MODEL_SPACE + "units")
-        if units is None:
-            raise UnreadableError(f"version {self.name!a} has no units")
+        units = next(inside(element, "units"), element)
         self.units = set(need(units, "names").split())
         self.gang = int(units.get("gang", "1"))
         self.phases = [
             (need(a, "resource"), duration(need(a, "start")), duration(need(a, "end")), number(a.get("bound", "1")))
-            for a in element.iterfind(MODEL_SPACE + "access")
+            for a in inside(element, "access")
         ]
         self.constraints = [
             (need(p, "task"), p.get("from", "start"), optional(p, "min", Fraction(0)), duration(need(p, "max")))
-            for p in element.iterfind(MODEL_SPACE + "precedence")
+            for p in inside(element, "precedence")
         ]
 
     def may_split(self, at):
@@ -114,36 +115,31 @@ class Task:
         self.distance = optional(element, "distance")
         self.deadline = optional(element, "deadline", self.period if self.distance is None else self.distance)
         self.binding = element.get("binding", binding)
-        self.versions = {v.name: v for v in map(Version, element.iterfind(MODEL_SPACE + "version"))}
+        self.versions = {v.name: v for v in map(Version, inside(element, "version"))}
 
 
 class Model:
     def __init__(self, path):
-        root = root_of(path, MODEL_SPACE + "task-model")
-        self.interrupts = {
-            need(unit, "name"): [
-                (duration(need(i, "distance")), duration(need(i, "wcet")))
-                for i in unit.iterfind(MODEL_SPACE + "interrupt")
-            ]
-            for unit in root.iterfind(f"{MODEL_SPACE}platform/{MODEL_SPACE}unit")
-        }
-        if any(distance == 0 for found in self.interrupts.values() for distance, _ in found):
-            raise UnreadableError("an interrupt has the distance 0")
-        tasks = root.find(MODEL_SPACE + "tasks")
-        if tasks is None:
-            raise UnreadableError("the model has no tasks")
-        binding = tasks.get("binding", "job")
-        self.tasks = {t.name: t for t in (Task(e, binding) for e in tasks.iterfind(MODEL_SPACE + "task"))}
+        root, self.digest = root_of(path, "task-model")
+        self.name, self.interrupts, self.modes = need(root, "name"), {}, {}
+        for unit in inside(root, "platform", "unit"):
+            found = [(duration(need(i, "distance")), duration(need(i, "wcet"))) for i in inside(unit, "interrupt")]
+            if any(distance == 0 for distance, _ in found):
+                raise UnreadableError("an interrupt has the distance 0")
+            self.interrupts[need(unit, "name")] = found
+        binding = next(inside(root, "tasks"), root).get("binding", "job")
+        self.tasks = {t.name: t for t in (Task(element, binding) for element in inside(root, "tasks", "task"))}
         self.chains = [
             (need(c, "name"), need(c, "tasks").split(), optional(c, "max-reaction"), optional(c, "max-age"))
-            for c in root.iterfind(f"{MODEL_SPACE}chains/{MODEL_SPACE}chain")
+            for c in inside(root, "chains", "chain")
         ]
-        self.modes = {
-            need(mode, "name"): {
-                need(run, "task"): need(run, "versions").split() for run in mode.iterfind(MODEL_SPACE + "run")
-            }
-            for mode in root.iterfind(f"{MODEL_SPACE}modes/{MODEL_SPACE}mode")
-        }
+        for mode in inside(root, "modes", "mode"):
+            runs = inside(mode, "run")
+            self.modes[need(mode, "name")] = {need(run, "task"): need(run, "versions").split() for run in runs}
+        self.switches = {(a, b): None for a in self.modes for b in self.modes if a != b}
+        if next(inside(root, "transitions"), None) is not None:
+            listed = inside(root, "transitions", "transition")
+            self.switches = {(need(t, "from"), need(t, "to")): optional(t, "max-length") for t in listed}
         for mode, runs in self.modes.items():
             for task, versions in runs.items():
                 if task not in self.tasks or not set(versions) <= set(self.tasks[task].versions):
@@ -171,44 +167,151 @@ class Job:
         self.chosen = need(element, "version")
         self.unit_list = need(element, "units").split()
         self.units = set(self.unit_list)
-        self.written = [
-            tuple(duration(need(part, name)) for name in ("start", "end", "from", "to"))
-            for part in element.iterfind(SCHEDULE_SPACE + "part")
-        ]
-        self.version, self.parts = None, []
+        names = ("start", "end", "from", "to")
+        self.written = [tuple(duration(need(part, name)) for name in names) for part in inside(element, "part")]
+        self.version, self.parts, self.where = None, [], ""
 
-    def bind(self, version):
-        self.version = version
+    def bind(self, version, where):
+        self.version, self.where = version, where
         self.parts = self.written or [(self.start, self.end, Fraction(0), version.wcet)]
 
-    def lost(self, number):
-        return self.version.resume if number else Fraction(0)
+    def moved(self, by, where):
+        other = copy(self)
+        other.start, other.end, other.where = self.start + by, self.end + by, where
+        other.parts = [(start + by, end + by, begin, to) for start, end, begin, to in self.parts]
+        return other
 
 
-class Mode:
-    """The steady state of one mode; findings are (rule, mode, task, job, what)."""
+class Table:
+    """What modes and switches have in common: jobs that must be well formed and must not meet on a line."""
 
-    def __init__(self, model, name, jobs):
-        self.model, self.name, self.runs, self.findings = model, name, model.modes[name], []
-        self.total = self.hyperperiod()
-        self.jobs, self.of = [], defaultdict(list)
-        for job in jobs:
-            task = model.tasks.get(job.task)
-            if job.task not in self.runs:
-                self.broken("complete", job, "the task does not run in this mode")
-            elif job.chosen not in self.runs[job.task]:
-                self.broken("version", job, f"version {job.chosen!a} is not available")
-            else:
-                job.bind(task.versions[job.chosen])
-                self.jobs.append(job)
-            self.of[job.task].append(job)
-        self.bound = defaultdict(list)
-        for job in self.jobs:
-            self.bound[job.task].append(job)
+    until = None  # Of the paths of chains, those count that cross the time from 0 to this; all of them in a mode.
+
+    def __init__(self, model, name, total):
+        self.model, self.name, self.total, self.jobs, self.findings = model, name, total, [], []
 
     def broken(self, rule, job, what):
         task, index = (job.task, job.index) if isinstance(job, Job) else (job, "-")
         self.findings.append((rule, self.name, task, index, what))
+
+    def take(self, job, runs, where=""):
+        """Keep a job with its version, if it runs."""
+        if job.task not in runs or job.chosen not in runs[job.task]:
+            self.broken("version", job, "the task does not run, or not in this version")
+            return
+        job.bind(self.model.tasks[job.task].versions[job.chosen], where)
+        self.jobs.append(job)
+
+    def units(self, job):
+        version = job.version
+        if len(job.unit_list) != len(job.units) or len(job.units) != version.gang:
+            self.broken("unit", job, f"{len(job.units)} units instead of {version.gang}")
+        elif not job.units <= version.units & set(self.model.interrupts):
+            self.broken("unit", job, "a unit is not valid for the version")
+        elif self.model.reserved(job.units, Fraction(0)) is None:
+            self.broken("unit", job, "the interrupts leave no time")
+        else:
+            return True
+        return False
+
+    def parts(self, job):
+        before, version = len(self.findings), job.version
+        first, last, gaps = job.parts[0], job.parts[-1], list(pairwise(job.parts))
+        if not 0 <= job.start < self.total:
+            self.broken("parts", job, "the start is not within the table")
+        if (first[0], last[1], first[2], last[3]) != (job.start, job.end, 0, version.wcet):
+            self.broken("parts", job, "the parts do not run from start to end and from 0 to the WCET")
+        if any(one[3] != two[2] or not version.may_split(one[3]) for one, two in gaps):
+            self.broken("parts", job, "not interrupted at a permitted point")
+        if any(two[0] <= one[1] for one, two in gaps) or len(gaps) > version.max_gaps:
+            self.broken("parts", job, "no gap between two parts, or too many")
+        for number, (start, end, begin, to) in enumerate(job.parts):
+            lost = version.resume if number else 0
+            if begin >= to or end - start != self.model.reserved(job.units, lost + to - begin):
+                self.broken("parts", job, f"part {number + 1} has the wrong length")
+            elif gaps and version.anywhere and to - begin < version.min_part:
+                self.broken("parts", job, f"part {number + 1} is too short")
+        return len(self.findings) == before
+
+    def late(self, task, before, job):
+        if task.distance is not None and (job.start - before > task.distance or job.end - before > task.deadline):
+            self.broken("deadline", job, "an arrival just after the job before is missed or served too late")
+
+    def bind(self, name, jobs):
+        if self.model.tasks[name].binding != "job" and len({frozenset(job.units) for job in jobs}) > 1:
+            self.broken("binding", name, "its jobs are on different units")
+
+    def meet(self, line):
+        """Of two jobs on a unit, one is over before the other begins or lies in a gap of it; so no parts overlap."""
+        held = defaultdict(list)
+        for job in sorted(line, key=lambda job: (job.start, job.end)):
+            for unit in job.units:
+                held[unit] = [other for other in held[unit] if other.end > job.start]
+                for other in held[unit]:
+                    if other.task == job.task or not in_gap(other.parts, job.start, job.end):
+                        self.broken("nested", job, f"crosses {other.task} {other.index}")
+                held[unit].append(job)
+
+    def access(self, line):
+        changes = defaultdict(list)
+        for job in line:
+            for resource, begin, to, bound in job.version.phases:
+                for number, (start, _, origin, until) in enumerate(job.parts):
+                    lost = job.version.resume if number else 0
+                    if origin <= begin and to <= until:
+                        over = self.model.reserved(job.units, lost + to - origin)
+                        changes[resource].append((start + lost + begin - origin, bound, job))
+                        changes[resource].append((start + over, -bound, job))
+                        break
+                else:
+                    self.broken("access", job, f"a phase on {resource} is interrupted")
+        for resource, found in changes.items():
+            level = Fraction(0)
+            for at, change, job in sorted(found, key=lambda entry: entry[:2]):
+                level += change
+                if level > 1:
+                    self.broken("access", job, f"{resource} is taken {level} times at {at} ns")
+                    break
+
+    def chain(self, name, tasks, limits, first, last):
+        """Return the worst reaction and age of a chain; paths begin with `first`, or end with `last`."""
+        worst = [None, None]
+        for number, ends in enumerate((self.reactions(tasks, first), self.ages(tasks, last))):
+            worst[number] = max(ends, default=None)
+            if limits[number] is not None and worst[number] is not None and worst[number] > limits[number]:
+                self.broken("chain", tasks[0], f"{name}: {('reaction', 'age')[number]} {worst[number]} ns")
+        return worst
+
+    def reactions(self, tasks, jobs):
+        for missed in jobs:
+            # A stimulus just after this start is seen by the next job.
+            found = self.next_start(tasks[0], missed.start, True)
+            for task in tasks[1:]:
+                found = found and self.next_start(task, found[1], False)
+            if found and (self.until is None or (missed.start < self.until and found[0] >= 0)):
+                yield found[1] - missed.start
+
+    def ages(self, tasks, jobs):
+        for last in jobs:
+            start = last.start
+            for task in reversed(tasks[:-1]):
+                start = None if start is None else self.last_end(task, start)
+            if start is not None and (self.until is None or (start < self.until and last.start >= 0)):
+                yield last.end - start
+
+
+class Mode(Table):
+    """The steady state of one mode; findings are (rule, mode, task, job, what)."""
+
+    def __init__(self, model, name, jobs):
+        super().__init__(model, name, None)
+        self.runs = model.modes[name]
+        self.total, self.counted = self.hyperperiod(), {}
+        self.bound, self.figures = defaultdict(list), {}
+        for job in jobs:
+            self.take(job, self.runs)
+        for job in self.jobs:
+            self.bound[job.task].append(job)
 
     def hyperperiod(self):
         periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p is not None]
@@ -221,78 +324,73 @@ class Mode:
 
     def check(self):
         if self.total is None:
-            for job in self.jobs:
-                self.broken("complete", job, "no task of the mode has a period")
+            self.broken("complete", "-", "no task of the mode has a period")
             return self.findings
         self.complete()
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         for name in self.runs:
             self.periodic(name)
-            self.binding(name)
-        self.exclusive(sound)
-        self.nested(sound)
-        self.access(sound)
+            self.bind(name, self.bound[name])
+        line = self.line(sound)
+        self.meet(line)
+        self.access(line)
         for job in self.jobs:
             self.precedence(job)
-        for chain in self.model.chains:
-            self.chain(*chain)
+        for name, tasks, *limits in self.model.chains:
+            if all(task in self.runs for task in tasks):
+                self.latencies(name, tasks, limits)
         return self.findings
 
-    def demands(self, name):
-        """Return how many jobs a task without period has under the chosen versions."""
-        return sum(1 for job in self.jobs for to, *_ in job.version.constraints if to == name and job.task != name)
+    def line(self, jobs):
+        """Return the jobs with as many copies in cycles before and after as reach into one cycle."""
+        turns = 1 + ceil(max((job.end - job.start for job in jobs), default=Fraction(0)) / self.total)
+        if turns * len(jobs) > MOST_JOBS:
+            raise UnreadableError("a job lasts too many cycles")
+        return [job.moved(turn * self.total, f"cycle {turn}") for turn in range(-turns, 2) for job in jobs]
+
+    def most_demands(self, by, name):
+        """Return how many constraints on a task one version of another has at most."""
+        versions = () if by == name else (self.model.tasks[by].versions[version] for version in self.runs[by])
+        return max((sum(to == name for to, *_ in version.constraints) for version in versions), default=0)
+
+    def count(self, name, above=()):
+        """Return how many jobs a task has if all its demands arise."""
+        if name in above:
+            raise UnreadableError(f"tasks without period demand each other in a ring: {name!a}")
+        period = self.model.tasks[name].period
+        if period is not None:
+            return int(self.total / period)
+        if name not in self.counted:
+            demanding = [by for by in self.runs if self.most_demands(by, name)]
+            self.counted[name] = sum(self.most_demands(by, name) * self.count(by, (*above, name)) for by in demanding)
+        return self.counted[name]
+
+    def expected(self, name):
+        """Return the numbers of the jobs that have to be there."""
+        if self.model.tasks[name].period is not None:
+            return set(range(self.count(name)))
+        arising, base = set(), 0
+        for by in self.model.tasks:
+            most = self.most_demands(by, name) if by in self.runs else 0
+            for job in self.bound[by] if most else ():
+                slots = sum(to == name for to, *_ in job.version.constraints)
+                if job.index < self.count(by):
+                    arising |= set(range(base + job.index * most, base + job.index * most + slots))
+            base += most * self.count(by) if most else 0
+        return arising
 
     def complete(self):
         for name in self.runs:
-            period = self.model.tasks[name].period
-            expected = self.demands(name) if period is None else int(self.total / period)
-            indices = [job.index for job in self.of[name]]
-            if len(indices) != expected:
-                self.broken("complete", name, f"{len(indices)} jobs instead of {expected}")
-            elif len(set(indices)) != len(indices):
-                self.broken("complete", name, "two jobs have the same index")
-            elif period is not None and set(indices) != set(range(expected)):
-                self.broken("complete", name, f"the jobs are not numbered 0 to {expected - 1}")
-
-    def units(self, job):
-        version = job.version
-        if len(job.unit_list) != len(job.units) or len(job.units) != version.gang:
-            self.broken("unit", job, f"{len(job.units)} units instead of {version.gang}")
-        elif not job.units <= version.units or not job.units <= set(self.model.interrupts):
-            self.broken("unit", job, "a unit is not valid for the version")
-        elif self.model.reserved(job.units, Fraction(0)) is None:
-            self.broken("unit", job, "the interrupts leave no time")
-        else:
-            return True
-        return False
-
-    def parts(self, job):
-        before, version = len(self.findings), job.version
-        if not 0 <= job.start < self.total:
-            self.broken("parts", job, "the start is not within the hyperperiod")
-        first, last = job.parts[0], job.parts[-1]
-        if (first[0], last[1], first[2], last[3]) != (job.start, job.end, 0, version.wcet):
-            self.broken("parts", job, "the parts do not run from start to end and from 0 to the WCET")
-        for one, two in pairwise(job.parts):
-            if one[3] != two[2] or not version.may_split(one[3]):
-                self.broken("parts", job, f"not interrupted at a permitted point: {one[3]} ns")
-            if not two[0] > one[1]:
-                self.broken("parts", job, "no gap between two parts")
-        if version.max_gaps is not None and len(job.parts) - 1 > version.max_gaps:
-            self.broken("parts", job, "too many gaps")
-        for number, (start, end, begin, to) in enumerate(job.parts):
-            if not begin < to:
-                self.broken("parts", job, "a part executes nothing")
-            elif end - start != self.model.reserved(job.units, job.lost(number) + to - begin):
-                self.broken("parts", job, f"part {number + 1} has the wrong length")
-            elif len(job.parts) > 1 and version.anywhere and to - begin < version.min_part:
-                self.broken("parts", job, f"part {number + 1} is too short")
-        return len(self.findings) == before
+            expected, indices = self.expected(name), [job.index for job in self.bound[name]]
+            if sorted(indices) != sorted(expected):
+                missing, more = sorted(expected - set(indices))[:5], sorted(set(indices) - expected)[:5]
+                self.broken("complete", name, f"jobs {missing} are missing, jobs {more} not demanded, or one is double")
 
     def periodic(self, name):
         task, jobs = self.model.tasks[name], self.bound[name]
-        if task.distance is not None:
-            self.arrivals(task, jobs)
+        ordered = sorted(jobs, key=lambda job: (job.start, job.index))
+        for number, job in enumerate(ordered):
+            self.late(task, ordered[number - 1].start - (0 if number else self.total), job)
         if task.period is None:
             for job in jobs:
                 if task.deadline is not None and job.end - job.start > task.deadline:
@@ -314,89 +412,6 @@ class Mode:
                 found.append(("deadline", job, f"ends {delta + job.end - job.start} ns after its release"))
         return found
 
-    def arrivals(self, task, jobs):
-        ordered = sorted(jobs, key=lambda job: (job.start, job.index))
-        for number, job in enumerate(ordered):
-            before = ordered[number - 1].start - (0 if number else self.total)
-            if job.start - before > task.distance:
-                self.broken("deadline", job, "an arrival could be missed: the start before is too long ago")
-            if job.end - before > task.deadline:
-                self.broken("deadline", job, f"an arrival is served after {job.end - before} ns")
-
-    def binding(self, name):
-        if self.model.tasks[name].binding != "job" and len({frozenset(j.units) for j in self.bound[name]}) > 1:
-            self.broken("binding", name, "its jobs of the mode are on different units")
-
-    def folded(self, start, end):
-        """Return how often an interval covers the whole circle, and the rest in [0, hyperperiod)."""
-        whole, rest = divmod(end - start, self.total)
-        at = start % self.total
-        if at + rest <= self.total:
-            return whole, [(at, at + rest)] if rest else []
-        return whole, [(at, self.total), (Fraction(0), at + rest - self.total)]
-
-    def exclusive(self, jobs):
-        taken = defaultdict(list)
-        for job in jobs:
-            for start, end, *_ in job.parts:
-                whole, rest = self.folded(start, end)
-                for unit in job.units:
-                    spans = rest + [(Fraction(0), self.total)] * int(min(whole, 2))
-                    taken[unit] += [(*span, job.task, job.index, job) for span in spans]
-        for unit, spans in taken.items():
-            spans.sort(key=lambda span: span[:4])
-            reach, owner = Fraction(0), None
-            for start, end, *_, job in spans:
-                if start < reach:
-                    self.broken("exclusive", job, f"overlaps {owner.task} {owner.index} on {unit}")
-                if end > reach:
-                    reach, owner = end, job
-
-    def nested(self, jobs):
-        sharing = defaultdict(list)
-        for number, job in enumerate(jobs):
-            for unit in job.units:
-                sharing[unit].append(number)
-        pairs = {(a, b) for group in sharing.values() for a in group for b in group if a <= b}
-        for a, b in sorted(pairs):
-            self.nested_pair(jobs[a], jobs[b])
-
-    def nested_pair(self, one, two):
-        first, last = floor((one.start - two.end) / self.total), ceil((one.end - two.start) / self.total)
-        for turns in range(first, last + 1):
-            shift = turns * self.total
-            start, end = two.start + shift, two.end + shift
-            if (one is two and turns == 0) or start >= one.end or one.start >= end:
-                continue
-            inside = in_gap(one.parts, start, end) or in_gap(two.parts, one.start - shift, one.end - shift)
-            if one.task == two.task or not inside:
-                self.broken("nested", one, f"crosses {two.task} {two.index}")
-                return
-
-    def access(self, jobs):
-        changes, always = defaultdict(list), defaultdict(Fraction)
-        for job in jobs:
-            for resource, begin, to, bound in job.version.phases:
-                holds = [(n, p) for n, p in enumerate(job.parts) if p[2] <= begin and to <= p[3]]
-                if not holds:
-                    self.broken("access", job, f"a phase on {resource} is interrupted")
-                    continue
-                number, (start, _, origin, _) = holds[0]
-                lost = job.lost(number)
-                over = self.model.reserved(job.units, lost + to - origin)
-                whole, rest = self.folded(start + lost + begin - origin, start + over)
-                always[resource] += whole * bound
-                changes[resource] += [(0, Fraction(0), job)] if whole else []
-                for at, until in rest:
-                    changes[resource] += [(at, bound, job), (until, -bound, job)]
-        for resource, found in changes.items():
-            level = always[resource]
-            for at, change, job in sorted(found, key=lambda entry: entry[:2]):
-                level += change
-                if level > 1 and change >= 0:
-                    self.broken("access", job, f"{resource} is taken {level} times at {at} ns")
-                    break
-
     def precedence(self, job):
         for name, origin, least, most in job.version.constraints:
             for other in self.bound[name]:
@@ -407,34 +422,116 @@ class Mode:
             else:
                 self.broken("precedence", job, f"no job of {name} starts or ends within the window")
 
-    def chain(self, name, tasks, max_reaction, max_age):
-        if any(task not in self.runs for task in tasks) or (max_reaction is None and max_age is None):
-            return
-        lines = [sorted(self.bound[task], key=lambda job: (job.start, job.end)) for task in tasks]
-        if not all(lines):
+    def latencies(self, name, tasks, limits):
+        if limits != [None, None] and not all(self.bound[task] for task in tasks):
             self.broken("chain", tasks[0], f"{name}: a task has no job")
-            return
-        reaction = max(self.reaction(lines, number) for number in range(len(lines[0])))
-        age = max(self.age(lines, job) for job in lines[-1])
-        if max_reaction is not None and reaction > max_reaction:
-            self.broken("chain", tasks[0], f"{name}: reaction {reaction} ns")
-        if max_age is not None and age > max_age:
-            self.broken("chain", tasks[-1], f"{name}: age {age} ns")
+        worst = self.chain(name, tasks, limits, self.bound[tasks[0]], self.bound[tasks[-1]])
+        if self.figures.get(name, worst) != worst:
+            self.broken("figures", tasks[0], f"{name}: reaction and age are {worst[0]} and {worst[1]} ns")
 
-    def reaction(self, lines, number):
-        begun, after = lines[0][number].start, (number + 1) % len(lines[0])
-        end = lines[0][after].end + (0 if after > number else self.total)
-        for line in lines[1:]:
-            start, length = min((job.start + ceil((end - job.start) / self.total) * self.total, job.end - job.start)
-                                for job in line)  # fmt: skip
-            end = start + length
-        return end - begun
+    def next_start(self, task, since, later):
+        """Return start and end of the first job, in any cycle, from an instant on; of equals, of the lowest number."""
+        found = []
+        for job in self.bound[task]:
+            turns = ceil((since - job.start) / self.total)
+            turns += later and job.start + turns * self.total == since
+            found.append((job.start + turns * self.total, job.index, job.end + turns * self.total))
+        return min(found)[::2] if found else None
 
-    def age(self, lines, job):
-        start = job.start
-        for line in reversed(lines[:-1]):
-            start = max(one.start + floor((start - one.end) / self.total) * self.total for one in line)
-        return job.end - start
+    def last_end(self, task, until):
+        turns = [(job, floor((until - job.end) / self.total) * self.total) for job in self.bound[task]]
+        return max(((job.end + by, job.start + by) for job, by in turns), default=(None, None))[1]
+
+
+class Switch(Table):
+    """The line of one switch: cycles of the mode before up to 0, the table on [0, length), the mode to come."""
+
+    def __init__(self, model, source, target, length, longest, jobs):
+        super().__init__(model, f"{source.name} -> {target.name}", length)
+        self.source, self.target, self.until, self.longest, self.far = source, target, length, longest, {}
+        for job in jobs:
+            self.take(job, target.runs, "table")
+        if len({(job.task, job.index) for job in jobs}) < len(jobs):
+            self.broken("length", "-", "a job is given twice")
+
+    def line(self, before, after):
+        if before * len(self.source.jobs) + after * len(self.target.jobs) > MOST_JOBS:
+            raise UnreadableError("a switch has too many jobs in reach")
+        old, new = self.source.total, self.target.total
+        line = [job.moved(-turn * old, "before") for turn in range(1, before + 1) for job in self.source.jobs]
+        line += [job.moved(self.until + turn * new, "after") for turn in range(after) for job in self.target.jobs]
+        return line + self.jobs
+
+    def check(self):
+        if self.longest is not None and self.until > self.longest:
+            self.broken("length", "-", "longer than the model allows")
+        sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
+        if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
+            return self.findings  # what is wrong is told; places on the line would not mean anything
+        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1), default=Fraction(0))
+        near = self.line(2, max(2, ceil((last - self.until) / self.target.total)))
+        self.meet(near)
+        self.access(near)
+        for name in {job.task for job in self.jobs}:
+            self.bind(name, [job for job in [*self.jobs, *self.target.jobs] if job.task == name])
+        two = [job for job in near if job.start < self.until + 2 * self.target.total or job.where != "after"]
+        self.continuity(two)
+        self.entering(two)
+        self.precedence(two)
+        for name, tasks, *limits in self.model.chains:
+            if limits != [None, None] and all(task in self.source.runs and task in self.target.runs for task in tasks):
+                turns = 2 * len(tasks) + 1
+                self.far = defaultdict(list)
+                for job in self.line(2 * turns, 2 * turns):
+                    self.far[job.task].append(job)
+                self.chain(name, tasks, limits, self.far[tasks[0]], self.far[tasks[-1]])
+        return self.findings
+
+    def continuity(self, line):
+        for name in self.source.runs.keys() & self.target.runs.keys():
+            task = self.model.tasks[name]
+            jobs = sorted((job for job in line if job.task == name), key=lambda job: (job.start, job.index))
+            for one, two in pairwise(jobs):
+                if one.where == two.where != "table":
+                    continue
+                if task.period is not None and two.start - one.start > (1 + task.slack) * task.period:
+                    self.broken("continuity", two, "starts too long after the job before")
+                if two.start < one.end:
+                    self.broken("continuity", two, "starts before the job before has ended")
+                self.late(task, one.start, two)
+
+    def entering(self, line):
+        for job in self.jobs:
+            if job.task not in self.source.runs and not any(
+                least <= other.start - (job.end if origin == "end" else job.start) <= most
+                for other in line
+                if other.where != "before"
+                for to, origin, least, most in other.version.constraints
+                if to == job.task
+            ):
+                self.broken("entering", job, "no constraint needs it so early")
+
+    def precedence(self, line):
+        after = [job for job in line if job.where != "before"]
+        needs = [(job, *constraint) for job in after for constraint in job.version.constraints]
+        longest = max((need[-1] for need in needs), default=Fraction(0))
+        longest += max((job.end - job.start for job in self.source.jobs), default=Fraction(0))
+        far = defaultdict(list)
+        for job in self.line(2 + ceil(longest / self.source.total), 3):
+            far[job.task].append(job)
+        for job, name, origin, least, most in needs:
+            since = (job.start - (other.end if origin == "end" else other.start) for other in far[name])
+            if not any(least <= gap <= most for gap in since):
+                self.broken("precedence", job, f"no job of {name} starts or ends within the window")
+
+    def next_start(self, task, since, later):
+        found = [job for job in self.far[task] if job.start > since or (job.start == since and not later)]
+        first = min(found, key=lambda job: (job.start, job.index), default=None)
+        return first and (first.start, first.end)
+
+    def last_end(self, task, until):
+        found = [(job.end, job.start) for job in self.far[task] if job.end <= until]
+        return max(found, default=(None, None))[1]
 
 
 def in_gap(parts, start, end):
@@ -442,44 +539,59 @@ def in_gap(parts, start, end):
 
 
 def judge(model_path, schedule_path):
-    """Return the findings and whether switches were left out."""
+    """Return what is broken: (rule, mode, task, job, what)."""
     model = Model(model_path)
-    root = root_of(schedule_path, SCHEDULE_SPACE + "schedule")
-    modes, findings, bound = {}, [], defaultdict(set)
-    for element in root.iterfind(SCHEDULE_SPACE + "mode"):
-        if need(element, "name") in modes:
+    root, _ = root_of(schedule_path, "schedule")
+    findings, tables, bound = [], {}, defaultdict(set)
+    if root.get("model") != model.name or root.get("model-sha256", model.digest) not in ("", model.digest):
+        findings.append(("figures", "-", "-", "-", "the schedule was made for another model"))
+    for element in inside(root, "mode"):
+        name = need(element, "name")
+        if name in tables:
             raise UnreadableError("a mode has two schedules")
-        modes[element.get("name")] = [Job(job) for job in element.iterfind(SCHEDULE_SPACE + "job")]
-    for name in modes.keys() - model.modes.keys():
-        findings.append(("complete", name, "-", "-", "the model has no such mode"))
-    for name in model.modes:
-        if name not in modes:
-            findings.append(("complete", name, "-", "-", "the mode has no schedule"))
-            continue
-        findings += Mode(model, name, modes[name]).check()
-        for job in modes[name]:
+        if name not in model.modes:
+            raise UnreadableError("the model has no such mode")
+        jobs = [Job(job) for job in inside(element, "job")]
+        tables[name] = mode = Mode(model, name, jobs)
+        for chain in inside(element, "chain"):
+            mode.figures[need(chain, "name")] = [optional(chain, what) for what in ("reaction", "age")]
+        findings += mode.check()
+        if duration(need(element, "hyperperiod")) != mode.total or element.get("status") != "valid":
+            findings.append(("figures", name, "-", "-", f"not valid with the hyperperiod {mode.total} ns"))
+    findings += [("complete", name, "-", "-", "the mode has no schedule") for name in model.modes if name not in tables]
+    switches = {}
+    for element in inside(root, "transition"):
+        pair = need(element, "from"), need(element, "to")
+        if pair in switches or pair not in model.switches or not set(pair) <= set(tables):
+            raise UnreadableError("a switch is given twice, is not allowed, or has no mode")
+        jobs = [Job(job) for job in inside(element, "job")]
+        if not jobs and element.get("status") != "valid":
+            continue  # it must not be performed
+        source, target, length = tables[pair[0]], tables[pair[1]], duration(need(element, "length"))
+        switches[pair] = switch = Switch(model, source, target, length, model.switches[pair], jobs)
+        findings += switch.check()
+        if not source.findings and duration(need(element, "worst-latency")) != source.total + length:
+            findings.append(("figures", switch.name, "-", "-", "the worst latency is hyperperiod and length"))
+    for table in (*tables.values(), *switches.values()):
+        for job in table.jobs:
             bound[job.task].add(frozenset(job.units))
     for task in model.tasks.values():
         if task.binding == "system" and len(bound[task.name]) > 1:
             findings.append(("binding", "-", task.name, "-", "its jobs of the system are on different units"))
-    switches = root.find(SCHEDULE_SPACE + "transition") is not None or len(model.modes) > 1
-    return findings, switches
+    return findings
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("model")
-    parser.add_argument("schedule")
-    options = parser.parse_args()
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
     try:
-        findings, switches = judge(options.model, options.schedule)
+        findings = judge(*sys.argv[1:])
     except (UnreadableError, OSError, ValueError, ET.ParseError, RecursionError) as error:
         print(f"cannot read: {str(error)!a}", file=sys.stderr)
         return 2
     for rule, mode, task, job, what in findings:
         print(ascii(f"{rule}: mode {mode}, task {task}, job {job}: {what}")[1:-1])
-    if switches:
-        print("not judged: switches between modes")
     print("not valid" if findings else "valid")
     return 1 if findings else 0
 

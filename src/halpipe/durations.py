@@ -118,14 +118,24 @@ class Duration:
         return Duration(self.ns % other.ns)
 
 
+_LARGEST_FIRST = sorted(_UNITS_NS.items(), key=lambda pair: -pair[1])
+_SHORT = 10**27
+"""Nanoseconds below which every whole number of them is short in any unit."""
+
+
 @lru_cache(maxsize=8192)  # a model states the same few times again and again
 def _text(ns: int | Fraction) -> str:
     if ns == 0:
         return "0ms"
-    magnitude = abs(Fraction(ns))
+    top, bottom = abs(ns.numerator), ns.denominator
     # The largest unit that gives a number of 1 or more; another one where only that keeps the digits few.
-    units = sorted(_UNITS_NS, key=lambda u: (magnitude < _UNITS_NS[u], -_UNITS_NS[u]))
-    texts = (format_rational(Fraction(ns, _UNITS_NS[u])) + u for u in (units if magnitude >= 1 else units[::-1]))
+    reached = [unit for unit, size in _LARGEST_FIRST if top >= size * bottom]
+    units = [*reached, *(unit for unit, _ in _LARGEST_FIRST if unit not in reached)]
+    if bottom == 1 and top == ns < _SHORT:
+        whole, rest = divmod(top, _UNITS_NS[units[0]])
+        digits = f".{rest:0{len(str(_UNITS_NS[units[0]])) - 1}d}".rstrip("0") if rest else ""
+        return f"{whole}{digits}{units[0]}"
+    texts = (format_rational(Fraction(ns, _UNITS_NS[u])) + u for u in (units if top >= bottom else units[::-1]))
     first = next(texts)
     return first if _SCHEMA_FORM.fullmatch(first) else next(filter(_SCHEMA_FORM.fullmatch, texts), first)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.files import parse_xml, read_bytes, sha256
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files import parse_xml, read_bytes, refuse_more_than, sha256
 from halpipe.importers.native.binding import Binder, Children, only
 from halpipe.models import (
     Access,
@@ -27,7 +27,7 @@ from halpipe.models import (
     Version,
 )
 from halpipe.models.attributes import DURATIONS
-from halpipe.schemas import TASK_MODEL, check, namespace
+from halpipe.schemas import TASK_MODEL, check, line_of, namespace
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -47,10 +47,23 @@ def parse_model(data: bytes, file: str) -> TaskModel:
     violations = check(root, TASK_MODEL, file)
     if violations:
         raise HalpipeError(*violations)
+    _bound(root, file)
     bind = _ModelBinder(file, namespace(TASK_MODEL))
     model = bind.model(root, sha256(data))
     bind.findings.stop_on_errors()
     return model
+
+
+MOST = (("tasks", "task", 100_000), ("modes", "mode", 500), ("unit", "interrupt", 200), ("version", "access", 20_000))
+"""What holds what, and how many: modes are looked at in pairs, sums over interrupts and phases are exact fractions."""
+
+
+def _bound(root: etree._Element, file: str) -> None:
+    names = {"t": namespace(TASK_MODEL)}
+    for holder, held, limit in MOST:
+        for element in root.xpath(f"//t:{holder}[count(t:{held}) > {limit}]", namespaces=names):
+            count = len(element.findall(f"t:{held}", names))
+            refuse_more_than(limit, count, f"<{held}> in one <{holder}>", Location(file, line_of(element)))
 
 
 class _ModelBinder(Binder):

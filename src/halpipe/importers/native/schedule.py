@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.files import parse_xml, read_bytes
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files import parse_xml, read_bytes, refuse_more_than
 from halpipe.importers.native.binding import Binder, only
 from halpipe.models import (
     ChainLatency,
@@ -19,10 +19,13 @@ from halpipe.models import (
     TransitionTable,
     UnitLoad,
 )
-from halpipe.schemas import SCHEDULE, check, namespace
+from halpipe.schemas import SCHEDULE, check, line_of, namespace
 
 if TYPE_CHECKING:
     from lxml import etree
+
+MAX_PARTS = 20_000
+"""Parts of one job: no table needs as many."""
 
 
 def read_schedule(path: str) -> Schedule:
@@ -39,6 +42,8 @@ def parse_schedule(data: bytes, file: str) -> Schedule:
     violations = check(root, SCHEDULE, file)
     if violations:
         raise HalpipeError(*violations)
+    for job in root.xpath(f"//t:job[count(t:part) > {MAX_PARTS}]", namespaces={"t": namespace(SCHEDULE)}):
+        refuse_more_than(MAX_PARTS, len(job), "parts of one job", Location(file, line_of(job)))
     bind = _ScheduleBinder(file, namespace(SCHEDULE))
     schedule = bind.schedule(root)
     bind.findings.stop_on_errors()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, version_path
 from halpipe.quantities import format_rational
@@ -66,20 +66,18 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
 
 def _overload(task: Task, version: Version, accesses: list[Access]) -> Iterator[Diagnostic]:
     """Sweep over the phases on one resource and report where the sum first passes 1."""
-    steps: list[tuple[Duration, Fraction]] = []
-    for access in accesses:
-        steps += [(access.start, access.bound), (access.end, -access.bound)]
-    total, since = Fraction(0), ZERO
-    for instant, step in sorted(steps):  # at equal instants the ends, being negative, come first
-        if total <= 1 < total + step:
-            since = instant
-            held = [a for a in accesses if a.start <= instant < a.end]
-            excess = sum((a.bound for a in held), Fraction(0))
-            text = f"{len(held)} phases are in force together at {since}, with bounds that sum to "
-            text += format_rational(excess)
-            at, path = place(held[-1], version, task), _path(task, version, accesses[0])
+    steps = [(access.end, -1, -access.bound, access) for access in accesses]
+    steps += [(access.start, 1, access.bound, access) for access in accesses]
+    total, held = Fraction(0), 0
+    steps.sort(key=itemgetter(0))
+    for instant, changes in groupby(steps, key=itemgetter(0)):
+        before = total
+        for _, count, bound, access in changes:
+            total, held, latest = total + bound, held + count, access
+        if before <= 1 < total:
+            text = f"{held} phases are in force together at {instant}, with bounds that sum to {format_rational(total)}"
+            at, path = place(latest, version, task), _path(task, version, accesses[0])
             yield codes.PHASES_OVERLOAD(text, at=at, path=path, help="move the phases apart, or lower their bounds")
-        total += step
 
 
 def check_transfers(context: Context) -> Iterator[Diagnostic]:

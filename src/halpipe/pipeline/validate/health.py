@@ -38,6 +38,8 @@ def check_form(context: Context) -> Iterator[Diagnostic]:
 
 def check_switches(context: Context) -> Iterator[Diagnostic]:
     """The switch of a rule is allowed from every mode in which its task runs, and there is such a mode."""
+    if not context.model.health:
+        return
     allowed = {(t.source, t.target) for t in context.model.allowed_transitions()}
     for rule in context.model.health:
         if rule.task not in context.tasks or (rule.mode and rule.mode not in context.modes):
