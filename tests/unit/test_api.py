@@ -12,7 +12,7 @@ import halpipe
 from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.native import format_model
-from halpipe.models import Binding, Task, Version
+from halpipe.models import Binding, Resource, Task, Transfer, Version
 from halpipe.pipeline.generate import SetParameters, generate
 from profiles import examples
 from strategies import task_models
@@ -67,6 +67,16 @@ def test_fields_take_what_people_write():
     assert made.slack == Fraction(1, 2)
     assert made.binding is Binding.SYSTEM
     assert made.versions == (Version(name="v", wcet=Duration.parse("5ms")),)
+
+
+def test_sizes_and_bandwidths_may_be_texts_as_in_files():
+    assert Resource(name="ddr", bandwidth="19.2GB/s").bandwidth == 19_200_000_000
+    assert Transfer(buffer="b", symbol="s", size="64KiB").size == 65536
+    assert Transfer(buffer="b", symbol="s", size=7).size == 7
+    with pytest.raises(ValueError, match=r"Transfer.size: '64' is not a size"):
+        Transfer(buffer="b", symbol="s", size="64")
+    with pytest.raises(TypeError, match=r"Version.gang: '2' is a str; give a whole number"):
+        Version(name="v", gang="2")
 
 
 @pytest.mark.parametrize(

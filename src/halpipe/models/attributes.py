@@ -125,6 +125,11 @@ def attribute(
     return {_KEY: (codec, meaning, name, element, always, common, required)}
 
 
+def codec_of(field: Field[Any]) -> Codec | None:
+    """Return the type of the attribute that a field is, None if it is none."""
+    return field.metadata[_KEY][0] if _KEY in field.metadata else None
+
+
 def attributes(kind: type, element: str = "") -> tuple[Attribute, ...]:
     """Return the scalar attributes of a class in the order of its fields: its own, or those in the child `element`."""
     return _attributes(kind, element)

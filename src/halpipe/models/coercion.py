@@ -1,16 +1,17 @@
-"""What people write in Python for the fields of a model: ``"5ms"`` for a duration, lists for tuples, names for enums.
+"""What people write in Python for the fields of a model: ``"5ms"`` for a duration, ``"64KiB"``, lists, names for enums.
 
 Fields that already have their type, as all that readers make do, are only looked at.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import Field, fields
 from enum import Enum
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.durations import Duration
+from halpipe.models.attributes import BANDWIDTH, SIZE, codec_of
 from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class Coercion:
             optional = field.type.endswith(" | None")
             stated = field.type.removesuffix(" | None")
             types, read = _reader(stated, namespace)
+            read = _text_reader(field, read)
             self._readers.append((field.name, (*types, type(None)) if optional else types, read, stated))
 
     def __call__(self, value: object) -> None:
@@ -52,6 +54,14 @@ class Coercion:
                 raise ValueError(f"{self._name}.{name}: {wrong}") from None
             if made is not given:
                 object.__setattr__(value, name, made)
+
+
+def _text_reader(field: Field[Any], read: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Let a size or bandwidth be given as a text, as in files: ``"64KiB"``."""
+    codec = codec_of(field)
+    if codec not in (SIZE, BANDWIDTH):
+        return read
+    return lambda given: codec.parse(given) if isinstance(given, str) else read(given)
 
 
 def _wanted(stated: str) -> str:
