@@ -9,6 +9,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.riscv import RiscvOptions, codes
 from halpipe.exporters.riscv.dummy import FILE
+from halpipe.exporters.riscv.profile import FOLDER
 from halpipe.flow.formats import export, prepare_model
 from riscv_models import PHASES, deployed, moving, on_disk, single
 from support import access, after, model, task, version
@@ -19,11 +20,16 @@ US = Duration.parse("1us")
 
 @pytest.fixture
 def prepare(tmp_path):
+    """Prepare a model for a management core that takes 1.5 us for an operation."""
+
     def run(system, tables=None, dummy=False, **sources):
         from halpipe.models import Schedule
 
         read, _ = on_disk(tmp_path, system, tables or Schedule(model=system.name, model_sha256=""), **sources)
-        return prepare_model(read, OPTIONS, dummy=dummy)
+        brisk = FOLDER.joinpath("vcu118.yaml").read_text().replace("service: 6500ns", "service: 1500ns")
+        tmp_path.joinpath("vcu118.yaml").write_text(brisk)
+        options = replace(OPTIONS, profile=str(tmp_path / "vcu118.yaml"))
+        return prepare_model(read, options, dummy=dummy)
 
     return run
 

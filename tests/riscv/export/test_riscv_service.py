@@ -53,11 +53,16 @@ def lateness(run, operations):
 
 @pytest.mark.parametrize("toolchain", ["zig", pytest.param("gcc", marks=pytest.mark.slow)])  # zig is as strict
 def test_no_operation_is_later_than_computed(tmp_path, toolchain):
-    """With a timer as fine as two instructions, on the target with the most cores."""
+    """With a timer as fine as two instructions, on the target with the most cores.
+
+    What is reserved for jobs that fail, and for slower cores, is left away.
+    """
     if toolchain == "gcc" and shutil.which("riscv64-unknown-elf-gcc") is None:
         pytest.skip("riscv64-unknown-elf-gcc is not installed")
     text = FOLDER.joinpath("vcu118x8.yaml").read_text()
-    tmp_path.joinpath("fine.yaml").write_text(text.replace("timebase: 1000000", "timebase: 50000000"))
+    tmp_path.joinpath("fine.yaml").write_text(
+        text.replace("timebase: 1000000", "timebase: 50000000").replace("service: 6500ns", "service: 1500ns")
+    )
     model, tables = on_disk(tmp_path, *crowded())
     options = RiscvOptions(profile=str(tmp_path / "fine.yaml"), toolchain=toolchain)
     bundle = export("riscv", model, tables, options)

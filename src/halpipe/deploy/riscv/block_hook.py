@@ -40,9 +40,17 @@ class Slot(IntEnum):
     STOP = 10  # address of the emulator's function that stops it
     MISALIGNED = 11  # the address of an access that is not aligned, -1 for none
     STORES = 12  # 1 if that is a store
+    WEIGHT = 13  # what a load or store counts beyond one
     FIRST_WATCHED = 16
     FIRST_REGION = 16 + MAX_WATCHED  # base, end and offset from the page, for every memory
     FIRST_KNOWN = 16 + MAX_WATCHED + 3 * MAX_REGIONS  # address, and size << 32 | number of instructions
+
+
+def is_access(half: int) -> bool:
+    """Whether an instruction loads or stores, by its first two bytes."""
+    if half & 3 == 3:
+        return half & 0x7F in (0x03, 0x07, 0x23, 0x27, 0x2F)
+    return half & 3 != 1 and half >> 13 & 7 not in (0, 4)
 
 
 @cache

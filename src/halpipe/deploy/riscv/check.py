@@ -9,11 +9,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.base import Checked
-from halpipe.deploy.riscv import codes, conditions, containment, health
+from halpipe.deploy.riscv import codes, conditions, containment, dispatch, health
 from halpipe.deploy.riscv.comparison import Comparison
 from halpipe.deploy.riscv.containment import Injected
 from halpipe.deploy.riscv.contents import contradictions
 from halpipe.deploy.riscv.cosimulation import CoSimulation, load_program, read_images
+from halpipe.deploy.riscv.dispatch import Dispatch, measured
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.health import Course
 from halpipe.deploy.riscv.injection import Injection, Saboteur
@@ -78,7 +79,7 @@ def tolerance_of(site: Site) -> Duration:
     On top come one tick, by which every instant is known, and the operation itself, whose effect is what is seen. The
     phases of the schedule were held to the stated lateness; it is believed only up to a bound of our own.
     """
-    operation = seconds(Fraction(OPERATION, site.clock))
+    operation = seconds(OPERATION * site.cpi / site.clock)
     stated = max((table.lateness for table in site.tables), default=ZERO)
     allowed = min(stated, operation * (COINCIDING * len(site.units))) + operation + site.tick
     return site.tick * math.ceil(allowed / site.tick)
@@ -93,6 +94,7 @@ class Outcome:
     jobs: list[Seen]
     findings: list[Diagnostic]
     planned: Sequence[PlannedJob]
+    dispatch: Dispatch = field(default_factory=Dispatch)
 
 
 @dataclass(slots=True)
@@ -117,10 +119,14 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
     findings = tuple(sort_diagnostics([*static, *totals.findings]))
     sound = not any(found.is_error for found in findings)
+    dispatches = [outcome.dispatch for outcome in totals.outcomes]
     if sound and options.inject != "none":
         injected = inject(target, totals, everything=options.inject == "all")
         findings = tuple(sort_diagnostics([*findings, *injected.findings]))
         lines += injected.lines()
+        dispatches += injected.dispatches
+    findings = tuple(sort_diagnostics([*findings, *dispatch.findings(dispatches)]))
+    lines += dispatch.lines(dispatches, site.cpi)
     if options.margin and sound:
         lines += margin_lines(target)
     if not any(found.is_error for found in findings):
@@ -202,6 +208,7 @@ def try_rule(target: Target, trial: Trial, found: Injected) -> None:
     course = health.course_of(target, site, trial.mode, (), trial.tables, plan)
     outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
     found.trials += 1
+    found.dispatches.append(outcome.dispatch)
     found.findings += containment.prefixed(outcome.findings)
 
 
@@ -218,6 +225,7 @@ def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found
     injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
     outcome = simulate(target, tour, injections=injections)
     found.add(injections, outcome.planned)
+    found.dispatches.append(outcome.dispatch)
     found.findings += containment.prefixed(outcome.findings)
 
 
@@ -227,7 +235,7 @@ def simulate(
     *,
     execution: str = "real",
     bandwidth: int | None = None,
-    cpi: Fraction | int = 1,
+    cpi: Fraction | int | None = None,
     injections: Sequence[Injection] = (),
     course: Course | None = None,
 ) -> Outcome:
@@ -264,7 +272,7 @@ def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) 
     operations = moved = 0
     for job in jobs:
         for execution in job.executions:
-            cycles = math.ceil((execution.end - execution.begin) * Fraction(site.clock, site.timebase))
+            cycles = math.ceil((execution.end - execution.begin) * Fraction(site.clock, site.timebase) / site.cpi)
             instructions[execution.hart] += cycles + PER_OPERATION
         operations += 2 * len(job.executions) + 2 * len(job.transfers)
         moved += sum(transfer.size for transfer in job.transfers)
@@ -292,7 +300,8 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     findings.extend(conditions.tells_the_truth(run))
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
     findings.extend(health.recorded(run, target.model, course.firings))
-    return Outcome(run, played, comparison.jobs, findings.items, jobs)
+    taken = measured(run, simulation.program, target.model, played)
+    return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
 
 
 def refuse_disagreement(target: Target, site: Site) -> None:

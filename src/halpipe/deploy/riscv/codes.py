@@ -138,6 +138,12 @@ WRONG_OPERATIONS = error(
     "The tables in the program say what the management core does, and when. They have another transfer, execution, "
     "instant or switch than the schedule and the images ask for.",
 )
+SLOW_DISPATCH = error(
+    "HAL1058",
+    "Dispatch takes longer than is reserved",
+    "How late the management core can be with its operations is computed from the time that the profile reserves for "
+    "one. In the run it took longer, so that the phases of the schedule may be too short for their transfers.",
+)
 WRONG_HEALTH = error(
     "HAL1059",
     "Health rule is not followed",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.riscv.cosimulation import Run
+    from halpipe.deploy.riscv.dispatch import Dispatch
     from halpipe.deploy.riscv.expectation import PlannedExecution, PlannedJob, PlannedTransfer
     from halpipe.deploy.riscv.recording import Abandoned
     from halpipe.deploy.riscv.target import Site
@@ -36,6 +37,7 @@ class Injected:
     jobs: set[str] = field(default_factory=set)
     missed: int = 0
     trials: int = 0
+    dispatches: list[Dispatch] = field(default_factory=list)
     findings: list[Diagnostic] = field(default_factory=list)
 
     def add(self, injections: Sequence[Injection], jobs: Sequence[PlannedJob]) -> None:

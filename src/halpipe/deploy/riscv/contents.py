@@ -16,7 +16,7 @@ from halpipe.deploy.riscv.elf import read_program
 from halpipe.diagnostics import Diagnostic, HalpipeError
 from halpipe.durations import Duration
 from halpipe.files import parse_yaml, read_bytes
-from halpipe.quantities import parse_bandwidth, parse_size
+from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -31,7 +31,7 @@ OWN_PROFILE = "profile.yaml"
 FLAT = "bundle.bin"
 AGAIN = "export the bundle again; edit the model or its sources, not the bundle"
 MAILBOX, RESERVED = 256, 4096
-_DEFAULTS = {"stack": "8KiB", "finisher": "0", "qemu": []}
+_DEFAULTS = {"stack": "8KiB", "finisher": "0", "qemu": [], "cpi": "1", "latency": "0ns"}
 
 
 def contradictions(
@@ -101,6 +101,8 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
             "setup": Duration.parse(dma["setup"]),
         },
         "service": Duration.parse(profile["service"]),
+        "cpi": parse_rational(str(text["cpi"])),
+        "latency": Duration.parse(text["latency"]),
         "stack": parse_size(text["stack"]),
         "finisher": _address(text["finisher"]) or "",
         "qemu": [str(word) for word in text["qemu"]],

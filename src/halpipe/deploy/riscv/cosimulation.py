@@ -117,8 +117,8 @@ class CoSimulation:
     `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
     instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
     ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
-    second; `cpi` are cycles per instruction. `budget` ends a run that goes round in circles, and a
-    `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
+    second; `cpi` are cycles per instruction, by default those of the profile. `budget` ends a run that goes round in
+    circles, and a `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class CoSimulation:
         first: str = "",
         execution: str = "real",
         bandwidth: int | None = None,
-        cpi: Fraction | int = 1,
+        cpi: Fraction | int | None = None,
         budget: Budget | None = None,
         saboteur: Saboteur | None = None,
         health: bool = True,
@@ -145,6 +145,7 @@ class CoSimulation:
         self._first = first or self._modes[0]
         self._execution = execution
         self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
+        cpi = self.site.cpi if cpi is None else cpi
         self._refuse_nonsense(cpi)
         program = load_program(target.bundle, self.site)
         self.program = program
@@ -258,6 +259,8 @@ class CoSimulation:
             self._begin()
         elif word == Word.TABLE and self._zero is not None:
             self._table(value, now)
+        elif word == Word.TRACED and value:
+            self._recorder.traced.append((now, self._machine.management.woken))
 
     def _begin(self) -> None:
         base = self._memory.word(self.site.control + 8 * Word.BASE)

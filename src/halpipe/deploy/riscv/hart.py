@@ -128,6 +128,10 @@ class Hart:
         if instant > self.now:
             self._origin = instant - self._page[Slot.COUNT] * self._cycle
 
+    def weigh(self, cycles: int) -> None:
+        """Have every load and store take so many cycles more."""
+        self._page[Slot.WEIGHT] = cycles
+
     def wake(self) -> int:
         """Return when the sleeping hart wakes by what is known now; `NEVER` if nothing would wake it."""
         instants = [NEVER]
@@ -374,8 +378,10 @@ class Hart:
         code = self._memory.view(pc, end - pc)
         at = number = 0
         while code is not None and at < len(code):
-            at += 4 if code[at] & 3 == 3 else 2
             number += 1
+            if page[Slot.WEIGHT] and block_hook.is_access(int.from_bytes(code[at : at + 2], "little")):
+                number += page[Slot.WEIGHT]
+            at += 4 if code[at] & 3 == 3 else 2
         page[Slot.COUNT] -= number
         page[Slot.BLOCK] = -1
 

@@ -134,6 +134,7 @@ class Machine(DmaWork):
         for hart in self.harts:
             hart.world = self
             hart.pc = program.entry
+        self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.cycle))
         self._power_up()
         self._load(program)
         self._hook_management()

@@ -87,6 +87,7 @@ class Recorder:
         self.transfers: list[Transfer] = []
         self.traps: list[Trap] = []
         self.disturbances: list[Disturbance] = []
+        self.traced: list[tuple[int, int]] = []  # of every record: now, and when the management core woke up last
         self.restarts: Counter[int] = Counter()
         self.stale: list[tuple[Transfer, str]] = []
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None

@@ -72,7 +72,7 @@ def wrong_operations(
 ) -> Iterator[Diagnostic]:
     """Yield where the tables in the program are not those that the schedule asks for."""
     at = bundle.at("bundle.elf")
-    reader = _Reader(program, model)
+    reader = Tables(program, model)
     try:
         for index, table in enumerate(site.tables):
             (played,) = tables_named(schedule, [table.name])
@@ -87,12 +87,17 @@ def wrong_operations(
         yield WRONG_OPERATIONS(f"its tables cannot be read: {failure}", at=at, help=AGAIN)
 
 
-class _Reader:
-    """Reads tables by their symbols and addresses."""
+PER_SLOT = 5
+"""Instructions by which an operation takes longer for each slot beyond those of the units."""
+
+
+class Tables:
+    """Reads the tables of a program by their symbols and addresses."""
 
     def __init__(self, program: Program, model: TaskModel) -> None:
         self._program, self._model = program, model
         self._programs: dict[int, list[Operation]] = {}
+        self._releases: dict[int, list[int]] = {}
 
     def _at(self, address: int, form: struct.Struct) -> tuple[int, ...]:
         found = stored(self._program, address, form.size)
@@ -118,6 +123,20 @@ class _Reader:
             if found != wanted:
                 yield f"rule {place} is {found}, that of the model is {wanted}"
             first += rule.count
+
+    def releases(self, index: int) -> list[int]:
+        """Return the ticks at which a table releases jobs, by row."""
+        if index not in self._releases:
+            base, _, count, _ = self._at(self._symbol("hp_tables") + index * _TABLE.size, _TABLE)
+            rows = range(min(count, _MOST))
+            self._releases[index] = [self._at(base + row * _RELEASE.size, _RELEASE)[0] for row in rows]
+        return self._releases[index]
+
+    def further_slots(self, site: Site) -> int:
+        """Return how many slots there are beside one for each unit."""
+        size = self._program.symbols["hp_programs"][1]
+        slots = [self.program(number)[2] for number in range(size // _PROGRAM.size)]
+        return max([0, *(slot + 1 - len(site.units) for slot in slots)])
 
     def rules(self, number: int) -> tuple[int, int]:
         """Return the first health rule of a program, 0 if it has none, and their number."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.durations import ZERO, Duration
+from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -100,7 +101,11 @@ class ImageSite:
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """All of it; `clock` and `timebase` (ticks of mtime) in Hz."""
+    """All of it; `clock` and `timebase` (ticks of mtime) in Hz.
+
+    `service` is reserved for each operation of the management core; `cpi` are the cycles of an instruction, and
+    `latency` is what each access of the management core takes beyond that.
+    """
 
     profile: str
     clock: int
@@ -121,6 +126,9 @@ class Site:
     buffers: dict[str, Area]
     images: tuple[ImageSite, ...]
     qemu: tuple[str, ...]
+    service: Duration = ZERO
+    cpi: Fraction = Fraction(1)
+    latency: Duration = ZERO
 
     @property
     def tick(self) -> Duration:
@@ -225,6 +233,17 @@ class _Reader:
             self._complain(self.path, f'"{key}": {failure}')
             return ZERO
 
+    def share(self, key: str) -> Fraction:
+        text = self.text(key)
+        try:
+            number = parse_rational(text)
+            if 1 <= number <= 1000:
+                return number
+        except ValueError:
+            pass
+        self._complain(self.path, f'"{key}" is {_shown(text)}, no number from 1 to 1000')
+        return Fraction(1)
+
     def _list(self, key: str) -> list[Any]:
         value = self._get(key)
         if isinstance(value, list):
@@ -282,6 +301,9 @@ def _site(top: _Reader) -> Site:
         buffers={buffer.text("name"): buffer.as_area("address") for buffer in top.objects("buffers")},
         images=tuple(_image(image) for image in top.objects("images")),
         qemu=top.texts("qemu"),
+        service=top.duration("service"),
+        cpi=top.share("cpi") if top.has("cpi") else Fraction(1),
+        latency=top.duration("latency") if top.has("latency") else ZERO,
     )
 
 

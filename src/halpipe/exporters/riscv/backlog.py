@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.exporters.riscv.codes import PHASE_TOO_SHORT
+from halpipe.exporters.riscv.render import DECISION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
     from halpipe.exporters.riscv.operations import Operation, Program, Table
     from halpipe.exporters.riscv.profile import Profile
 
-_RELEASE = 1
-"""The order of a release or the end of a table among the operations of one tick, as in runtime.c."""
+_RELEASE, _DECIDE = 1, 3
+"""The orders of a release or the end of a table, and of the look at the mailbox, among what is due at one tick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +62,8 @@ def _play(
                 due.append((start + release.tick + tick, order, index, (release.program, position)))
         start += table.length
         due.append((start, _RELEASE, index, None))
+        if table.is_mode:
+            due.append((start - DECISION, _DECIDE, index, None))
     free = ZERO
     for tick, _, index, which in sorted(due, key=lambda d: d[:2]):
         instant = profile.tick * tick

@@ -17,7 +17,7 @@ from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import Duration, seconds
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.quantities import parse_bandwidth, parse_size
+from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
 from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
@@ -50,6 +50,8 @@ _KEYS = (
     "dspm",
     "stack",
     "service",
+    "cpi",
+    "latency",
     "clint",
     "uart",
     "dma",
@@ -107,7 +109,8 @@ class Dma:
 class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 
-    `service` is the longest time that the management core needs for one operation.
+    `service` is the longest time that the management core needs for one operation, `cpi` are the cycles that an
+    instruction takes, and `latency` is what an access of the management core takes beyond that.
     """
 
     name: str
@@ -120,6 +123,8 @@ class Profile:
     dspm: Scratchpads
     stack: int
     service: Duration
+    cpi: Fraction
+    latency: Duration
     clint: int
     uart_kind: str
     uart: int
@@ -199,6 +204,8 @@ def _profile(name: str, f: Fields) -> Profile:
         dspm=_scratchpads(f, "dspm"),
         stack=f.value("stack", _size, 8192),
         service=f.value("service", Duration.parse, Duration(0)),
+        cpi=f.value("cpi", _cycles, Fraction(1)),
+        latency=f.value("latency", Duration.parse, Duration(0)),
         clint=f.value("clint", _address, 0),
         uart_kind=uart.value("kind", Words("sifive", "ns16550"), "") if uart else "",
         uart=uart.value("base", _address, 0) if uart else 0,
@@ -269,6 +276,13 @@ def _size(text: str) -> int:
     if not 0 < size <= 2**34:
         raise ValueError(f"{text} is out of range; write a size above 0 and up to 16GiB")
     return size
+
+
+def _cycles(text: str) -> Fraction:
+    number = parse_rational(text)
+    if not 1 <= number <= 1000:
+        raise ValueError(f"{text} is no number of cycles; write one from 1 to 1000, such as 1.5")
+    return number
 
 
 def _bandwidth(text: str) -> int:

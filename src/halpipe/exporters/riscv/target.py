@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
 from halpipe.exporters.riscv.operations import COPY, DONE, RUN
 from halpipe.exporters.riscv.render import DECISION, margin
+from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,6 +71,8 @@ def _board(profile: Profile) -> dict[str, Any]:
             "setup": str(dma.setup),
         },
         "service": str(profile.service),
+        "cpi": format_rational(profile.cpi),
+        "latency": str(profile.latency),
         "finisher": hex(profile.finisher) if profile.finisher else "",
         "qemu": list(profile.qemu),
         "decision": DECISION,

@@ -24,6 +24,9 @@ TARGET = {
         "setup": "2us",
     },
     "finisher": "",
+    "service": "1500ns",
+    "cpi": "1",
+    "latency": "0ns",
     "qemu": [],
     "units": [
         {

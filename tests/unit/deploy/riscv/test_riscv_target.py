@@ -97,6 +97,7 @@ def change(path, value):
         (("images", 0, "unit"), "core9", 'no unit "core9"'),
         (("images", 0, "symbols"), {"scan": 3}, "is no object"),
         (("halpipe-target",), 1, "from 2 to 2"),
+        (("cpi",), "0.5", "no number from 1 to 1000"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(path, value, said):

@@ -1,5 +1,7 @@
 """Dummy tasks: where data moves, and how far executions count."""
 
+from dataclasses import replace
+
 import pytest
 
 from halpipe.durations import Duration
@@ -10,7 +12,7 @@ from riscv_models import deployed, moving
 from support import model, task, version
 
 US = Duration.parse("1us")
-PROFILE = read_profile("vcu118")
+PROFILE = replace(read_profile("vcu118"), service=Duration.parse("1500ns"))
 CLOCK = Clock(US, US * 2, {"memory": 400_000_000})
 
 

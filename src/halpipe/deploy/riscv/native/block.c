@@ -30,17 +30,29 @@ typedef struct {
     int (*stop)(void *engine); /* uc_emu_stop */
     int64_t misaligned; /* the address of an access that is not aligned, -1 for none */
     int64_t stores;     /* 1 if that is a store */
-    int64_t unused[3];
+    int64_t weight;     /* what a load or store counts beyond one */
+    int64_t unused[2];
     int64_t watched[MAX_WATCHED];
     struct { int64_t base, end, offset; } region[MAX_REGIONS]; /* offset from the page */
     struct { int64_t address; uint32_t instructions, size; } known[KNOWN]; /* blocks counted before, by address */
 } Page;
 
+/* Whether an instruction loads or stores, by its first two bytes. */
+static int is_access(uint32_t half) {
+    uint32_t opcode = half & 0x7f, quadrant = half & 3, kind = half >> 13 & 7;
+    if (quadrant == 3)
+        return opcode == 0x03 || opcode == 0x07 || opcode == 0x23 || opcode == 0x27 || opcode == 0x2f;
+    return quadrant != 1 && kind != 0 && kind != 4;
+}
+
 /* The number of instructions in [position, end): of two bytes, or four where the two lowest bits are set. */
-static int64_t instructions(const uint8_t *memory, int64_t position, int64_t end) {
+static int64_t instructions(const uint8_t *memory, int64_t position, int64_t end, int64_t weight) {
     int64_t number = 0;
-    for (; position < end; number++)
+    for (; position < end; number++) {
+        if (weight && position + 1 < end && is_access(memory[position] | (uint32_t)memory[position + 1] << 8))
+            number += weight;
         position += (memory[position] & 3) == 3 ? 4 : 2;
+    }
     return number;
 }
 
@@ -73,7 +85,7 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
         if (page->region[i].base <= at && at < page->region[i].end) {
             int64_t position = page->region[i].offset + at - page->region[i].base;
             int64_t end = position + size < page->span ? position + size : page->span;
-            int64_t number = instructions(data, position, end);
+            int64_t number = instructions(data, position, end, page->weight);
             page->count += number;
             page->known[place].address = at;
             page->known[place].size = size;

@@ -124,8 +124,9 @@ static void restart(const hp_program *program) {
     }
 }
 
-/* Does what the health rules say of a job that was abandoned. */
-static void react(const slot *s, const hp_operation *o, uint64_t flags, uint64_t now) {
+/* Does what the health rules say of a job that was abandoned. Out of line: what seldom happens must not slow down what
+ * always does. */
+__attribute__((noinline)) static void react(const slot *s, const hp_operation *o, uint64_t flags, uint64_t now) {
     const hp_program *program = &hp_programs[s->who >> 32U];
     uint32_t end = program->rule + program->rules;
     for (uint32_t index = program->rule; index < end; index++) {
@@ -286,7 +287,7 @@ static void begin_table(uint32_t index, uint64_t start) {
     record_table(start - base, (start - base) + hp_tables[index].length, 0U);
 }
 
-static void refuse(uint64_t wanted) {
+__attribute__((noinline)) static void refuse(uint64_t wanted) {
     CONTROL->refused = CONTROL->refused + 1U;
     record_table(wanted, wanted, FLAG_REFUSED);
 }
