@@ -28,16 +28,95 @@ BINDINGS = {
 needs_compiler = pytest.mark.skipif(not shutil.which("g++"), reason="the declarations are checked by g++")
 
 
+TAKING = """
+#include <cstdio>
+#include <deque>
+#include "table_executor.hpp"
+
+static std::deque<int> through_dds, within;
+
+static std::shared_ptr<void> next(std::deque<int> & queue) {
+  if (queue.empty()) {return nullptr;}
+  auto found = std::make_shared<int>(queue.front());
+  queue.pop_front();
+  return found;
+}
+
+static rmw_message_info_t state;
+rcl_ret_t rcl_timer_get_period(const rcl_timer_t *, int64_t *) {return RCL_RET_OK;}
+namespace rclcpp {
+rmw_message_info_t & MessageInfo::get_rmw_message_info() {return state;}
+#if STUB_RCLCPP >= 28
+void Waitable::execute(const std::shared_ptr<void> & data) {std::printf("%d ", *static_cast<int *>(data.get()));}
+DeliveredMessageKind SubscriptionBase::get_delivered_message_kind() const {return DeliveredMessageKind::ROS_MESSAGE;}
+void Executor::execute_timer(TimerBase::SharedPtr, const std::shared_ptr<void> &) {}
+#else
+void Executor::execute_timer(TimerBase::SharedPtr) {}
+#endif
+void Waitable::execute(std::shared_ptr<void> & data) {std::printf("%d ", *static_cast<int *>(data.get()));}
+struct Intra : Waitable {std::shared_ptr<void> take_data() override {return next(within);}};
+std::shared_ptr<const rcl_timer_t> TimerBase::get_timer_handle() {return nullptr;}
+const char * SubscriptionBase::get_topic_name() const {return "/a";}
+bool SubscriptionBase::take_type_erased(void * message, MessageInfo &) {
+  const auto found = next(through_dds);
+  if (found) {*static_cast<int *>(message) = *static_cast<int *>(found.get());}
+  return found != nullptr;
+}
+bool SubscriptionBase::is_serialized() const {return false;}
+bool SubscriptionBase::can_loan_messages() const {return false;}
+Waitable::SharedPtr SubscriptionBase::get_intra_process_waitable() const {return std::make_shared<Intra>();}
+struct Subscription : SubscriptionBase {
+  std::shared_ptr<void> create_message() override {return std::make_shared<int>();}
+  void handle_message(std::shared_ptr<void> & message, const MessageInfo &) override {
+    std::printf("%d ", *static_cast<int *>(message.get()));
+  }
+  void return_message(std::shared_ptr<void> & message) override {message.reset();}
+};
+void CallbackGroup::collect_all_ptrs(
+  std::function<void(const SubscriptionBase::SharedPtr &)> subscriptions,
+  std::function<void(const ServiceBase::SharedPtr &)>, std::function<void(const ClientBase::SharedPtr &)>,
+  std::function<void(const TimerBase::SharedPtr &)>, std::function<void(const Waitable::SharedPtr &)>) const
+{
+  subscriptions(std::make_shared<Subscription>());
+}
+Executor::Executor(const ExecutorOptions &) {}
+void Executor::add_node(std::shared_ptr<Node>, bool) {}
+void Executor::execute_subscription(SubscriptionBase::SharedPtr) {}
+}  // namespace rclcpp
+
+struct Base : rclcpp::node_interfaces::NodeBaseInterface {
+  const char * get_fully_qualified_name() const override {return "/sink";}
+  void for_each_callback_group(const std::function<void(rclcpp::CallbackGroup::SharedPtr)> & call) override {
+    call(std::make_shared<rclcpp::CallbackGroup>());
+  }
+};
+
+#include "bindings.hpp"
+int main() {
+  table::Executor executor(table::takes_newest);
+  executor.adopt(std::make_shared<Base>());
+  const table::Row row = {"/sink", "/sink", "subscription", "/a", 0, 0};
+  if (!executor.bind(&row, 1).empty()) {return 1;}
+  for (std::deque<int> * queue : {&through_dds, &within}) {
+    *queue = {1, 2, 3};
+    while (executor.run(0)) {}
+    std::printf("none\\n");
+  }
+  return table::n_rows == 2 && table::rows[0].task ? 0 : 1;
+}
+"""
+
+
 def system():
     tasks = [task(name, 10, version("v", "1ms", "u1")) for name in BINDINGS]
     owner = model(*tasks, units="u1", name="Demo 1".replace(" ", "-"))
     return owner, schedule(owner, 10, job(owner, "/source", 0, 0, "u1"), job(owner, "/sink", 0, 2, "u1"))
 
 
-def package(bindings=None, owner=None, tables=None):
+def package(bindings=None, owner=None, tables=None, **chosen):
     if owner is None:
         owner, tables = system()
-    options = RosOptions(package=True, bindings=BINDINGS if bindings is None else bindings, cpus={"u1": 0})
+    options = RosOptions(package=True, bindings=BINDINGS if bindings is None else bindings, cpus={"u1": 0}, **chosen)
     return {name: content.decode() for name, content in FORMAT.write(owner, tables, options).items()}
 
 
@@ -67,6 +146,23 @@ def compiled(folder, files, distribution):
 @pytest.mark.parametrize("distribution", [HUMBLE, JAZZY])
 def test_the_container_compiles(tmp_path, distribution):
     assert compiled(tmp_path, package(), distribution) == ""
+
+
+@needs_compiler
+@pytest.mark.parametrize("distribution", [HUMBLE, JAZZY])
+@pytest.mark.parametrize("messages", ["oldest", "newest"])
+def test_a_job_gets_the_message_that_was_chosen(tmp_path, distribution, messages):
+    """Run the executor with the declarations filled in: three messages wait, through DDS and within a process."""
+    files = package(messages=messages)
+    (tmp_path / "probe.cpp").write_text(TAKING)
+    assert compiled(tmp_path, files, distribution) == ""
+    command = ["g++", "-std=c++17", f"-DSTUB_RCLCPP={distribution}", f"-I{STUBS}", f"-I{tmp_path}/src"]
+    command += ["-o", str(tmp_path / "probe"), str(tmp_path / "probe.cpp")]
+    built = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert built.stderr == ""
+    ran = subprocess.run([str(tmp_path / "probe")], capture_output=True, text=True, check=True)
+    first = "1 2 3 none" if messages == "oldest" else "3 none"
+    assert ran.stdout.split("\n") == [first, first, ""]
 
 
 @needs_compiler

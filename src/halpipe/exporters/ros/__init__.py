@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import CPUS, Form, choice, cpu_number, whole
 from halpipe.extent import Extent
+from halpipe.quantities import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,13 +25,22 @@ WITHOUT_GAPS = (
 )
 WITH_HOLDS = "make the phase a task of its own, or export the linux format, which holds programs between functions"
 
+OLDEST, NEWEST = MESSAGES = ("oldest", "newest")
+
+
+def _messages(text: str) -> str:
+    if text not in MESSAGES:
+        raise ValueError(f"{quoted(text)} is no order; write {OLDEST} or {NEWEST}")
+    return text
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosOptions(ExportOptions):
     """`cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 99.
 
     The title is not used. Units that `cpus` does not name get no affinity. With `package` an ament package is written
-    instead of the YAML file; `bindings` has the callback of each task for it.
+    instead of the YAML file; `bindings` has the callback of each task for it, and `messages` says which of the waiting
+    messages a job of a subscription gets, one of `MESSAGES`.
     """
 
     cpus: Mapping[str, int] | None = choice(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
@@ -38,6 +48,9 @@ class RosOptions(ExportOptions):
         PRIORITY, "Priority of the executors, SCHED_FIFO.", whole(1, HIGHEST_PRIORITY, "priority"), metavar="1..99"
     )
     package: bool = choice(False, "Write an ament package that plays the tables, as a folder.", form=Form.SWITCH)
+    messages: str = choice(
+        OLDEST, "Package: a job gets the oldest waiting message, or the newest and drops the others.", _messages
+    )
     bindings: Mapping[str, Binding] | None = None
 
 

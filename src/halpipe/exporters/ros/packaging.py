@@ -90,6 +90,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
         "package": package if package[0].isalpha() else f"p_{package}",
         "priority": options.priority,
         "rows": rows,
+        "is_newest": options.messages == "newest",
         "mode_names": [re.sub(r"\W", "_", mode.name, flags=re.ASCII) for mode in schedule.modes],
         "nodes": sorted({row.node for row in rows}),
         "unrealised": [text for text, _ in sentences(model, schedule)],
@@ -146,6 +147,10 @@ def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]
     yield (
         "threads of the middleware run at normal priority on any CPU",
         "keep a CPU free for them that no unit has",
+    )
+    yield (
+        "serialized and loaned messages are taken one by one, the oldest first, also with --messages newest",
+        "keep a queue of one message for their subscriptions",
     )
     if any(model.task(job.task).version(job.version).accesses for job in jobs):
         yield (

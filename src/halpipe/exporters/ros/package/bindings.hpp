@@ -7,6 +7,7 @@
 
 namespace table {
 
+constexpr bool takes_newest = {{ "true" if is_newest else "false" }};   // of the waiting messages, or the oldest
 constexpr size_t n_rows = {{ rows | length }};
 static const Row rows[] = {
 {% for r in rows %}

@@ -101,7 +101,7 @@ private:
 
 int main(int argc, char ** argv) {
   rclcpp::init(argc, argv);
-  auto tables = std::make_shared<table::Executor>();
+  auto tables = std::make_shared<table::Executor>(table::takes_newest);
   executor = tables.get();
   {
     auto container = std::make_shared<Container>(tables);

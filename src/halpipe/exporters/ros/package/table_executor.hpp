@@ -31,7 +31,8 @@ struct Callback {         // exactly one of timer and subscription is set; intra
 
 class Executor : public rclcpp::Executor {
 public:
-  explicit Executor(const rclcpp::ExecutorOptions & options = rclcpp::ExecutorOptions()) : rclcpp::Executor(options) {}
+  explicit Executor(bool takes_newest, const rclcpp::ExecutorOptions & options = rclcpp::ExecutorOptions())
+  : rclcpp::Executor(options), takes_newest_(takes_newest) {}
 
   void spin() override {}   // the threads of the dispatcher do
 
@@ -116,6 +117,7 @@ public:
     }
     if (callback.intra) {
       auto data = callback.intra->take_data();   // nullptr: nothing there
+      for (auto later = data; later && takes_newest_; later = callback.intra->take_data()) {data = later;}
       if (data) {
         callback.intra->execute(data);
         return true;
@@ -136,7 +138,7 @@ private:
     return topic == "/parameter_events" || topic == "/rosout" || topic == "/clock";
   }
 
-  // The public way to take, because execute_subscription does not say whether there was a message. The oldest first.
+  // The public way to take, because execute_subscription does not say whether there was a message. rclcpp gives the oldest.
   bool take(const rclcpp::SubscriptionBase::SharedPtr & subscription) {
 #if RCLCPP_VERSION_GTE(21, 0, 0)
     const bool is_plain = subscription->get_delivered_message_kind() == rclcpp::DeliveredMessageKind::ROS_MESSAGE;
@@ -151,11 +153,22 @@ private:
     info.get_rmw_message_info().from_intra_process = false;
     std::shared_ptr<void> message = subscription->create_message();
     const bool has_message = subscription->take_type_erased(message.get(), info);
+    while (has_message && takes_newest_) {
+      rclcpp::MessageInfo later_info;
+      later_info.get_rmw_message_info().from_intra_process = false;
+      std::shared_ptr<void> later = subscription->create_message();
+      const bool is_later = subscription->take_type_erased(later.get(), later_info);
+      subscription->return_message(is_later ? message : later);
+      if (!is_later) {break;}
+      message = later;
+      info = later_info;
+    }
     if (has_message) {subscription->handle_message(message, info);}
     subscription->return_message(message);
     return has_message;
   }
 
+  const bool takes_newest_;
   std::vector<Callback> callbacks_;
   std::vector<const Callback *> bound_;
   std::vector<rclcpp::node_interfaces::NodeBaseInterface::SharedPtr> nodes_;
