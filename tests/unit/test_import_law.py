@@ -56,15 +56,17 @@ MAY_IMPORT = {
     "flow": FOUNDATION | {"models", "importers", "exporters", "deploy", "pipeline"},
     # A benchmark is the whole chain from file to file, with a watch in its hand.
     "bench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow"},
+    # The workbench does what the command line does, for a browser.
+    "workbench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow", "api"},
     # The tool from Python does what the command line does.
     "api": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow"},
     "cli": FOUNDATION
-    | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench", "starters"},
+    | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench", "starters", "workbench"},
 }
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"api", "cli", "pipeline.solve.run", "bench", "deploy"},
+    "time": {"api", "cli", "workbench", "pipeline.solve.run", "bench", "deploy"},
     "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
     "random": {"pipeline.generate", "bench"},
@@ -79,11 +81,12 @@ WORLD = {
         "pipeline.solve.workers",
         "pipeline.solve.checkpoint",
         "pipeline.solve.kernel",
+        "workbench",
     },
-    "socket": set(),
+    "socket": {"cli.serve"},
     "urllib": set(),
     "tempfile": {"cli", "pipeline.solve.run", "bench", "exporters.riscv", "deploy", "caches"},
-    "os": {"cli", "pipeline.solve.run", "files", "exporters.riscv", "deploy", "caches"},
+    "os": {"cli", "workbench", "pipeline.solve.run", "files", "exporters.riscv", "deploy", "caches"},
     "platform": {"cli"},
     "shutil": {"cli", "files", "exporters.riscv", "deploy"},
 }

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 VERBS = (
-    "new", "import", "validate", "schedule", "verify", "explain", "size", "sensitivity", "show", "diff", "export",
-    "compare", "deploy", "run", "generate", "bench", "doctor",
+    "new", "import", "validate", "schedule", "serve", "verify", "explain", "size", "sensitivity", "show", "diff",
+    "export", "compare", "deploy", "run", "generate", "bench", "doctor",
 )  # fmt: skip
 """In the order of the help; each has a module of its name."""
 

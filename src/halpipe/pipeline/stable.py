@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from halpipe.diagnostics import Diagnostic
+    from halpipe.durations import Duration
     from halpipe.models import Job, Schedule, Task, TaskModel
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
@@ -39,8 +40,9 @@ def schedule_near(
 ) -> Scheduled:
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
-    for free in _growing(model, earlier):
-        kept = _without(earlier, free)
+    held = options.shipped
+    for free in _growing(model, earlier, held):
+        kept = _together(held, _without(earlier, free))
         try:
             found = solve(replace(options, shipped=kept, near=None, budget=BUDGET))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
@@ -53,15 +55,51 @@ def schedule_near(
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule)))
 
 
-def _growing(model: TaskModel, earlier: Schedule) -> Iterator[frozenset[str]]:
-    """Yield sets of tasks to place anew: those changed, then the nearest of the others as well, more each time."""
+def _growing(model: TaskModel, earlier: Schedule, held: Schedule | None) -> Iterator[frozenset[str]]:
+    """Yield sets of tasks to place anew: those changed, then the nearest of the others as well, more each time.
+
+    What is `held` elsewhere changes its task, and those whose place it takes.
+    """
     changed = frozenset(task.name for task in model.tasks if _has_changed(model, task, earlier))
+    changed |= _displaced(earlier, held)
     yield changed
     nearest = sorted((task.name for task in model.tasks if task.name not in changed), key=_distance(model, changed))
     count = 2
     while count < len(nearest):
         yield changed | frozenset(nearest[:count])
         count *= 2
+
+
+def _displaced(earlier: Schedule, held: Schedule | None) -> frozenset[str]:
+    """Return the tasks of held jobs, and those with a job that one of them would meet on its unit."""
+    names: set[str] = set()
+    before = {mode.name: mode for mode in earlier.modes}
+    for mode in held.modes if held is not None else ():
+        own = {job.task for job in mode.jobs}
+        others = [job for job in before[mode.name].jobs if job.task not in own] if mode.name in before else []
+        names |= own | {job.task for job in others for one in mode.jobs if _meet(one, job, mode.hyperperiod)}
+    return frozenset(names)
+
+
+def _meet(one: Job, other: Job, length: Duration) -> bool:
+    """Return whether two jobs use one unit at one time, on the circle of the hyperperiod."""
+    if not set(one.units) & set(other.units):
+        return False
+    ahead = (other.start - one.start) % length
+    return ahead < one.end - one.start or length - ahead < other.end - other.start
+
+
+def _together(held: Schedule | None, kept: Schedule) -> Schedule:
+    """Return the kept jobs with those held; of a task that is held, with those alone."""
+    if held is None:
+        return kept
+    stays = {mode.name: mode.jobs for mode in held.modes}
+    modes = []
+    for mode in kept.modes:
+        own = stays.get(mode.name, ())
+        tasks = {job.task for job in own}
+        modes.append(replace(mode, jobs=(*own, *(job for job in mode.jobs if job.task not in tasks))))
+    return kept.alone(tuple(modes))
 
 
 def _has_changed(model: TaskModel, task: Task, earlier: Schedule) -> bool:

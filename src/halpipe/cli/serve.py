@@ -1,0 +1,84 @@
+"""``halpipe serve``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from halpipe.cli import output, streams
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
+from halpipe.diagnostics import Exit, HalpipeError, error
+
+if TYPE_CHECKING:
+    from socket import socket
+
+NO_SERVER = error(
+    "HAL0958", "Workbench is not installed", "The server library comes with the extra: pip install 'halpipe[serve]'."
+)
+PORT_TAKEN = error("HAL0959", "Port cannot be used", "Another program has it, or the system does not give it.")
+
+
+def serve(
+    model: Annotated[str, typer.Argument(metavar="MODEL", help="Task model XML.")],
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: any that is free.")] = 0,
+    browser: Annotated[bool, typer.Option("--browser", help="Open the page in a browser.")] = False,
+    workers: WorkerCount = None,
+    format: DiagnosticFormat = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Open a model in the browser: edit it in place, drag jobs, and see a verified schedule at once.
+
+    The page is served to this machine only, to whoever has the address with its token. Ctrl-C ends the server.
+    """
+    import secrets
+    import threading
+
+    output.choose(format, quiet=quiet, verbose=verbose)
+    try:
+        import uvicorn
+
+        from halpipe.workbench.server import application
+    except ImportError:
+        help = "pip install 'halpipe[serve]'"
+        raise HalpipeError(NO_SERVER("starlette and uvicorn are not installed", help=help)) from None
+    from halpipe.cli.processors import processor_count
+    from halpipe.workbench.session import Session
+
+    listening = _listen(port)
+    session = Session(model, workers or processor_count())
+    token = secrets.token_urlsafe(24)
+    number = listening.getsockname()[1]
+    address = f"http://127.0.0.1:{number}/?token={token}"
+    output.result(address)
+    streams.flush_results()
+    if browser:
+        _open(address)
+    threading.Thread(target=session.begin, daemon=True).start()
+    app = application(session, token, number)
+    config = uvicorn.Config(app, log_level="warning", server_header=False, lifespan="off")
+    uvicorn.Server(config).run(sockets=[listening])
+    return Exit.OK
+
+
+def _listen(port: int) -> socket:
+    import socket as sockets
+
+    listening = sockets.socket()
+    try:
+        listening.setsockopt(sockets.SOL_SOCKET, sockets.SO_REUSEADDR, 1)
+        listening.bind(("127.0.0.1", port))
+        listening.listen()
+    except OSError as failure:
+        listening.close()
+        help = "choose another --port, or leave it out"
+        raise HalpipeError(PORT_TAKEN(f"port {port}: {failure.strerror}", help=help)) from None
+    return listening
+
+
+def _open(address: str) -> None:
+    import webbrowser
+
+    if not webbrowser.open(address):
+        output.say("there is no browser to open; open the address above in one")

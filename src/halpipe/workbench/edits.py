@@ -1,0 +1,127 @@
+"""One statement about a model: which element, which attribute, and the text of its new value."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import HalpipeError, error
+from halpipe.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from halpipe.models import TaskModel
+
+BAD_EDIT = error(
+    "HAL0951",
+    "Edit cannot be made",
+    "An edit names an element of the model and one of its attributes, and gives a value that can stand there. The "
+    "model stays as it was.",
+)
+
+TASK_FIELDS = ("period", "offset", "deadline", "slack", "binding")
+VERSION_FIELDS = ("wcet", "units")
+WINDOW_FIELDS = ("min", "max")
+CHAIN_FIELDS = ("max_reaction", "max_age")
+OPTIONAL = ("offset", "deadline", "max_reaction", "max_age")
+"""Attributes that an empty text removes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Edit:
+    """`kind` is task, version, window or chain; `inner` is a version's name, or the number of its window.
+
+    The `name` is that of the task or chain; a window is that of version `inner` after the task `after`.
+    """
+
+    kind: str
+    name: str
+    field: str
+    value: str
+    inner: str = ""
+    after: str = ""
+
+    @property
+    def place(self) -> str:
+        """The element in words, for messages and the history."""
+        version = f' version "{self.inner}"' if self.inner else ""
+        return f'{"chain" if self.kind == "chain" else "task"} "{self.name}"{version} {self.field.replace("_", "-")}'
+
+
+def edited(model: TaskModel, edit: Edit) -> TaskModel:
+    """Return the model with the edit; raise `HalpipeError` that says what cannot stand there."""
+    makers: dict[str, Callable[[TaskModel, Edit], TaskModel]] = {
+        "task": _task,
+        "version": _version,
+        "window": _window,
+        "chain": _chain,
+    }
+    if edit.kind not in makers:
+        raise _bad(edit, f'"{edit.kind}" is nothing that can be edited', "edit a task, a version, a window or a chain")
+    return makers[edit.kind](model, edit)
+
+
+def _task(model: TaskModel, edit: Edit) -> TaskModel:
+    _known(edit, edit.field, TASK_FIELDS)
+    task = _named(edit, model.tasks, edit.name)
+    return replace(model, tasks=_exchanged(model.tasks, task, _with(edit, task)))
+
+
+def _version(model: TaskModel, edit: Edit) -> TaskModel:
+    _known(edit, edit.field, VERSION_FIELDS)
+    task = _named(edit, model.tasks, edit.name)
+    version = _named(edit, task.versions, edit.inner)
+    value: Any = tuple(edit.value.split()) if edit.field == "units" else edit.value
+    changed = replace(task, versions=_exchanged(task.versions, version, _with(edit, version, value)))
+    return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+
+def _window(model: TaskModel, edit: Edit) -> TaskModel:
+    _known(edit, edit.field, WINDOW_FIELDS)
+    task = _named(edit, model.tasks, edit.name)
+    version = _named(edit, task.versions, edit.inner)
+    window = next((w for w in version.precedences if w.task == edit.after), None)
+    if window is None:
+        raise _bad(edit, f'has no window after task "{edit.after}"', "name the task that precedes it")
+    windows = _exchanged(version.precedences, window, _with(edit, window))
+    changed = replace(task, versions=_exchanged(task.versions, version, replace(version, precedences=windows)))
+    return replace(model, tasks=_exchanged(model.tasks, task, changed))
+
+
+def _chain(model: TaskModel, edit: Edit) -> TaskModel:
+    _known(edit, edit.field, CHAIN_FIELDS)
+    chain = _named(edit, model.chains, edit.name)
+    return replace(model, chains=_exchanged(model.chains, chain, _with(edit, chain)))
+
+
+def _with(edit: Edit, element: Any, value: Any = None) -> Any:
+    """Return the element with the new value, which its own type reads."""
+    given: Any = edit.value.strip() if value is None else value
+    if not given and edit.field in OPTIONAL:
+        given = None
+    try:
+        return replace(element, **{edit.field: given})
+    except (TypeError, ValueError) as wrong:
+        message, _, help = str(wrong).partition("; ")
+        raise _bad(edit, message.partition(": ")[2] or message, help or "correct the value") from None
+
+
+def _exchanged(elements: tuple[Any, ...], old: Any, new: Any) -> tuple[Any, ...]:
+    return tuple(new if element is old else element for element in elements)
+
+
+def _known(edit: Edit, field: str, fields: Iterable[str]) -> None:
+    if field not in fields:
+        raise _bad(edit, f'has no "{field}" to edit', "it has: " + ", ".join(fields))
+
+
+def _named(edit: Edit, elements: Iterable[Any], name: str) -> Any:
+    known = {element.name: element for element in elements}
+    if name not in known:
+        raise _bad(edit, f'there is no "{name}"', did_you_mean(name, known, "choose one of the model"))
+    return known[name]
+
+
+def _bad(edit: Edit, message: str, help: str) -> HalpipeError:
+    return HalpipeError(BAD_EDIT(message, path=edit.place, help=help))

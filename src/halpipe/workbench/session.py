@@ -1,0 +1,336 @@
+"""A model with its schedule, history and variants: what a person does in the workbench, without any server."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from halpipe.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostics
+from halpipe.exporters.native import format_model
+from halpipe.files import read_bytes, sha256, write_output
+from halpipe.importers.native import parse_model
+from halpipe.pipeline.checked import schedule_model, validate_model
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.workers import Workers
+from halpipe.workbench.edits import edited
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from halpipe.durations import Duration
+    from halpipe.models import Job, Schedule, TaskModel
+    from halpipe.workbench.edits import Edit
+
+OUTDATED = error(
+    "HAL0952",
+    "Somebody else has changed the model",
+    "Two windows work on one model. An edit is made on what its window shows; this one was made on an older state.",
+)
+CHANGED_ON_DISK = error(
+    "HAL0953",
+    "File is not overwritten unless that is asked for",
+    "There is such a file, or the model's own was changed by another program since the workbench read or wrote it.",
+)
+NO_VARIANT = error(
+    "HAL0956", "There is no such variant", "Variants are kept under names, and live as long as the server."
+)
+NOT_PROVEN = error(
+    "HAL0957", "Nothing to export", "Only a schedule that has passed verify, of the model as it is shown, is exported."
+)
+NO_SUCH_JOB = error("HAL0954", "There is no such job", "A job is named by its mode, its task and its number.")
+
+BUDGET = 2_000
+"""Moves per task for one answer; a person waits for it."""
+HISTORY = 200
+
+
+@dataclass(frozen=True, slots=True)
+class Pin:
+    """A job that stays where a person has put it."""
+
+    mode: str
+    task: str
+    index: int
+    start: Duration
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """A model, what is pinned in it, and its schedule, which `findings` may say is none of this model any more."""
+
+    model: TaskModel
+    pins: tuple[Pin, ...] = ()
+    schedule: Schedule | None = None
+    findings: tuple[Diagnostic, ...] = ()
+    what: str = "opened"
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether the schedule is one of the model, and has passed verify."""
+        return self.schedule is not None and not any(found.is_error for found in self.findings)
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """How the last answer came about: jobs that stayed of how many, and seconds."""
+
+    stayed: int = 0
+    jobs: int = 0
+    seconds: float = 0.0
+
+
+class Session:
+    """What a workbench holds; one thread at a time may ask something of it."""
+
+    def __init__(self, path: str, workers: int = 1) -> None:
+        content = read_bytes(path)
+        self.path = path
+        self.lock = threading.Lock()
+        self.revision = 0
+        self.variants: dict[str, State] = {}
+        self.answered = Answered()
+        self.progress: tuple[str, int, int] | None = None
+        self._cancelled = False
+        self._workers = Workers(workers)
+        self._on_disk = sha256(content)
+        self._past: list[State] = []
+        self._future: list[State] = []
+        self.state = State(parse_model(content, path))
+
+    def begin(self) -> None:
+        """Find the first schedule."""
+        with self.lock:
+            self._show(self._solved(self.state, None))
+
+    # ---- what a person does
+
+    def edit(self, edit: Edit, revision: int) -> None:
+        """Change one attribute, and find a schedule near the one that is shown."""
+        self._check(revision)
+        model = edited(self.state.model, edit)
+        what = f"{edit.place} = {edit.value or 'nothing'}"
+        self._enter(replace(self.state, model=model, what=what))
+
+    def pin(self, pin: Pin, revision: int) -> None:
+        """Put a job somewhere; it stays there, and the rest gives way."""
+        self._check(revision)
+        held = self._held(pin)
+        others = tuple(p for p in self.state.pins if (p.mode, p.task) != (pin.mode, pin.task))
+        what = f'job {pin.index} of "{pin.task}" at {pin.start}'
+        self._enter(replace(self.state, pins=(*others, *held), what=what))
+
+    def unpin(self, task: str, revision: int) -> None:
+        """Let the jobs of a task go; empty: of every task."""
+        self._check(revision)
+        kept = tuple(p for p in self.state.pins if task and p.task != task)
+        self._enter(replace(self.state, pins=kept, what=f"let go {task or 'all'}"))
+
+    def undo(self) -> None:
+        """Go back one step, if there is one."""
+        if self._past:
+            self._future.append(self.state)
+            self._show(self._past.pop())
+
+    def redo(self) -> None:
+        """Go forward again, if there is a step."""
+        if self._future:
+            self._past.append(self.state)
+            self._show(self._future.pop())
+
+    def keep(self, name: str) -> None:
+        """Keep what is shown as a variant of that name."""
+        self.variants[name] = self.state
+        self.revision += 1
+
+    def take(self, name: str, revision: int) -> None:
+        """Show a variant again; the step can be undone."""
+        self._check(revision)
+        kept = self.variant(name)
+        self._remember()
+        self._show(replace(kept, what=f'variant "{name}"'))
+
+    def save(self, path: str, *, force: bool = False) -> str:
+        """Write the model; over the file that was opened only if that is asked for, and the file is what it was."""
+        target = path or self.path
+        content = format_model(self.state.model)
+        is_source = os.path.realpath(target) == os.path.realpath(self.path)
+        if not force and (os.path.lexists(target) or is_source):
+            text = "was changed since it was read" if is_source and self.changed_on_disk() else "is there already"
+            help = "save under another name, or save over it on purpose"
+            raise HalpipeError(CHANGED_ON_DISK(f"{target} {text}", path=target, help=help))
+        write_output(target, content)
+        if is_source:
+            self._on_disk = sha256(content)
+        return target
+
+    def cancel(self) -> None:
+        """End the search that runs."""
+        self._cancelled = True
+
+    # ---- what may be asked
+
+    def changed_on_disk(self) -> bool:
+        """Return whether the file is not what was read or written."""
+        try:
+            return sha256(read_bytes(self.path)) != self._on_disk
+        except HalpipeError:
+            return True
+
+    def variant(self, name: str) -> State:
+        """Return what was kept under a name."""
+        if name not in self.variants:
+            raise HalpipeError(NO_VARIANT(f'there is no variant "{name}"', help="keep one first"))
+        return self.variants[name]
+
+    def why(self, mode: str) -> tuple[Diagnostic, ...]:
+        """Return why there is no schedule and what would help; ends early where it is cancelled."""
+        from halpipe.pipeline.explain.explanation import explain
+
+        self._cancelled = False
+        model = self._as_read(self.state.model)
+        known = mode if mode in {each.name for each in model.modes} else None
+        return explain(model, known, go_on=lambda: not self._cancelled).diagnostics
+
+    def margins(self) -> dict[str, float]:
+        """Return for each task by how much of it the WCET can grow before the schedule breaks, the least of all."""
+        from halpipe.pipeline.whatif.sensitivity import sensitivities
+
+        least: dict[str, float] = {}
+        for row in sensitivities(self._as_read(self.state.model), self._proven(), frozenset()):
+            if row.growth is not None:
+                share = float(row.growth / row.wcet)
+                least[row.task] = min(share, least.get(row.task, share))
+        return least
+
+    def exported(self, format: str, options: Mapping[str, Any]) -> dict[str, bytes]:
+        """Return the files of an export of what is shown."""
+        from halpipe.api import export
+
+        return export(format, self._as_read(self.state.model), self._proven(), **options)
+
+    def suffix_of(self, format: str) -> str:
+        """Return how the main file of a format is called."""
+        from halpipe.flow.formats import exporter
+
+        return exporter(format).suffix
+
+    def _proven(self) -> Schedule:
+        if self.state.schedule is None or not self.state.is_valid:
+            raise HalpipeError(NOT_PROVEN("there is no valid schedule of this model", help="undo, or edit on"))
+        return self.state.schedule
+
+    def _as_read(self, model: TaskModel) -> TaskModel:
+        return parse_model(format_model(model), self.path)  # as it would be read from its file
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a step to go back."""
+        return bool(self._past)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is a step to go forward."""
+        return bool(self._future)
+
+    # ---- inside
+
+    def _check(self, revision: int) -> None:
+        if revision != self.revision:
+            help = "look at what is shown now, and make the edit again if it is still wanted"
+            raise HalpipeError(OUTDATED("the model was changed in another window", help=help))
+
+    def _enter(self, wanted: State) -> None:
+        solved = self._solved(wanted, self.state.schedule)
+        self._remember()
+        self._future.clear()
+        self._show(solved)
+
+    def _remember(self) -> None:
+        self._past.append(self.state)
+        del self._past[:-HISTORY]
+
+    def _show(self, state: State) -> None:
+        self.state = state
+        self.revision += 1
+
+    def _held(self, pin: Pin) -> list[Pin]:
+        """Return pins for all jobs of a task: without slack, the others move as far; else they stay where they are."""
+        schedule = self.state.schedule
+        modes = {} if schedule is None else {mode.name: mode for mode in schedule.modes}
+        jobs = {job.index: job for job in modes[pin.mode].jobs if job.task == pin.task} if pin.mode in modes else {}
+        if pin.index not in jobs:
+            message = f'mode "{pin.mode}" has no job {pin.index} of "{pin.task}"'
+            raise HalpipeError(NO_SUCH_JOB(message, help="choose one that is shown"))
+        length = modes[pin.mode].hyperperiod
+        moved = pin.start - jobs[pin.index].start
+        rigid = not self.state.model.task(pin.task).slack
+        held = []
+        for job in jobs.values():
+            start = (job.start + moved) % length if rigid or job.index == pin.index else job.start
+            held.append(replace(pin, index=job.index, start=start))
+        return held
+
+    def _solved(self, state: State, before: Schedule | None) -> State:
+        """Return the state with a verified schedule, or with what stands against one and the schedule before."""
+        began = time.monotonic()
+        self._cancelled = False
+        model = self._as_read(state.model)
+        findings = [found for found in validate_model(model) if found.is_error]
+        schedule = before
+        if not findings:
+            options = SearchOptions(
+                budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before)
+            )
+            try:
+                schedule, findings = self._search(model, options, before)
+            except HalpipeError as refused:
+                findings = list(refused.diagnostics)
+        self.answered = _answered(before, None if findings else schedule, time.monotonic() - began)
+        self.progress = None
+        return replace(state, schedule=schedule, findings=tuple(sort_diagnostics(findings)))
+
+    def _search(
+        self, model: TaskModel, options: SearchOptions, before: Schedule | None
+    ) -> tuple[Schedule | None, list[Diagnostic]]:
+        scheduled = schedule_model(model, options, self._on_progress)
+        if scheduled.is_complete:
+            return scheduled.schedule, []
+        from halpipe.pipeline.checked import explain_failure
+
+        return before, list(explain_failure(model, scheduled, interrupted=scheduled.stopped))
+
+    def _on_progress(self, mode: str, made: int, allowed: int, least: int, *_: Any) -> bool:
+        self.progress = (mode, made, allowed)
+        return not self._cancelled
+
+    def _pinned(self, state: State, before: Schedule | None) -> Schedule | None:
+        if before is None or not state.pins:
+            return None
+        modes = []
+        for mode in before.modes:
+            pins = {(p.task, p.index): p for p in state.pins if p.mode == mode.name}
+            held = tuple(_moved(job, pins[job.task, job.index]) for job in mode.jobs if (job.task, job.index) in pins)
+            modes.append(replace(mode, jobs=held))
+        return before.alone(tuple(modes))
+
+
+def _moved(job: Job, pin: Pin) -> Job:
+    units = (pin.unit,) if pin.unit and len(job.units) == 1 else job.units
+    return replace(job, start=pin.start, end=pin.start + (job.end - job.start), units=units, parts=())
+
+
+def _answered(before: Schedule | None, after: Schedule | None, seconds: float) -> Answered:
+    if before is None or after is None:
+        return Answered(seconds=seconds)
+    places = {(mode.name, job.task, job.index): _place(job) for mode in before.modes for job in mode.jobs}
+    jobs = [(mode.name, job) for mode in after.modes for job in mode.jobs]
+    stayed = sum(places.get((mode, job.task, job.index)) == _place(job) for mode, job in jobs)
+    return Answered(stayed, len(jobs), seconds)
+
+
+def _place(job: Job) -> tuple[Any, ...]:
+    return job.start, job.version, frozenset(job.units)

@@ -1,0 +1,251 @@
+"use strict";
+// One chart of one mode on a canvas: lanes are units, boxes are jobs. Zoom with the wheel or + and -, pan by dragging,
+// choose with a click or the arrow keys. Dragging a job, or Alt with an arrow, asks the owner to move it.
+class Viewer {
+  constructor(canvas, owner) {
+    this.canvas = canvas;
+    this.owner = owner; // {chosen(job), moved(job, start)}
+    this.context = canvas.getContext("2d");
+    this.scene = null; this.mode = null; this.beside = null;
+    this.from = 0; this.to = 1; this.filter = ""; this.chain = null; this.heat = null; this.pinned = new Set();
+    this.selected = null; this.hovered = null; this.drag = null; this.drawn = false;
+    const on = (name, act, options) => canvas.addEventListener(name, act.bind(this), options);
+    on("wheel", this.onWheel, {passive: false});
+    on("pointerdown", this.onDown); on("pointermove", this.onMove); on("pointerup", this.onUp); on("pointercancel", this.onUp);
+    on("keydown", this.onKey);
+    new ResizeObserver(() => this.draw()).observe(canvas);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
+  }
+
+  show(scene, modeName) {
+    const before = this.mode;
+    this.scene = scene;
+    this.mode = scene.modes.find(mode => mode.name === modeName) || scene.modes[0] || null;
+    if (!this.mode) { this.draw(); return; }
+    if (!before || before.name !== this.mode.name || before.length !== this.mode.length) { this.from = 0; this.to = this.mode.length; }
+    this.jobs = this.mode.jobs.map((row, place) => ({
+      place, task: row[0], index: row[1], version: row[2], lanes: row[3], start: row[4], end: row[5],
+      startText: row[6], endText: row[7], parts: row[8].length ? row[8] : [[row[4], row[5]]], gaps: row[8].length > 1,
+      name: scene.tasks[row[0]].name, colour: scene.tasks[row[0]].colour,
+    }));
+    this.byLane = scene.units.map((_, lane) => this.jobs.filter(job => job.lanes.includes(lane)).sort((a, b) => a.start - b.start));
+    if (this.selected) this.selected = this.jobs.find(job => job.name === this.selected.name && job.index === this.selected.index) || null;
+    this.draw();
+  }
+
+  draw() { if (!this.drawn) { this.drawn = true; requestAnimationFrame(() => { this.drawn = false; this.paint(); }); } }
+
+  colours() {
+    const style = getComputedStyle(document.documentElement), get = name => style.getPropertyValue(name).trim();
+    return {back: get("--back") || "#fff", ink: get("--ink") || "#111", faint: get("--faint") || "#666", line: get("--line") || "#ccc",
+      lane: get("--lane") || "#f4f4f4", accent: get("--accent") || "#15c", bad: get("--bad") || "#a00"};
+  }
+
+  layout() {
+    const ratio = window.devicePixelRatio || 1, box = this.canvas.getBoundingClientRect();
+    if (this.canvas.width !== Math.round(box.width * ratio) || this.canvas.height !== Math.round(box.height * ratio)) {
+      this.canvas.width = Math.round(box.width * ratio); this.canvas.height = Math.round(box.height * ratio);
+    }
+    this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    this.width = box.width; this.height = box.height;
+    this.left = 90; this.top = 24;
+    this.lane = Math.max(8, (this.height - this.top - 6) / Math.max(1, this.scene.units.length));
+  }
+
+  x(time) { return this.left + (time - this.from) / (this.to - this.from) * (this.width - this.left); }
+  time(x) { return this.from + (x - this.left) / (this.width - this.left) * (this.to - this.from); }
+
+  paint() {
+    if (!this.scene) return;
+    this.layout();
+    const pen = this.context, tone = this.colours();
+    pen.fillStyle = tone.back; pen.fillRect(0, 0, this.width, this.height);
+    if (!this.mode) { pen.fillStyle = tone.faint; pen.fillText("no schedule yet", this.left, this.top + 14); return; }
+    this.paintLanes(pen, tone);
+    this.paintAxis(pen, tone);
+    pen.save(); pen.beginPath(); pen.rect(this.left, 0, this.width - this.left, this.height); pen.clip();
+    this.byLane.forEach((jobs, lane) => this.paintJobs(pen, tone, jobs, lane));
+    if (this.beside) this.paintBeside(pen, tone);
+    if (this.chain) this.paintChain(pen, tone);
+    pen.restore();
+  }
+
+  paintLanes(pen, tone) {
+    pen.font = "12px system-ui, sans-serif"; pen.textBaseline = "middle"; pen.textAlign = "left";
+    this.scene.units.forEach((unit, lane) => {
+      const y = this.top + lane * this.lane;
+      pen.fillStyle = lane % 2 ? tone.back : tone.lane; pen.fillRect(0, y, this.width, this.lane);
+      pen.fillStyle = tone.ink;
+      if (this.lane >= 12) pen.fillText(unit.slice(0, 12), 6, y + this.lane / 2);
+    });
+  }
+
+  paintAxis(pen, tone) {
+    const span = this.to - this.from, rough = span / 8, power = 10 ** Math.floor(Math.log10(rough));
+    const step = [1, 2, 5, 10].map(n => n * power).find(n => n >= rough);
+    pen.strokeStyle = tone.line; pen.fillStyle = tone.faint; pen.textAlign = "center"; pen.lineWidth = 1;
+    for (let tick = Math.ceil(this.from / step) * step; tick <= this.to + step / 1e6; tick += step) {
+      const x = Math.round(this.x(tick)) + .5;
+      pen.beginPath(); pen.moveTo(x, this.top - 5); pen.lineTo(x, this.height); pen.stroke();
+      pen.fillText(`${+tick.toFixed(6)} ms`, Math.min(x, this.width - 24), 10);
+    }
+    pen.textAlign = "left";
+  }
+
+  fill(job) {
+    if (!this.heat) return job.colour;
+    const margin = this.heat[job.name];
+    if (margin === undefined) return "#cccccc";
+    const share = Math.max(0, Math.min(1, margin));
+    return `hsl(${Math.round(20 + 190 * share)} 70% 70%)`;
+  }
+
+  paintJobs(pen, tone, jobs, lane) {
+    const y = this.top + lane * this.lane + 2, high = this.lane - 4, length = this.mode.length;
+    let last = -1;
+    for (const job of jobs) {
+      const faded = this.filter && !job.name.toLowerCase().includes(this.filter) && !this.scene.units[lane].toLowerCase().includes(this.filter);
+      for (const [start, end] of job.parts) {
+        for (const shift of end > length ? [0, -length] : [0]) {
+          const begin = this.x(start + shift), until = this.x(end + shift);
+          if (until < this.left || begin > this.width) continue;
+          const wide = Math.max(1, until - begin);
+          if (wide <= 1 && Math.round(begin) === last && job !== this.selected) continue; // as many as there are pixels
+          last = Math.round(begin);
+          pen.globalAlpha = faded ? .15 : 1;
+          pen.fillStyle = this.fill(job); pen.fillRect(begin, y, wide, high);
+          if (wide > 3) { pen.strokeStyle = "#0006"; pen.lineWidth = 1; pen.strokeRect(begin + .5, y + .5, wide - 1, high - 1); }
+          if (this.pinned.has(`${this.mode.name} ${job.task} ${job.index}`)) { pen.fillStyle = tone.ink; pen.fillRect(begin, y, wide, 3); }
+          if (job === this.selected || job === this.hovered) { pen.strokeStyle = tone.accent; pen.lineWidth = 2.5; pen.strokeRect(begin + 1, y + 1, Math.max(1, wide - 2), high - 2); }
+          if (wide > 34 && high > 11) { pen.fillStyle = "#111"; pen.fillText(job.name, begin + 4, y + high / 2, wide - 8); }
+        }
+      }
+      if (job.gaps) {
+        pen.strokeStyle = tone.faint; pen.lineWidth = 1; pen.beginPath();
+        pen.moveTo(this.x(job.start), y + high / 2); pen.lineTo(this.x(job.end), y + high / 2); pen.stroke();
+      }
+    }
+    pen.globalAlpha = 1;
+    if (this.drag && this.drag.job && this.drag.job.lanes.includes(lane)) {
+      const job = this.drag.job;
+      pen.globalAlpha = .55; pen.fillStyle = tone.accent;
+      pen.fillRect(this.x(job.start + this.drag.by), y, Math.max(2, this.x(job.end) - this.x(job.start)), high);
+      pen.globalAlpha = 1;
+    }
+  }
+
+  paintBeside(pen, tone) {
+    const other = this.beside.modes.find(mode => mode.name === this.mode.name);
+    if (!other) return;
+    const here = new Map(this.jobs.map(job => [`${job.name} ${job.index}`, job]));
+    pen.setLineDash([4, 3]); pen.strokeStyle = tone.bad; pen.lineWidth = 1.5;
+    for (const row of other.jobs) {
+      const job = here.get(`${this.beside.tasks[row[0]].name} ${row[1]}`);
+      if (job && job.start === row[4] && String(job.lanes) === String(row[3])) continue;
+      for (const lane of row[3]) pen.strokeRect(this.x(row[4]), this.top + lane * this.lane + 3, Math.max(2, this.x(row[5]) - this.x(row[4])), this.lane - 6);
+    }
+    pen.setLineDash([]);
+  }
+
+  paintChain(pen, tone) {
+    pen.strokeStyle = tone.accent; pen.fillStyle = tone.accent; pen.lineWidth = 1.5;
+    const runs = this.chain.map(task => this.jobs.filter(job => job.task === task).sort((a, b) => a.end - b.end));
+    for (let stage = 0; stage + 1 < runs.length; stage++) {
+      for (const job of runs[stage]) {
+        const next = runs[stage + 1].filter(other => other.start >= job.end).sort((a, b) => a.start - b.start)[0];
+        if (!next) continue;
+        const x0 = this.x(job.end), y0 = this.top + (job.lanes[0] + .5) * this.lane, x1 = this.x(next.start), y1 = this.top + (next.lanes[0] + .5) * this.lane;
+        pen.beginPath(); pen.moveTo(x0, y0); pen.lineTo(x1, y1); pen.stroke();
+        pen.beginPath(); pen.arc(x1, y1, 3, 0, 7); pen.fill();
+      }
+    }
+  }
+
+  at(x, y) {
+    const lane = Math.floor((y - this.top) / this.lane), time = this.time(x);
+    if (!this.byLane || !this.byLane[lane] || x < this.left) return null;
+    const length = this.mode.length, within = ([start, end]) => (start <= time && time < end) || (end > length && time < end - length);
+    return this.byLane[lane].find(job => job.parts.some(within)) || null;
+  }
+
+  zoom(factor, around) {
+    const span = Math.min(this.mode.length, Math.max(this.mode.length / 1e6, (this.to - this.from) * factor));
+    const share = (around - this.from) / (this.to - this.from);
+    this.from = Math.max(0, Math.min(this.mode.length - span, around - share * span)); this.to = this.from + span;
+    this.draw();
+  }
+
+  pan(by) {
+    const span = this.to - this.from;
+    this.from = Math.max(0, Math.min(this.mode.length - span, this.from + by)); this.to = this.from + span;
+    this.draw();
+  }
+
+  select(job) { this.selected = job; this.owner.chosen(job); this.draw(); }
+  onWheel(event) {
+    if (!this.mode) return;
+    event.preventDefault();
+    if (event.shiftKey || Math.abs(event.deltaX) > Math.abs(event.deltaY)) this.pan((event.deltaX || event.deltaY) / this.width * (this.to - this.from));
+    else this.zoom(event.deltaY > 0 ? 1.2 : 1 / 1.2, this.time(event.offsetX));
+  }
+  onDown(event) {
+    if (!this.mode) return;
+    this.canvas.focus(); this.canvas.setPointerCapture(event.pointerId);
+    const job = this.at(event.offsetX, event.offsetY);
+    if (job) this.select(job);
+    this.drag = {job, x: event.offsetX, from: this.from, by: 0, moved: false};
+  }
+  onMove(event) {
+    if (!this.mode) return;
+    const drag = this.drag;
+    if (!drag) {
+      const job = this.at(event.offsetX, event.offsetY);
+      if (job !== this.hovered) { this.hovered = job; this.owner.chosen(job || this.selected); this.draw(); }
+      return;
+    }
+    const by = (event.offsetX - drag.x) / (this.width - this.left) * (this.to - this.from);
+    if (Math.abs(event.offsetX - drag.x) > 3) drag.moved = true;
+    if (drag.job) drag.by = by;
+    else { const span = this.to - this.from; this.from = Math.max(0, Math.min(this.mode.length - span, drag.from - by)); this.to = this.from + span; }
+    this.draw();
+  }
+  onUp() {
+    const drag = this.drag; this.drag = null;
+    if (drag && drag.job && drag.moved) this.move(drag.job, drag.job.start + drag.by);
+    this.draw();
+  }
+  move(job, start) {
+    const grid = 10 ** Math.floor(Math.log10(Math.max(1e-6, (this.to - this.from) / 200)));
+    const length = this.mode.length, snapped = Math.round(start / grid) * grid;
+    this.owner.moved(job, ((snapped % length) + length) % length);
+  }
+  onKey(event) {
+    if (!this.mode) return;
+    const step = (this.to - this.from) / 50, key = event.key;
+    if (event.altKey && this.selected && (key === "ArrowLeft" || key === "ArrowRight")) this.move(this.selected, this.selected.start + (key === "ArrowLeft" ? -step : step));
+    else if (key === "+" || key === "=") this.zoom(1 / 1.5, (this.from + this.to) / 2);
+    else if (key === "-") this.zoom(1.5, (this.from + this.to) / 2);
+    else if (key === "0") { this.from = 0; this.to = this.mode.length; this.draw(); }
+    else if (key.startsWith("Arrow")) this.step(key);
+    else return;
+    event.preventDefault();
+  }
+  step(key) {
+    const job = this.selected || this.jobs[0];
+    if (!job) return;
+    let lane = job.lanes[0], row = this.byLane[lane], place = row.indexOf(job);
+    if (key === "ArrowLeft" || key === "ArrowRight") { // through a lane, then on to the next one
+      row = this.byLane.flat();
+      place = (row.indexOf(job) + (key === "ArrowLeft" ? -1 : 1) + row.length) % row.length;
+    } else {
+      for (lane += key === "ArrowUp" ? -1 : 1; this.byLane[lane] && !this.byLane[lane].length;) lane += key === "ArrowUp" ? -1 : 1;
+      row = this.byLane[lane];
+      if (!row) return;
+      place = row.reduce((best, other, n) => Math.abs(other.start - job.start) < Math.abs(row[best].start - job.start) ? n : best, 0);
+    }
+    const next = this.selected ? row[Math.max(0, Math.min(row.length - 1, place))] : job;
+    if (next.start < this.from || next.start > this.to) this.pan(next.start - (this.from + this.to) / 2);
+    this.select(next);
+  }
+}
+window.Viewer = Viewer;

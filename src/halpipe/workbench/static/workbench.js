@@ -1,0 +1,201 @@
+"use strict";
+// The page of the workbench. It holds no rules: it shows the state that the server gives, and sends orders.
+const $ = id => document.getElementById(id);
+let state = null, busy = false, sorted = null;
+
+const viewer = new Viewer($("chart"), {
+  chosen(job) {
+    $("facts").textContent = job ? `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
+      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") : "";
+  },
+  moved(job, start) {
+    order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: `${+start.toFixed(6)}ms`});
+  },
+});
+
+async function order(name, stated = {}, quiet = false) {
+  if (busy) return null;
+  busy = true; document.body.setAttribute("aria-busy", "true");
+  const watch = setTimeout(follow, 400);
+  try {
+    const answer = await fetch(`/api/${name}`, {method: "POST", headers: {"Content-Type": "application/json"},
+      body: JSON.stringify({revision: state ? state.revision : 0, ...stated})});
+    if (!answer.ok && answer.status !== 409) throw new Error(await answer.text());
+    const told = await answer.json();
+    show(told, quiet);
+    return told;
+  } catch (failure) {
+    say(`${failure.message || failure}: is the server still there?`, "bad");
+    return null;
+  } finally {
+    clearTimeout(watch); busy = false; document.body.removeAttribute("aria-busy"); $("cancel").hidden = true;
+  }
+}
+
+async function follow() {
+  if (!busy) return;
+  $("cancel").hidden = false;
+  try {
+    const told = await (await fetch("/api/progress")).json();
+    if (busy) say(told.mode ? `searching mode ${told.mode}: ${told.made} of ${told.allowed} moves` : "working…", "");
+  } catch { /* the order itself will tell */ }
+  setTimeout(follow, 400);
+}
+
+function say(text, kind) { $("verdict").textContent = text; $("verdict").className = kind; }
+
+function element(name, text, properties = {}) {
+  const made = document.createElement(name);
+  if (text) made.textContent = text;
+  return Object.assign(made, properties);
+}
+
+function show(told, quiet) {
+  state = told;
+  document.title = `${told.model} – halpipe`;
+  $("title").textContent = `${told.model}`;
+  options($("mode"), told.modes.map(mode => mode.name), $("mode").value);
+  options($("chain"), told.chains.map(chain => chain.name), $("chain").value, "no chain");
+  options($("variants"), told.variants, "", "variants…");
+  viewer.pinned = new Set(told.pins.map(([mode, task, index]) => `${mode} ${told.tasks.findIndex(t => t.name === task)} ${index}`));
+  const chain = told.chains.find(each => each.name === $("chain").value);
+  viewer.chain = chain ? chain.tasks : null;
+  viewer.show(told, $("mode").value);
+  $("undo").disabled = !told.can_undo; $("redo").disabled = !told.can_redo; $("unpin").disabled = !told.pins.length;
+  const answered = told.answered;
+  const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
+  if (told.refused) say(told.refused[0].message, "bad");
+  else if (told.valid) say(`valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
+  else say("no schedule for this model yet: the chart shows the last one that was valid", "bad");
+  findings([...(told.refused || []), ...told.findings]);
+  if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
+  if (!quiet) { taskTable(); chainTable(); }
+}
+
+function options(select, names, chosen, first) {
+  select.replaceChildren(...(first ? [element("option", first, {value: ""})] : []), ...names.map(name => element("option", name, {value: name})));
+  if (names.includes(chosen)) select.value = chosen;
+}
+
+function findings(found, more = false) {
+  const rows = found.map(each => {
+    const row = element("li", `${each.path ? each.path + ": " : ""}${each.message}`, {className: each.severity});
+    row.append(element("small", [each.help, each.code].filter(Boolean).join(" · ")));
+    return row;
+  });
+  if (more) $("findings").append(...rows); else $("findings").replaceChildren(...rows);
+}
+
+function field(value, edit, wide) {
+  const input = element("input", "", {value, className: wide ? "wide" : ""});
+  input.setAttribute("aria-label", `${edit.name} ${edit.inner || ""} ${edit.field}`);
+  input.addEventListener("change", async () => {
+    const told = await order("edit", {...edit, value: input.value}, true);
+    if (told && told.refused) { input.classList.add("wrong"); input.title = told.refused[0].message; }
+    else { taskTable(); chainTable(); }
+  });
+  input.addEventListener("keydown", event => { if (event.key === "Escape") { input.value = value; input.classList.remove("wrong"); } });
+  return input;
+}
+
+function cell(row, ...inside) { const made = element("td"); made.append(...inside); row.append(made); return made; }
+
+function figures(task) { return task.figures[state.modes.indexOf(viewer.mode)] || {}; }
+
+function taskTable() {
+  const needle = $("search").value.toLowerCase(), rows = [];
+  const wanted = state.tasks.filter(task => task.name.toLowerCase().includes(needle) || !needle);
+  if (sorted) wanted.sort((a, b) => compare(sorted.key, a, b) * sorted.sign);
+  for (const task of wanted) {
+    task.versions.forEach((version, place) => {
+      const row = element("tr"), own = figures(task);
+      const name = cell(row);
+      if (!place) {
+        const swatch = element("span", "", {className: "swatch"}); swatch.style.setProperty("background", task.colour);
+        name.append(swatch, task.name);
+      }
+      cell(row, version.name);
+      cell(row, ...(place ? [] : [field(task.period, {kind: "task", name: task.name, field: "period"})]));
+      cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
+      cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
+      cell(row, ...(place ? [] : [field(task.deadline, {kind: "task", name: task.name, field: "deadline"})]));
+      for (const key of ["response", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
+      rows.push(row);
+    });
+  }
+  $("tasks").tBodies[0].replaceChildren(...rows);
+}
+
+function compare(key, a, b) {
+  const value = task => key in task ? task[key] : key === "wcet" ? task.versions[0].wcet : figures(task)[key] ?? "";
+  const [left, right] = [value(a), value(b)], [x, y] = [parseFloat(left), parseFloat(right)];
+  return Number.isNaN(x) || Number.isNaN(y) ? String(left).localeCompare(String(right)) : x - y;
+}
+
+function chainTable() {
+  const rows = state.chains.map(chain => {
+    const row = element("tr"), found = chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {};
+    cell(row, chain.name);
+    cell(row, field(chain.max_reaction, {kind: "chain", name: chain.name, field: "max_reaction"}));
+    cell(row, found.reaction || "");
+    cell(row, field(chain.max_age, {kind: "chain", name: chain.name, field: "max_age"}));
+    cell(row, found.age || "");
+    return row;
+  });
+  $("chains").tBodies[0].replaceChildren(...rows);
+}
+
+$("mode").addEventListener("change", () => { viewer.show(state, $("mode").value); taskTable(); chainTable(); });
+$("chain").addEventListener("change", () => show(state, true));
+$("search").addEventListener("input", () => { viewer.filter = $("search").value.toLowerCase(); viewer.draw(); taskTable(); });
+$("undo").addEventListener("click", () => order("undo"));
+$("redo").addEventListener("click", () => order("redo"));
+$("unpin").addEventListener("click", () => order("unpin"));
+$("cancel").addEventListener("click", () => fetch("/api/cancel", {method: "POST", headers: {"Content-Type": "application/json"}, body: "{}"}));
+$("why").addEventListener("click", async () => {
+  const told = await order("explain", {mode: viewer.mode ? viewer.mode.name : ""}, true);
+  if (told && told.said) findings(told.said);
+});
+$("margins").addEventListener("click", async () => {
+  if (viewer.heat) { viewer.heat = null; viewer.draw(); return; }
+  const told = await order("sensitivity", {}, true);
+  if (told && told.said) { viewer.heat = told.said; viewer.draw(); }
+});
+$("save").addEventListener("click", async () => {
+  const path = prompt("Save the model as", state.path);
+  if (path === null) return;
+  const over = path === state.path;
+  if (over && !confirm(`Overwrite ${path}?`)) return;
+  const told = await order("save", {path, force: over && !state.changed_on_disk}, true);
+  if (told && told.said) say(told.said, "good");
+});
+$("keep").addEventListener("click", () => { const name = prompt("Name of the variant"); if (name) order("keep", {name}); });
+$("variants").addEventListener("change", async event => {
+  const name = event.target.value;
+  if (!name) { viewer.beside = null; viewer.draw(); return; }
+  if (confirm(`Show variant "${name}"? Cancel compares it with what is shown.`)) { viewer.beside = null; order("take", {name}); return; }
+  const told = await order("compare", {name}, true);
+  if (told && told.said) { viewer.beside = told.said; viewer.draw(); }
+});
+$("export").addEventListener("change", async event => {
+  const format = event.target.value; event.target.value = "";
+  if (!format) return;
+  const answer = await fetch(`/api/export/${format}`, {method: "POST", headers: {"Content-Type": "application/json"}, body: "{}"});
+  if (!answer.ok) { show(await answer.json(), true); return; }
+  const name = (answer.headers.get("Content-Disposition") || "").split('"')[1] || format;
+  const link = element("a", "", {href: URL.createObjectURL(await answer.blob()), download: name});
+  link.click(); URL.revokeObjectURL(link.href);
+});
+for (const head of document.querySelectorAll("th[data-key]")) head.addEventListener("click", () => {
+  sorted = {key: head.dataset.key, sign: sorted && sorted.key === head.dataset.key ? -sorted.sign : 1}; taskTable();
+});
+document.addEventListener("keydown", event => {
+  if (!(event.ctrlKey || event.metaKey) || event.target.tagName === "INPUT") return;
+  if (event.key === "z") { order("undo"); event.preventDefault(); }
+  if (event.key === "y") { order("redo"); event.preventDefault(); }
+});
+async function open() {
+  const told = await (await fetch("/api/state")).json();
+  if (told.busy && !told.modes.length) { show(told); say("finding the first schedule…", ""); setTimeout(open, 300); } else show(told);
+}
+open();

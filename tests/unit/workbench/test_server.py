@@ -1,0 +1,129 @@
+"""The door of the workbench: who may come in, and what is answered."""
+
+import io
+import zipfile
+
+import pytest
+
+pytest.importorskip("starlette", reason="the extra [serve]")
+pytest.importorskip("httpx2", reason="starlette's test client needs it")
+
+from starlette.testclient import TestClient
+
+from halpipe.starters import first_model
+from halpipe.workbench.server import FILES, MAX_BODY, ORDERS, application
+from halpipe.workbench.session import Session
+
+TOKEN, PORT = "a-token", 8000
+BASE = f"http://127.0.0.1:{PORT}"
+
+
+@pytest.fixture
+def client(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_bytes(first_model()["model.xml"])
+    session = Session(str(path))
+    session.begin()
+    with TestClient(application(session, TOKEN, PORT), base_url=BASE) as made:
+        made.session = session
+        yield made
+
+
+@pytest.fixture
+def inside(client):
+    assert client.get(f"/?token={TOKEN}").status_code == 200
+    return client
+
+
+def edit(client, value, revision=None):
+    stated = {"kind": "version", "name": "camera", "inner": "full", "field": "wcet", "value": value}
+    known = client.session.revision if revision is None else revision
+    return client.post("/api/edit", json=stated | {"revision": known})
+
+
+def test_nobody_comes_in_without_the_token(client):
+    for path in ("/", "/workbench.js", "/api/state", "/?token=other", "/?token="):
+        assert client.get(path).status_code == 403
+    assert client.post("/api/undo", json={}).status_code == 403
+
+
+def test_the_token_leaves_the_address_at_once(client):
+    answer = client.get(f"/?token={TOKEN}", follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    cookie = answer.headers["set-cookie"].lower()
+    assert "httponly" in cookie
+    assert "samesite=strict" in cookie
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1", "127.0.0.1:1", "localhost.evil.example:8000", ""])
+def test_other_names_of_the_server_are_refused(inside, host):
+    assert inside.get("/api/state", headers={"host": host}).status_code == 403
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:8000", "http://127.0.0.1:8001"])
+def test_orders_of_other_pages_are_refused(inside, origin):
+    assert inside.post("/api/undo", json={}, headers={"origin": origin}).status_code == 403
+
+
+def test_orders_of_the_own_page_are_taken(inside):
+    assert inside.post("/api/undo", json={}, headers={"origin": BASE}).status_code == 200
+
+
+def test_long_orders_are_refused(inside):
+    assert inside.post("/api/edit", content=b"x" * (MAX_BODY + 1)).status_code == 413
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_pages_load_nothing_from_elsewhere(inside, name):
+    answer = inside.get(f"/{name}")
+    assert answer.status_code == 200
+    assert "default-src 'none'" in answer.headers["content-security-policy"]
+    assert "http://" not in answer.text.replace("http://www.w3.org", "")
+    assert "https://" not in answer.text
+
+
+def test_the_pages_are_small(inside):
+    assert sum(len(inside.get(f"/{name}").content) for name in FILES) < 400_000
+
+
+@pytest.mark.parametrize("path", ["/../session.py", "/static/workbench.js", "/%2e%2e/session.py", "/api", "/api/x/y"])
+def test_there_are_no_other_files(inside, path):
+    assert inside.get(path).status_code in (404, 405)
+
+
+def test_an_edit_answers_with_the_new_state(inside):
+    answer = edit(inside, "7ms")
+    assert answer.status_code == 200
+    assert answer.json()["tasks"][0]["versions"][0]["wcet"] == "7ms"
+
+
+def test_a_wrong_edit_answers_with_its_code_and_the_state_as_it_was(inside):
+    answer = edit(inside, "fast")
+    assert answer.status_code == 409
+    assert answer.json()["refused"][0]["code"] == "HAL0951"
+    assert answer.json()["tasks"][0]["versions"][0]["wcet"] == "6ms"
+
+
+def test_an_edit_of_an_older_state_is_refused(inside):
+    assert edit(inside, "7ms", revision=1).status_code == 200
+    assert edit(inside, "8ms", revision=1).json()["refused"][0]["code"] == "HAL0952"
+
+
+@pytest.mark.parametrize("order", [*ORDERS, "unknown"])
+@pytest.mark.parametrize(
+    "body", [b"", b"[]", b"{}", b'{"revision": []}', b"[" * 5000, b"\xff", b'{"start": 1, "name": {}}']
+)
+def test_any_order_is_answered(inside, order, body):
+    answer = inside.post(f"/api/{order}", content=body)
+    assert answer.status_code in (200, 409)
+    assert "revision" in answer.json()
+
+
+def test_exports_come_as_files(inside):
+    report = inside.post("/api/export/report", json={})
+    assert report.content.startswith(b"<!DOCTYPE html>")
+    assert 'filename="export.html"' in report.headers["content-disposition"]
+    packed = inside.post("/api/export/linux", json={"busy": 50})
+    with zipfile.ZipFile(io.BytesIO(packed.content)) as archive:
+        assert "manifest.json" in archive.namelist()
+    assert inside.post("/api/export/nonsense", json={}).json()["refused"][0]["code"] == "HAL0901"

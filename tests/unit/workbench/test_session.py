@@ -1,0 +1,172 @@
+"""The workbench without a server: edits, pins, history, variants, saving."""
+
+import pytest
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration
+from halpipe.exporters.native import format_model
+from halpipe.importers.native import parse_model, read_model
+from halpipe.pipeline.checked import verify_schedule
+from halpipe.starters import first_model
+from halpipe.workbench.edits import Edit
+from halpipe.workbench.picture import picture
+from halpipe.workbench.session import Pin, Session
+
+
+@pytest.fixture
+def session(tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_bytes(first_model()["model.xml"])
+    found = Session(str(path))
+    found.begin()
+    return found
+
+
+def wcet(value, task="camera", version="full"):
+    return Edit("version", task, "wcet", value, version)
+
+
+def verified(session):
+    """What verify says of the shown schedule for the shown model, as they would be read from files."""
+    model = parse_model(format_model(session.state.model), session.path)
+    return [found for found in verify_schedule(model, session.state.schedule) if found.is_error]
+
+
+def test_an_edit_gives_a_verified_schedule_of_the_edited_model(session):
+    session.edit(wcet("7ms"), session.revision)
+    assert session.state.model.task("camera").version("full").wcet == Duration.parse("7ms")
+    assert session.state.is_valid
+    assert verified(session) == []
+
+
+def test_most_jobs_stay_where_they_are(session):
+    session.edit(wcet("9ms", "logging", "only"), session.revision)
+    assert session.answered.jobs == 13
+    assert session.answered.stayed >= 12
+
+
+@pytest.mark.parametrize(
+    ("edit", "word"),
+    [
+        (wcet("fast"), "duration"),
+        (wcet("1ms", "kamera"), "camera"),
+        (wcet("1ms", version="fool"), "full"),
+        (Edit("task", "camera", "colour", "red"), "period"),
+        (Edit("moon", "camera", "period", "1ms"), "moon"),
+        (Edit("task", "camera", "binding", "often"), "binding"),
+        (Edit("window", "detection", "max", "1ms", "fine", "logging"), "logging"),
+    ],
+)
+def test_what_cannot_stand_there_changes_nothing(session, edit, word):
+    before, revision = session.state, session.revision
+    with pytest.raises(HalpipeError) as refused:
+        session.edit(edit, revision)
+    (found,) = refused.value.diagnostics
+    assert found.code == "HAL0951"
+    assert word in found.message + found.help + found.path
+    assert (session.state, session.revision) == (before, revision)
+
+
+def test_a_model_without_schedule_keeps_the_last_one_in_sight(session):
+    shown = session.state.schedule
+    session.edit(wcet("21ms"), session.revision)
+    assert not session.state.is_valid
+    assert session.state.findings
+    assert session.state.schedule == shown
+    session.undo()
+    assert session.state.is_valid
+
+
+def test_a_pinned_job_stays_and_the_rest_gives_way(session):
+    start = Duration.parse("20ms")
+    session.pin(Pin("drive", "logging", 0, start), session.revision)
+    session.edit(wcet("7ms"), session.revision)
+    (job,) = [job for job in session.state.schedule.mode("drive").jobs if job.task == "logging"]
+    assert job.start == start
+    assert session.state.is_valid
+    assert verified(session) == []
+
+
+def test_jobs_without_slack_move_with_the_pinned_one(session):
+    before = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
+    session.pin(Pin("drive", "camera", 1, before[1] + Duration.parse("1ms")), session.revision)
+    after = {job.index: job.start for job in session.state.schedule.mode("drive").jobs if job.task == "camera"}
+    assert session.state.is_valid, session.state.findings
+    assert {n: after[n] - before[n] for n in before} == {n: Duration.parse("1ms") for n in before}
+
+
+def test_there_is_no_job_to_pin(session):
+    with pytest.raises(HalpipeError, match="no job 7"):
+        session.pin(Pin("drive", "camera", 7, Duration(0)), session.revision)
+
+
+def test_undo_and_redo_show_the_very_states(session):
+    states = [session.state]
+    for value in ("7ms", "8ms"):
+        session.edit(wcet(value), session.revision)
+        states.append(session.state)
+    session.undo()
+    session.undo()
+    assert session.state is states[0]
+    session.redo()
+    assert session.state is states[1]
+    session.edit(wcet("5ms"), session.revision)
+    assert not session.can_redo
+
+
+def test_two_windows_do_not_overwrite_each_other(session):
+    old = session.revision
+    session.edit(wcet("7ms"), old)
+    with pytest.raises(HalpipeError, match="another window"):
+        session.edit(wcet("8ms"), old)
+
+
+def test_variants_are_kept_and_shown_again(session):
+    session.keep("before")
+    session.edit(wcet("7ms"), session.revision)
+    session.take("before", session.revision)
+    assert session.state.model.task("camera").version("full").wcet == Duration.parse("6ms")
+    session.undo()
+    assert session.state.model.task("camera").version("full").wcet == Duration.parse("7ms")
+    with pytest.raises(HalpipeError, match="no variant"):
+        session.take("after", session.revision)
+
+
+def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
+    source = tmp_path / "model.xml"
+    before = source.read_bytes()
+    session.edit(wcet("7ms"), session.revision)
+    for path in ("", str(source), str(tmp_path / "." / "model.xml")):
+        with pytest.raises(HalpipeError, match="is there already"):
+            session.save(path)
+    assert source.read_bytes() == before
+    session.save(str(tmp_path / "other.xml"))
+    assert read_model(str(tmp_path / "other.xml")).task("camera").version("full").wcet == Duration.parse("7ms")
+    session.save("", force=True)
+    assert not session.changed_on_disk()
+    source.write_bytes(before)
+    assert session.changed_on_disk()
+
+
+def test_exports_are_of_what_is_shown_and_valid(session):
+    assert b"see-and-brake" in session.exported("report", {})[""]
+    session.edit(wcet("21ms"), session.revision)
+    with pytest.raises(HalpipeError, match="no valid schedule"):
+        session.exported("report", {})
+
+
+def test_margins_are_shares_of_the_wcet(session):
+    assert set(session.margins()) <= {task.name for task in session.state.model.tasks}
+    assert all(share >= 0 for share in session.margins().values())
+
+
+def test_why_there_is_no_schedule(session):
+    session.edit(Edit("chain", "see-and-brake", "max_reaction", "5ms"), session.revision)
+    assert any("see-and-brake" in found.message + found.path for found in session.why("drive"))
+
+
+def test_the_picture_has_every_job_once(session):
+    drawn = picture(session)
+    assert [len(mode["jobs"]) for mode in drawn["modes"]] == [9, 4]
+    assert drawn["valid"] is True
+    assert drawn["tasks"][0]["figures"][0]["response"] == "6ms"

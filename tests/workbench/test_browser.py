@@ -1,0 +1,180 @@
+"""The workbench as a person uses it, in headless Chromium: open, edit, drag, conflict, undo, keyboard, export."""
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from halpipe.starters import first_model
+
+pytest.importorskip("starlette", reason="the extra [serve]")
+pytest.importorskip("selenium", reason="drives the browser")
+
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import WebDriverWait
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+DRIVER = shutil.which("chromedriver")
+PATIENCE = 60
+
+pytestmark = [
+    pytest.mark.slow,  # a browser starts
+    pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="apt-get install chromium chromium-driver"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for word in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1400,900"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    made = webdriver.Chrome(options=options, service=Service(DRIVER))
+    yield made
+    made.quit()
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Start a server for a model, and return the address that it prints."""
+    running = []
+
+    def start(content):
+        (tmp_path / "model.xml").write_bytes(content)
+        command = [sys.executable, "-m", "halpipe", "serve", "model.xml"]
+        server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+        running.append(server)
+        return server.stdout.readline().strip()
+
+    yield start
+    for server in running:
+        server.send_signal(signal.SIGINT)
+        assert server.wait(PATIENCE) in (0, 130)
+        server.stdout.close()
+
+
+@pytest.fixture
+def page(browser, serve):
+    return opened(browser, serve(first_model()["model.xml"]))
+
+
+def opened(browser, address):
+    browser.get(address)
+    verdict(browser, "valid")
+    return browser
+
+
+def verdict(browser, word):
+    """Wait for a word of the verdict; return the sentence."""
+    said = browser.find_element(By.ID, "verdict")
+    WebDriverWait(browser, PATIENCE).until(lambda _: word in said.text)
+    return said.text
+
+
+def field(browser, label):
+    return browser.find_element(By.CSS_SELECTOR, f'input[aria-label="{label}"]')
+
+
+def change(browser, label, text):
+    found = field(browser, label)
+    found.clear()
+    found.send_keys(text, Keys.TAB)
+
+
+def state(browser):
+    return browser.execute_async_script("fetch('/api/state').then(a => a.json()).then(arguments[0])")
+
+
+def start_of(browser, task, index, mode=0):
+    shown = state(browser)
+    number = [each["name"] for each in shown["tasks"]].index(task)
+    return next(job[4] for job in shown["modes"][mode]["jobs"] if job[:2] == [number, index])
+
+
+def test_an_edit_is_solved_and_can_be_undone(page):
+    change(page, "camera full wcet", "7ms")
+    assert "jobs stay" in verdict(page, "jobs stay")
+    assert state(page)["tasks"][0]["versions"][0]["wcet"] == "7ms"
+    page.find_element(By.ID, "undo").click()
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["tasks"][0]["versions"][0]["wcet"] == "6ms")
+    assert field(page, "camera full wcet").get_attribute("value") == "6ms"
+
+
+def test_a_wrong_value_is_answered_beside_its_field(page):
+    change(page, "camera full wcet", "fast")
+    verdict(page, "not a duration")
+    assert "wrong" in field(page, "camera full wcet").get_attribute("class")
+    assert "HAL0951" in page.find_element(By.ID, "findings").text
+
+
+def test_a_conflict_is_said_and_explained(page):
+    change(page, "camera full wcet", "21ms")
+    verdict(page, "no schedule")
+    assert "camera" in page.find_element(By.ID, "findings").text
+
+
+def test_a_dragged_job_is_pinned(page):
+    before = start_of(page, "logging", 0)
+    canvas = page.find_element(By.ID, "chart")
+    point = page.execute_script(
+        "const v = viewer; const j = v.jobs.find(j => j.name === 'logging');"
+        "return [v.x((j.start + j.end) / 2), v.top + (j.lanes[0] + .5) * v.lane, v.width, v.height]"
+    )
+    x, y, width, height = point
+    drag = ActionChains(page).move_to_element_with_offset(canvas, x - width / 2, y - height / 2).click_and_hold()
+    drag.move_by_offset(160, 0).release().perform()
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"] == [["drive", "logging", 0]])
+    verdict(page, "valid")
+    assert start_of(page, "logging", 0) > before + 2
+
+
+def test_the_keyboard_is_enough(page):
+    canvas = page.find_element(By.ID, "chart")
+    canvas.send_keys(Keys.ARROW_RIGHT)
+    facts = page.find_element(By.ID, "facts")
+    first = facts.text
+    assert "job" in first
+    canvas.send_keys(Keys.ARROW_RIGHT)
+    assert facts.text != first
+    canvas.send_keys("+")
+    assert page.execute_script("return viewer.to - viewer.from < viewer.mode.length")
+    canvas.send_keys("0")
+    ActionChains(page).key_down(Keys.ALT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.ALT).perform()
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
+
+
+def test_chains_search_and_modes(page):
+    page.find_element(By.CSS_SELECTOR, "#chain option:nth-child(2)").click()
+    assert page.execute_script("return viewer.chain") == [0, 1, 2]
+    page.find_element(By.ID, "search").send_keys("brake")
+    assert len(page.find_elements(By.CSS_SELECTOR, "#tasks tbody tr")) == 1
+    page.find_element(By.CSS_SELECTOR, "#mode option:nth-child(2)").click()
+    assert page.execute_script("return viewer.mode.name") == "limp"
+
+
+def test_nothing_goes_wrong_in_the_console(page):
+    severe = [entry["message"] for entry in page.get_log("browser") if entry["level"] == "SEVERE"]
+    assert [message for message in severe if "409" not in message] == []
+
+
+def generated(*options):
+    command = [sys.executable, "-m", "halpipe", "generate", "-o", "-", *options]
+    return subprocess.run(command, capture_output=True, check=True).stdout
+
+
+@pytest.mark.parametrize(("tasks", "units"), [(60, 6), (500, 50)])
+def test_large_models_are_drawn_quickly_and_with_few_nodes(browser, serve, tasks, units):
+    model = generated("--tasks", str(tasks), "--units", str(units), "--access-windows", "20", "--utilisation", "0.4")
+    page = opened(browser, serve(model))
+    assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
+    began = time.monotonic()
+    page.execute_script("for (let n = 0; n < 30; n++) { viewer.zoom(n % 2 ? 1.2 : 1 / 1.2, 1); viewer.paint(); }")
+    assert time.monotonic() - began < 10  # hundreds of times what it takes; the figure is in the measurements
