@@ -119,6 +119,10 @@ def test_any_order_is_answered(inside, order, body):
     assert "revision" in answer.json()
 
 
+def test_an_order_that_is_none_is_said_to_be_so(inside):
+    assert inside.post("/api/edit", json=[]).json()["refused"][0]["code"] == "HAL0955"
+
+
 def test_exports_come_as_files(inside):
     report = inside.post("/api/export/report", json={})
     assert report.content.startswith(b"<!DOCTYPE html>")

@@ -96,8 +96,9 @@ def test_jobs_without_slack_move_with_the_pinned_one(session):
 
 
 def test_there_is_no_job_to_pin(session):
-    with pytest.raises(HalpipeError, match="no job 7"):
+    with pytest.raises(HalpipeError, match="no job 7") as refused:
         session.pin(Pin("drive", "camera", 7, Duration(0)), session.revision)
+    assert refused.value.diagnostics[0].code == "HAL0954"
 
 
 def test_undo_and_redo_show_the_very_states(session):
@@ -128,8 +129,9 @@ def test_variants_are_kept_and_shown_again(session):
     assert session.state.model.task("camera").version("full").wcet == Duration.parse("6ms")
     session.undo()
     assert session.state.model.task("camera").version("full").wcet == Duration.parse("7ms")
-    with pytest.raises(HalpipeError, match="no variant"):
+    with pytest.raises(HalpipeError, match="no variant") as refused:
         session.take("after", session.revision)
+    assert refused.value.diagnostics[0].code == "HAL0956"
 
 
 def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
@@ -137,8 +139,9 @@ def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
     before = source.read_bytes()
     session.edit(wcet("7ms"), session.revision)
     for path in ("", str(source), str(tmp_path / "." / "model.xml")):
-        with pytest.raises(HalpipeError, match="is there already"):
+        with pytest.raises(HalpipeError, match="is there already") as refused:
             session.save(path)
+        assert refused.value.diagnostics[0].code == "HAL0953"
     assert source.read_bytes() == before
     session.save(str(tmp_path / "other.xml"))
     assert read_model(str(tmp_path / "other.xml")).task("camera").version("full").wcet == Duration.parse("7ms")
@@ -151,8 +154,9 @@ def test_the_source_is_overwritten_only_on_purpose(session, tmp_path):
 def test_exports_are_of_what_is_shown_and_valid(session):
     assert b"see-and-brake" in session.exported("report", {})[""]
     session.edit(wcet("21ms"), session.revision)
-    with pytest.raises(HalpipeError, match="no valid schedule"):
+    with pytest.raises(HalpipeError, match="no valid schedule") as refused:
         session.exported("report", {})
+    assert refused.value.diagnostics[0].code == "HAL0957"
 
 
 def test_margins_are_shares_of_the_wcet(session):
