@@ -78,6 +78,8 @@ _WORDS = {
     "resource_load": ("resource-load", "resource"),
     "health_rule_of_task": ("health rule of task", "task"),
     "transition_from": ("transition from", "transition"),
+    "publishing": ("publishing", "topic"),
+    "subscribing": ("subscribing", "topic"),
     "reaction_to_task": ("reaction to task", "task"),
 }
 """Keywords of `about` that are more than a kind: their words in messages, and the kind of what they name."""
@@ -97,6 +99,11 @@ def about(within: str = "", **elements: str | int | tuple[str, str]) -> Path:
         texts.append(f"{words} {shown}")
         subjects.append(Subject(kind, "->".join(map(shortened, ends))))
     return Path(" ".join(texts), subjects)
+
+
+def named(kind: str, name: str) -> Path:
+    """Return the path of an element whose kind is that of another format, such as ``OsTask "/ecu/os/main"``."""
+    return Path(f'{kind} "{name}"', (Subject(kind, shortened(name)),))
 
 
 @dataclass(frozen=True, slots=True)

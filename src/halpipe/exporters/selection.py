@@ -114,7 +114,7 @@ class _Check:
             self._known("chain", chain.name, self.chains, table.at, path)
 
     def transition(self, table: TransitionTable) -> None:
-        path = f'transition from "{table.source}" to "{table.target}"'
+        path = about(transition_from=(table.source, table.target))
         for name in (table.source, table.target):
             self._known("mode", name, self.scheduled, table.at, path, "schedule")
         for job in table.jobs:

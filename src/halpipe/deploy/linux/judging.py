@@ -11,7 +11,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.deploy.linux import codes
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, about
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -114,10 +114,10 @@ class _Judge:
             codes.MISSING_JOB.id: "give the programs less to do, or the tasks longer WCETs",
             codes.LATE_JOB.id: "measure the programs on this machine, and state WCETs that they keep",
         }
-        for (id, about), texts in self.faults.items():
+        for (id, path), texts in self.faults.items():
             help = helps.get(id, "this is a fault of the dispatcher or of the recording; export and run again")
             more = f" ({len(texts)} times)" if len(texts) > 1 else ""
-            findings.add(self.kinds[id](f"{texts[0]}{more}", path=about, help=help))
+            findings.add(self.kinds[id](f"{texts[0]}{more}", path=path, help=help))
         return findings.items
 
     def sequence(self) -> dict[int, str]:
@@ -126,9 +126,9 @@ class _Judge:
         for ran in self.recording:
             if ran.table not in self.tables or (ran.task, ran.job) not in self.tables[ran.table]:
                 text = f"job {ran.job} of table {ran.table[:60]} is not in the schedule"
-                self._fault(codes.FOREIGN_JOB, f'task "{ran.task}"', text)
+                self._fault(codes.FOREIGN_JOB, about(task=ran.task), text)
             elif seen.setdefault(ran.cycle, ran.table) != ran.table:
-                self._fault(codes.FOREIGN_JOB, f'task "{ran.task}"', f"cycle {ran.cycle} has jobs of two tables")
+                self._fault(codes.FOREIGN_JOB, about(task=ran.task), f"cycle {ran.cycle} has jobs of two tables")
         tables: dict[int, str] = {}
         last: str | None = None
         for cycle in range(max(seen, default=-1) + 1):
@@ -136,7 +136,7 @@ class _Judge:
             if name is None:
                 continue
             if last is not None and name not in self.after[last]:
-                self._fault(codes.FOREIGN_JOB, f'table "{name}"', f"cycle {cycle} follows on table {last}")
+                self._fault(codes.FOREIGN_JOB, about(table=name), f"cycle {cycle} follows on table {last}")
             tables[cycle] = last = name
         return tables
 
@@ -157,7 +157,7 @@ class _Judge:
                 if times != 1:
                     code = codes.FOREIGN_JOB if times else codes.MISSING_JOB
                     text = f"job {index} of table {name} ran {times} times in cycle {cycle}"
-                    self._fault(code, f'task "{task}"', text)
+                    self._fault(code, about(task=task), text)
 
     def _known(self) -> list[tuple[Ran, Job]]:
         return [
@@ -174,7 +174,7 @@ class _Judge:
                 before = latest.get(unit)
                 if before is not None and ran.planned < before.planned and ran.start > before.start:
                     text = f"starts after {before.task}, whose instant is {before.planned - ran.planned}ns later"
-                    self._fault(codes.WRONG_ORDER, f'task "{ran.task}"', text)
+                    self._fault(codes.WRONG_ORDER, about(task=ran.task), text)
                 if before is None or ran.planned >= before.planned:
                     latest[unit] = ran
 
@@ -187,7 +187,7 @@ class _Judge:
                 for other, its in running:
                     if not _nests(ran, job, other, its):
                         text = f"runs {min(ran.end, other.end) - ran.start}ns at the time of {other.task}"
-                        self._fault(codes.OVERLAP, f'task "{ran.task}"', text)
+                        self._fault(codes.OVERLAP, about(task=ran.task), text)
                 running.append((ran, job))
 
     def _shared(self) -> Iterable[list[tuple[Ran, Job]]]:
@@ -205,7 +205,7 @@ class _Judge:
         for ran, job in self._known():
             due = Fraction(ran.planned) + (job.end - job.start).fraction
             if ran.end > due + 1:
-                self._fault(codes.LATE_JOB, f'task "{ran.task}"', f"ends {int(ran.end - due)}ns late")
+                self._fault(codes.LATE_JOB, about(task=ran.task), f"ends {int(ran.end - due)}ns late")
 
 
 def _nests(ran: Ran, job: Job, other: Ran, its: Job) -> bool:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator import codes, promise
 from halpipe.deploy.regulator.reading import TABLES
+from halpipe.diagnostics import about
 from halpipe.files import sha256
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Arithmetic:
         for unit in tables.units:
             if managers.setdefault(unit.manager, unit.name) != unit.name:
                 text = f'has manager {unit.manager}, which is that of "{managers[unit.manager]}"'
-                yield self._found(codes.WRONG_FACTS, text, f'unit "{unit.name}"', "give each unit a manager of its own")
+                yield self._found(codes.WRONG_FACTS, text, about(unit=unit.name), "give each unit a manager of its own")
 
     def _units(self) -> Iterator[Diagnostic]:
         regulated = {unit.name for unit in self.tables.units}
@@ -114,7 +115,7 @@ class Arithmetic:
         used = {phase.row[0] for phase in promise.phases_of(self.target.model, self.tables.platform, jobs)}
         for name in sorted(used - regulated):
             text = f'uses "{self.tables.platform.resource}" and has no tables'
-            yield self._found(codes.UNREGULATED_UNIT, text, f'unit "{name}"', "give it a manager in the platform file")
+            yield self._found(codes.UNREGULATED_UNIT, text, about(unit=name), "give it a manager in the platform file")
 
     def _defaults(self) -> Iterator[Diagnostic]:
         platform, total = self.tables.platform, 0
@@ -145,7 +146,7 @@ class Arithmetic:
         for mode in self.target.schedule.modes:
             if mode.name not in present:
                 if not alone:
-                    yield self._found(codes.WRONG_TABLE, "has no table", f'mode "{mode.name}"')
+                    yield self._found(codes.WRONG_TABLE, "has no table", about(mode=mode.name))
                 continue
             timeline = promise.mode_timeline(self.target.model, self.tables.platform, mode)
             planned.append(Planned(self._mode_table(mode.name), timeline, 0, promise.ZERO))

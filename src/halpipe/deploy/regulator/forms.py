@@ -8,6 +8,7 @@ import zlib
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import FORMS_DIFFER, OTHER_SCHEDULE, TOO_DEEP
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -77,7 +78,7 @@ def _depth(bundle: Bundle, name: str, tables: Tables, unit: Unit) -> Iterator[Di
     if entries > depth:
         text = f"{entries} entries with the terminator, the unit's table has {depth}"
         help = "use a longer window, quantise the schedule (halpipe schedule --quantise), or build a deeper table"
-        yield TOO_DEEP(text, at=bundle.at(name), path=f'unit "{unit.name}"', help=help)
+        yield TOO_DEEP(text, at=bundle.at(name), path=about(unit=unit.name), help=help)
 
 
 # ------------------------------------------------------------------------------------------------ binary

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator import codes
 from halpipe.deploy.regulator.reading import DIRECTIONS
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -189,13 +190,13 @@ class _Judge:
         if (table if expected.running else 0, window) != (expected.table, expected.window):
             found = f'table {table} "{self._name(table)}", window {window}' if window != 2**32 - 1 else "its defaults"
             text = f"plays {found} in window {number}, it must play {self._where(number)}"
-            self._note(codes.PLAYED_WRONG, f'unit "{unit}"', text)
+            self._note(codes.PLAYED_WRONG, about(unit=unit), text)
 
     def _protocol(self, number: int, unit: str, faults: int) -> None:
         for bit, what in enumerate(_FAULTS):
             if faults >> bit & 1 and not self._faults >> bit & 1:
                 code = codes.PLAYED_WRONG if bit == 4 else codes.BROKE_PROTOCOL
-                self._note(code, f'unit "{unit}"', f"{what}, seen in window {number}")
+                self._note(code, about(unit=unit), f"{what}, seen in window {number}")
         self._faults |= faults
 
     def _where(self, number: int) -> str:

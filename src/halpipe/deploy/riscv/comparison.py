@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.copying import UNKNOWN
 from halpipe.deploy.riscv.observation import Outcome
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about, named
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -110,7 +110,7 @@ class Comparison:
         message = f"{name} executes {what} at {self._run.since(execution.begin)}"
         if nearest is not None:
             message += f"; the next that is planned there is {nearest[1].planned.path} at {self._run.since(nearest[0])}"
-        self.findings.add(codes.FOREIGN_JOB(message, path=f'unit "{name}"', help=FROM_EXPORT))
+        self.findings.add(codes.FOREIGN_JOB(message, path=about(unit=name), help=FROM_EXPORT))
 
     def _match_transfers(self) -> None:
         planned: dict[tuple[int, int, int], list[tuple[int, Seen, int]]] = defaultdict(list)
@@ -266,7 +266,7 @@ class Comparison:
                 f"a transfer of {transfer.size} bytes from {self._place(transfer.source)} to "
                 f"{self._place(transfer.target)} at {self._run.since(transfer.begin)} touches it while it executes"
             )
-            self.findings.add(codes.TRANSFERS_TOGETHER(message, path=f'unit "{name}"', help=FROM_EXPORT))
+            self.findings.add(codes.TRANSFERS_TOGETHER(message, path=about(unit=name), help=FROM_EXPORT))
 
     def _data(self) -> None:
         owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
@@ -284,7 +284,7 @@ class Comparison:
             help = (
                 "look for what writes to main memory: a core that is not confined, or another buffer that is too small"
             )
-            self.findings.add(codes.WRONG_DATA(message, path=f'buffer "{buffer}"', help=help))
+            self.findings.add(codes.WRONG_DATA(message, path=named("buffer", buffer), help=help))
 
     def _faults(self) -> None:
         owners = {id(e): seen.planned for seen in self.jobs for e in seen.executions if e is not None}
@@ -310,7 +310,7 @@ class Comparison:
     def _report(self, code: Code, job: PlannedJob | None, message: str, help: str, unit: str = "") -> None:
         """Collect a deviation of a job; the same one in other cycles of the table is only counted."""
         if job is None:
-            self.findings.add(code(message, path=f'unit "{unit}"', help=help))
+            self.findings.add(code(message, path=about(unit=unit), help=help))
             return
         self._deviations[code, job.table.name, job.row, help].append((job, message))
 

@@ -11,6 +11,7 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.observation import Outcome
 from halpipe.deploy.riscv.pmp import TOP, Level, Right
 from halpipe.deploy.riscv.recording import Flag, Kind
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -62,16 +63,16 @@ def is_confined(run: Run) -> Iterator[Diagnostic]:
         help = "the monitor of the core has to lock its protection before the first job; export the bundle again"
         if not protection.is_locked:
             message = "never armed its physical memory protection"
-            yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+            yield codes.OPEN_CORE(message, path=about(unit=unit.name), help=help)
             continue
         for level, who in ((Level.MACHINE, "its monitor"), (Level.USER, "a job")):
             for low, high, right in _open(run.site, unit, protection, level):
                 message = f"{who} may {_verbs(right)} at {low:#x} to {high:#x}"
-                yield codes.OPEN_CORE(message, path=f'unit "{unit.name}"', help=help)
+                yield codes.OPEN_CORE(message, path=about(unit=unit.name), help=help)
     for hart in sorted({e.hart for e in run.executions if e.level is not Level.USER}):
         message = "executes jobs in machine mode, in which they may change its interrupts and its protection"
         help = "the monitor has to enter jobs in user mode; export the bundle again"
-        yield codes.OPEN_CORE(message, path=f'unit "{run.site.unit_of(hart).name}"', help=help)
+        yield codes.OPEN_CORE(message, path=about(unit=run.site.unit_of(hart).name), help=help)
 
 
 def _open(site: Site, unit: UnitSite, protection: Protection, level: Level) -> Iterator[tuple[int, int, Right]]:

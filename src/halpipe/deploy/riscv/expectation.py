@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.deploy.riscv.observation import Outcome
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, about
 from halpipe.durations import ZERO
 from halpipe.models import AccessKind
 
@@ -128,7 +128,7 @@ class Expectation:
         if ticks.denominator != 1:
             message = f"{instant} is no multiple of the timer's tick {self._site.tick}"
             help = f"schedule with --tick {self._site.tick} and export again"
-            self.findings.add(BROKEN_TARGET(message, at=job.at, path=f'task "{job.task}"', help=help))
+            self.findings.add(BROKEN_TARGET(message, at=job.at, path=about(task=job.task), help=help))
         return math.floor(ticks)
 
     def _template(self, job: Job) -> tuple[list[PlannedTransfer], list[PlannedExecution]]:

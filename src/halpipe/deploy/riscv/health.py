@@ -13,6 +13,7 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.injection import Kind, victim
 from halpipe.deploy.riscv.recording import Kind as Recorded
 from halpipe.deploy.riscv.sequence import Wish, played_tables
+from halpipe.diagnostics import about
 from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
@@ -213,5 +214,5 @@ def fired_as_recorded(recording: Recording, model: TaskModel, firings: Sequence[
 
 
 def _wrong(model: TaskModel, rule: int, message: str) -> Diagnostic:
-    path = f'health rule of task "{model.health[rule].task}"'
+    path = about(health_rule_of_task=model.health[rule].task)
     return codes.WRONG_HEALTH(message, at=model.health[rule].at, path=path, help=FROM_RUNTIME)

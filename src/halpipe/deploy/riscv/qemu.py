@@ -21,7 +21,7 @@ from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.records import hold
 from halpipe.deploy.riscv.sequence import Request, Tour, played_tables
 from halpipe.deploy.riscv.target import read_site
-from halpipe.diagnostics import Findings, sort_diagnostics
+from halpipe.diagnostics import Findings, named, sort_diagnostics
 from halpipe.durations import ZERO
 
 if TYPE_CHECKING:
@@ -131,4 +131,4 @@ def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:
             message = f"holds other data than in the co-simulation, in {len(differing)} of {area.size} bytes, "
             message += f'first at {differing[0]}, after mode "{leg.first}"' + (f' and "{leg.to}"' if leg.to else "")
             help = "look for a job whose result depends on what it did not read: memory that nobody set, or time"
-            yield codes.WRONG_DATA(message, path=f'buffer "{name}"', help=help)
+            yield codes.WRONG_DATA(message, path=named("buffer", name), help=help)

@@ -154,7 +154,7 @@ def _refuse_dangling(model: TaskModel) -> None:
             check("task", [run.task], versions, path)
             check("version", run.versions, versions.get(run.task, run.versions), f'{path}, task "{run.task}"')
     for transition in model.transitions:
-        path = f'transition from "{transition.source}" to "{transition.target}"'
+        path = about(transition_from=(transition.source, transition.target))
         check("mode", (transition.source, transition.target), modes, path)
     for rule in model.health:
         check("task", [rule.task], versions, "health rule")

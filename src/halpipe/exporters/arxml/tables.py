@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Findings, about
+from halpipe.diagnostics import Findings, about, named
 from halpipe.durations import ZERO
 from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
@@ -147,7 +147,7 @@ def make_plan(
         if len(found) > MOST_EVENTS:
             help = "allow fewer gaps (max-gaps), or fewer split points, and schedule again"
             message = f"would wait for {len(found)} events; a mask has {MOST_EVENTS}"
-            findings.add(TOO_MANY_EVENTS(message, path=f'OsTask "{name}"', help=help))
+            findings.add(TOO_MANY_EVENTS(message, path=named("OsTask", name), help=help))
     for table in tables:
         check_table(table, counter, findings)
         if max_points is not None and len(table.points) > max_points:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.amalthea import codes
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ class Names:
         if result != name:
             help = f'use "{result}" in the overlay'
             self._findings.add(
-                codes.RENAMED(f'is called "{result}" in the model', at=at, path=f'{kind} "{name}"', help=help)
+                codes.RENAMED(f'is called "{result}" in the model', at=at, path=named(kind, name), help=help)
             )
         return result
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, about, sort_diagnostics
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
@@ -194,7 +194,7 @@ def _version(draft: Draft, variant: Variant, orders: tuple[Precedence, ...], fin
             codes.TOO_MANY_WORKERS(
                 f"has {gang} workers, but may use {len(variant.units)} cores; one is assumed",
                 at=draft.place.at,
-                path=f'task "{draft.name}"',
+                path=about(task=draft.name),
                 help="allow it more cores, or state its versions in the overlay",
             )
         )

@@ -9,7 +9,7 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
+from halpipe.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import project_codes as codes
 from halpipe.importers.arxml.build import assemble
@@ -95,7 +95,7 @@ def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOp
                 codes.FOREIGN_PROJECT(
                     f"is in none of its files; it was imported from {task.origin.path if task.origin else 'nowhere'}",
                     at=task.origin.location if task.origin else Location(),
-                    path=f'task "{task.name}"',
+                    path=about(task=task.name),
                     help="name the project that the model was imported from",
                 )
             )
@@ -137,7 +137,7 @@ def _compare(model: TaskModel, fresh: TaskModel, findings: Findings) -> None:
                 codes.CHANGED_PROJECT(
                     f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
                     at=origin.location if origin else Location(),
-                    path=f'task "{task.name}"',
+                    path=about(task=task.name),
                     help="import the project again, and schedule it again",
                 )
             )

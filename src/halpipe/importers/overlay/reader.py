@@ -188,7 +188,7 @@ def _values(f: Fields, kind: type, keys: Mapping[str, str] | None = None) -> dic
 
 def _unit(f: Fields) -> Unit | None:
     stated = _stated(f, Unit)
-    path = f'platform unit "{stated["name"].value}"' if "name" in stated else f.path
+    path = about("platform", unit=stated["name"].value) if "name" in stated else f.path
     served: dict[str, Interrupt] = {}
     for inner in f.items("interrupts", _INTERRUPT, f"{path} interrupt"):
         interrupt = _interrupt(inner)
@@ -219,7 +219,7 @@ def _resource(f: Fields) -> Resource | None:
     found = _stated(f, Resource)
     if "name" not in found:
         return None
-    path = f'platform resource "{found["name"].value}"'
+    path = about("platform", resource=found["name"].value)
     return Resource(**{field: one.value for field, one in found.items()}, origin=_origin(f, path), at=f.at())
 
 

@@ -12,6 +12,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Certainty, Kind, Publication, RosGraph
@@ -209,7 +210,7 @@ def _best_rates(rates: Iterable[Rate], findings: Findings) -> dict[str, Rate]:
                 codes.BAG_CONFLICT(
                     f"period {_snapped(rate)} here, {_snapped(first)} in {first.at.file}",
                     at=rate.at,
-                    path=f'topic "{rate.topic}"',
+                    path=named("topic", rate.topic),
                     help="state the period under sources: in the overlay",
                 )
             )
@@ -227,7 +228,7 @@ def _rounded(rate: Rate, findings: Findings) -> Duration:
             codes.SNAPPED(
                 f"period {_readable(rate.period)} of the {rate.source} rounded to {period}",
                 at=rate.at,
-                path=f'topic "{rate.topic}"',
+                path=named("topic", rate.topic),
                 help="state another period under sources: in the overlay if this one is wrong",
             )
         )
@@ -254,7 +255,7 @@ def _report_several(wiring: Wiring, seeds: _Seeds, active: dict[str, Activation]
                 codes.SEVERAL_PERIODS(
                     f"is triggered by {listed}; it takes the shortest period",
                     at=callback.at,
-                    path=f'callback "{callback.name}"' if callback.kind is not Kind.NODE else f'node "{callback.name}"',
+                    path=named("node" if callback.kind is Kind.NODE else "callback", callback.name),
                     help="drop one of the sources in the overlay if it is not a trigger",
                 )
             )

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location, Severity
+from halpipe.diagnostics import Location, Severity, about
 from halpipe.durations import Duration
 from halpipe.files import read_bytes
 from halpipe.importers.ros import codes
@@ -115,7 +115,7 @@ def _by_task(
 def _calibrated(task: Task, samples: Sequence[Sample], options: ImportOptions, findings: Findings) -> Task:
     if not samples:
         return task
-    path = f'task "{task.name}"'
+    path = about(task=task.name)
     found = estimate(samples, options.quantile, options.margin)
     at = found.sample.at
     several = len(task.versions) > 1 and any(version.wcet is not None for version in task.versions)

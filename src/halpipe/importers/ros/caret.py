@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location
+from halpipe.diagnostics import Findings, Location, named
 from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Group, Node, Path, RosGraph, Step
@@ -86,7 +86,7 @@ def _executors(document: YamlMap, groups: list[Group], reader: Reader) -> tuple[
     executors = []
     for entry in reader.entries(document, "executors", "file"):
         name = reader.text(entry, "executor_name", "executor")
-        path = f'executor "{name}"'
+        path = named("executor", name)
         reader.check_keys(entry, path, _EXECUTOR_KEYS)
         kind = reader.text(entry, "executor_type", path)
         callbacks: list[str] = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.ros import codes
 from halpipe.models import Chain, Origin
 
@@ -36,7 +37,7 @@ def chains_of(
         elif problem:
             help = "give its callbacks periods, or write the chain in the overlay"
             findings.add(
-                codes.PATH_IGNORED(f"is no chain: {problem}", at=path.at, path=f'path "{path.name}"', help=help)
+                codes.PATH_IGNORED(f"is no chain: {problem}", at=path.at, path=named("path", path.name), help=help)
             )
         if problem:
             coverage.ignored("path", path.name, problem, path.at)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import Vertex, few, report_loops
 from halpipe.importers.ros.graph import Certainty, Kind, Publication
@@ -143,7 +144,7 @@ def report_unknown_publishers(wiring: Wiring, findings: Findings) -> None:
             codes.UNKNOWN_PUBLISHER(
                 f"the file does not say which callback publishes {topics}; assumed: {assumed}",
                 at=publications[0].at,
-                path=f'node "{node}"',
+                path=named("node", node),
                 help="name the callback under callback_names of the publication, or import a trace, which shows it",
             )
         )

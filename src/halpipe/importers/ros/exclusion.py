@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Severity
+from halpipe.diagnostics import Findings, Severity, named
 from halpipe.durations import ZERO
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
@@ -128,7 +128,7 @@ class Exclusion:
                     f"; for the first, {few(unable)} cannot hold it to their ends, for want of a WCET or being split"
                 )
                 help = "state their WCETs in an overlay or with --calibrate, or give them one and the same unit"
-            yield codes.EXCLUSION(text, at=group.at, path=f'callback group "{group.name}"', help=help)
+            yield codes.EXCLUSION(text, at=group.at, path=named("callback group", group.name), help=help)
         if executors:
             text = (
                 f"{len(executors)} single-threaded executors are not represented: their callbacks may run in parallel"

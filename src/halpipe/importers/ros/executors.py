@@ -10,7 +10,7 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, about, named
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.ros import codes
 from halpipe.models import (
@@ -109,13 +109,13 @@ class _Reader:
                 continue
             if element.name in first:
                 text = f"is declared again, first on line {first[element.name][1].line}"
-                path, help = f'{kind} "{element.name}"', "rename one of the two, or remove it"
+                path, help = named(kind, element.name), "rename one of the two, or remove it"
                 self.findings.add(codes.DUPLICATE(text, at=fields.at(), path=path, help=help))
             first.setdefault(element.name, (element, fields.at()))
         return tuple(element for element, _ in first.values())
 
     def _task(self, fields: Fields) -> Task:
-        path = f'task "{fields.value("name", _name, "")}"'
+        path = about(task=fields.value("name", _name, ""))
         versions = ((self._version(f, path), f) for f in fields.items("versions", _VERSION, path))
         return Task(
             name=fields.value("name", _name, ""),
@@ -204,7 +204,7 @@ class _Reader:
         units = [unit.name for unit in model.units]
         for task in model.tasks:
             for version in task.versions:
-                path = f'task "{task.name}" version "{version.name}"'
+                path = about(task=task.name, version=version.name)
                 for unit in version.units:
                     self._known("unit", unit, units, version.origin, path)
                 for precedence in version.precedences:
@@ -214,14 +214,14 @@ class _Reader:
                 self._known("task", name, list(tasks), chain.origin, f'chain "{chain.name}"')
         for mode in model.modes:
             for run in mode.runs:
-                path = f'mode "{mode.name}"'
+                path = about(mode=mode.name)
                 if self._known("task", run.task, list(tasks), mode.origin, path):
                     for name in run.versions:
                         self._known("version", name, tasks[run.task], mode.origin, f'{path} task "{run.task}"')
 
         modes = [mode.name for mode in model.modes]
         for transition in model.transitions:
-            path = f'transition "{transition.source}" to "{transition.target}"'
+            path = about(transition=(transition.source, transition.target))
             for name in (transition.source, transition.target):
                 self._known("mode", name, modes, transition.origin, path)
         for rule in model.health:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from halpipe.diagnostics import named
 from halpipe.importers.ros import codes
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]
     return codes.FEEDBACK(
         f"{what}: {_shortened(nodes, ', ')}; cut {'; cut '.join(places)}; {effect}",
         at=wiring.callbacks[first.name].at,
-        path=f'node "{nodes[0]}"',
+        path=named("node", nodes[0]),
         help="state the precedence that you want under precedence: in an overlay if the loop is cut at the wrong place",
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Kind
 
@@ -56,7 +57,7 @@ def task_names(graph: RosGraph, names: Names) -> dict[str, str]:
         count[callback.node] = count.get(callback.node, 0) + 1
     result = {}
     for callback in sorted(graph.callbacks, key=lambda callback: count[callback.node] > 1):
-        path = f'{"node" if callback.kind is Kind.NODE else "callback"} "{callback.name}"'
+        path = named("node" if callback.kind is Kind.NODE else "callback", callback.name)
         name = callback.node if count[callback.node] == 1 else callback.name
         result[callback.name] = names.unique(name, path, callback.at)
     return result

@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, about, named
 from halpipe.durations import Duration
 from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
@@ -72,7 +72,7 @@ class NodeReader:
         self._coverage = coverage
         self.at = reader.at(entry)
         self.name = reader.text(entry, "node_name", "node", "node_id")
-        self._path = f'node "{self.name}"'
+        self._path = named("node", self.name)
         reader.check_keys(entry, self._path, _NODE_KEYS)
         self._known: dict[str, str] = {}
         self.callbacks = [c for c in map(self._callback, reader.entries(entry, "callbacks", self._path)) if c]
@@ -91,7 +91,7 @@ class NodeReader:
         reader = self._reader
         stated = reader.text(entry, "callback_name", self._path, "callback_id")
         name = stated if stated.startswith("/") else f"{self.name}/{stated}"
-        path = f'callback "{name}"'
+        path = named("callback", name)
         reader.check_keys(entry, path, _CALLBACK_KEYS)
         for alias in {stated, name, str(entry.get("callback_id") or name)}:
             self._known[alias] = name
@@ -135,7 +135,7 @@ class NodeReader:
     def _group(self, entry: YamlMap) -> Group:
         reader = self._reader
         name = reader.text(entry, "callback_group_name", self._path, "callback_group_id")
-        path = f'callback group "{name}"'
+        path = named("callback group", name)
         reader.check_keys(entry, path, _GROUP_KEYS)
         kind = reader.optional(entry, "callback_group_type", path)
         if kind in (None, UNDEFINED):
@@ -197,7 +197,7 @@ class NodeReader:
 
     def _publication(self, entry: YamlMap) -> Publication:
         topic = self._reader.text(entry, "topic_name", self._path)
-        path = f'{self._path} publishing "{topic}"'
+        path = about(self._path, publishing=topic)
         self._reader.check_keys(entry, path, _PUBLISH_KEYS)
         stated = self._references(entry, path, "callback_names", "callback_name", "callback_ids", "callback_id")
         callbacks, certainty = self._publishers.of(topic, stated)
@@ -218,7 +218,7 @@ class NodeReader:
 
     def _subscription(self, entry: YamlMap) -> Subscription:
         topic = self._reader.text(entry, "topic_name", self._path)
-        path = f'{self._path} subscribing "{topic}"'
+        path = about(self._path, subscribing=topic)
         self._reader.check_keys(entry, path, _SUBSCRIBE_KEYS)
         name = self._reference(entry, path, "callback_name", "callback_id")
         if name is None and len(self.callbacks) == 1:

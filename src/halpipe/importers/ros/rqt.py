@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location
+from halpipe.diagnostics import Findings, Location, named
 from halpipe.durations import Duration, seconds
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.dot import Digraph, Edge, Vertex, parse, unescape
@@ -97,7 +97,7 @@ def _check_unique(
                 codes.DUPLICATE(
                     f"is drawn twice, first on line {first[name]}",
                     at=Location(file, vertex.line),
-                    path=f'node "{name}"',
+                    path=named("node", name),
                     help="give the nodes different names",
                 )
             )

@@ -9,7 +9,7 @@ from collections import Counter, defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.diagnostics import HalpipeError, Location, named
 from halpipe.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.drops import is_plumbing
@@ -98,11 +98,11 @@ def _callback(key: Key, name: str, at: Location, findings: Findings) -> Callback
     period = snap(measured, STATED) if measured else None
     if period is None:
         help = "trace from before the nodes start"
-        findings.add(codes.BAD_PERIOD("its timer has no period", at=at, path=f'callback "{name}"', help=help))
+        findings.add(codes.BAD_PERIOD("its timer has no period", at=at, path=named("callback", name), help=help))
     elif period != measured:
         text = f"period {measured} rounded to {period}"
         help = "nothing to do unless the odd period is meant"
-        findings.add(codes.SNAPPED(text, at=at, path=f'callback "{name}"', help=help))
+        findings.add(codes.SNAPPED(text, at=at, path=named("callback", name), help=help))
     return Callback(name=name, node=node, kind=Kind.TIMER, period=period, at=at)
 
 

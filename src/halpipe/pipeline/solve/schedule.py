@@ -279,7 +279,7 @@ def _schedule_mode(
     else:
         outcome, jobs = look(budget), None
     notes = cut_options(problem) + _changed(expansion, outcome.changed)
-    path, at = f'mode "{name}"', expansion.mode.at
+    path, at = about(mode=name), expansion.mode.at
     if jobs is not None:
         notes.append(EXACT_ANSWERED("the exact engine answered", at=at, path=path))
         return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=EXACT)

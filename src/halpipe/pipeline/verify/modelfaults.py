@@ -7,7 +7,7 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.diagnostics import about, named
 from halpipe.durations import ZERO
 from halpipe.pipeline.verify.codes import MODEL_FAULT
 
@@ -33,7 +33,7 @@ def repeated_names(model: TaskModel) -> Iterator[Diagnostic]:
         ("mode", [m.name for m in model.modes]),
     )
     for kind, names in kinds:
-        yield from (_fault(f'{kind} "{name}"', "is defined more than once", model.at) for name in _repeated(names))
+        yield from (_fault(named(kind, name), "is defined more than once", model.at) for name in _repeated(names))
     for task in model.tasks:
         for name in _repeated(v.name for v in task.versions):
             yield _fault(about(task=task.name, version=name), "is defined more than once", task.at)

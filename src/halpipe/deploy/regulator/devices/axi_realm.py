@@ -21,6 +21,7 @@ from halpipe.deploy.regulator.devices.loading import (
     put_function,
     scripts_of,
 )
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -348,5 +349,5 @@ def _sums(case: Case, name: str, table: Table, seen: dict[Register, list[tuple[i
         total += changes[window]
         if window < table.windows and total > case.tables.capacity_bytes:
             text = f"{total} B may pass in window {window}, the capacity is {case.tables.capacity_bytes} B"
-            case.note(DEVICE_OVER_CAPACITY, name, text, path=f'table "{table.name}"')
+            case.note(DEVICE_OVER_CAPACITY, name, text, path=about(table=table.name))
             return

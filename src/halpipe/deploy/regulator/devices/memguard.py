@@ -15,6 +15,7 @@ from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UN
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
+from halpipe.diagnostics import about
 from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def execute(case: Case) -> None:
         core = case.facts.units[unit.name].get("core")
         if core is None or module.names.get(int(core)) != unit.name or int(core) >= module.cores:
             text = "has no core of its own in the machine"
-            case.note(DEVICE_REFUSES, "setup.sh", text, path=f'unit "{unit.name}"')
+            case.note(DEVICE_REFUSES, "setup.sh", text, path=about(unit=unit.name))
     if module.period.denominator != 1 or not SHORTEST_PERIOD <= module.period <= LONGEST_PERIOD:
         case.note(DEVICE_REFUSES, "setup.sh", f"{module.period} us are no period")
         return
@@ -170,7 +171,7 @@ def _wanted(module: Module, promised: dict[str, Fraction]) -> Limits:
 
 
 def _compare(case: Case, name: str, table: Table, module: Module, wanted: Limits) -> None:
-    path = f'table "{table.name}"'
+    path = about(table=table.name)
     for owner, events in wanted.items():
         have = module.limits.get(owner)
         if have != events:

@@ -22,6 +22,7 @@ from halpipe.deploy.regulator.devices.loading import (
     scripts_of,
 )
 from halpipe.deploy.regulator.promise import ZERO
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -170,7 +171,7 @@ def _table(
     )  # fmt: skip
     if component.least != component.most:
         text = "least and largest share of a partition are not the same"
-        case.note(GRANTS_DIFFER, name, text, path=f'table "{plan.table.name}"')
+        case.note(GRANTS_DIFFER, name, text, path=about(table=plan.table.name))
     values = [(f"partition {p}", n) for p, n in _changes(case, writes)]
     formers = [{f"partition {p}": n for p, n in final.get(t.index, {}).items()} for t in case.tables.before(plan.table)]
     rates.fall_first(case, name, plan.table, values, formers)

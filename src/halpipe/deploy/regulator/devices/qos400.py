@@ -16,6 +16,7 @@ from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import header_number, header_of, scripts_of
 from halpipe.deploy.regulator.facts import setting_frequency
 from halpipe.deploy.regulator.promise import rate_steps
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -83,10 +84,10 @@ def _owners(case: Case) -> dict[str, str]:
     for unit in case.tables.units:
         port = case.facts.units[unit.name].get("port", "")
         if port not in PORTS:
-            case.note(DEVICE_REFUSES, HEADER, f'the chip has no port "{port}"', path=f'unit "{unit.name}"')
+            case.note(DEVICE_REFUSES, HEADER, f'the chip has no port "{port}"', path=about(unit=unit.name))
         elif port in found:
             text = f'port {port} is that of unit "{found[port]}", too'
-            case.note(DEVICE_REFUSES, HEADER, text, path=f'unit "{unit.name}"')
+            case.note(DEVICE_REFUSES, HEADER, text, path=about(unit=unit.name))
         found[port] = unit.name
     return found
 
@@ -198,7 +199,7 @@ def _rows(case: Case, owners: dict[str, str], header: Header, table: Table) -> I
     for at, address, value in (row for row in header.numbers(f"qos400_write_{table.index}") if len(row) == 3):
         order = _decode(case, owners, address, value)
         if at < last:
-            case.note(DEVICE_REFUSES, HEADER, f"{at} ns are over by then", path=f'table "{table.name}"')
+            case.note(DEVICE_REFUSES, HEADER, f"{at} ns are over by then", path=about(table=table.name))
         if at != instant:
             yield instant, orders
             instant, orders = at, []
@@ -236,7 +237,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
         instants = [instant for instant, _ in blocks]
         if instants != [instant for instant, _ in expected]:
             text = f"rates are set at {instants[:5]} ns, promised are changes at {[i for i, _ in expected][:5]}"
-            case.note(GRANTS_DIFFER, name, text, path=f'table "{table.name}"')
+            case.note(GRANTS_DIFFER, name, text, path=about(table=table.name))
             continue
         state: dict[str, int] = {}
         for (instant, orders), (_, promised) in zip(blocks, expected, strict=True):
@@ -250,7 +251,7 @@ def _check(case: Case, names: dict[int, str], played: dict[int, list[Block]]) ->
                 case.steps += 1
                 if what == "r":
                     if state.get(owner) == value:
-                        case.note(GRANTS_DIFFER, name, f"{owner} has that rate already", path=f'table "{table.name}"')
+                        case.note(GRANTS_DIFFER, name, f"{owner} has that rate already", path=about(table=table.name))
                     state[owner] = value
                 _bounds(case, name, table, what, value)
             rates.compare(
@@ -263,10 +264,10 @@ def _bounds(case: Case, name: str, table: Table, what: str, value: int) -> None:
     burstiness = case.facts.number("qos400", "burstiness")
     if what == "b" and value != burstiness:
         text = f"a bucket holds {value} transfers, the platform states {burstiness}"
-        case.note(GRANTS_DIFFER, name, text, path=f'table "{table.name}"')
+        case.note(GRANTS_DIFFER, name, text, path=about(table=table.name))
     elif what == "r" and not 0 < value < STEPS:
         text = "a rate of 0 switches the regulator off" if not value else f"a rate has 12 bits, {value} does not fit"
-        case.note(DEVICE_REFUSES, name, text, path=f'table "{table.name}"')
+        case.note(DEVICE_REFUSES, name, text, path=about(table=table.name))
 
 
 def _rise(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, GRANTS_DIFFER
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -59,9 +60,9 @@ def compare(
             setting = have.get(owner)
             is_given = "nothing is set" if setting is None else f"{text(given(setting))} are granted"
             message = f"{owner}: {is_given}, promised are {text(rate)}, for which {text(given(want))} are the least"
-            case.note(GRANTS_DIFFER, name, message, path=f'table "{table.name}"')
+            case.note(GRANTS_DIFFER, name, message, path=about(table=table.name))
     for owner in sorted(have.keys() - promised.keys()):
-        case.note(GRANTS_DIFFER, name, f"{owner} belongs to no unit of the platform", path=f'table "{table.name}"')
+        case.note(GRANTS_DIFFER, name, f"{owner} belongs to no unit of the platform", path=about(table=table.name))
     hold(case, name, table, {owner: given(setting) for owner, setting in have.items()}, "")
 
 
@@ -70,7 +71,7 @@ def hold(case: Case, name: str, table: Table, granted: Mapping[str, Fraction], w
     total = sum(granted.values(), ZERO)
     if total > limit(case):
         message = f"{text(total)} are granted together{when}, there is room for {text(limit(case))}"
-        case.note(DEVICE_OVER_CAPACITY, name, message, path=f'table "{table.name}"')
+        case.note(DEVICE_OVER_CAPACITY, name, message, path=about(table=table.name))
 
 
 def fall_first(
@@ -89,7 +90,7 @@ def fall_first(
         common = min([final[owner], *(setting[owner] for setting in before if owner in setting)])
         if left[owner] and value != common:
             message = f"{owner} is {value} on its way to {final[owner]}; {common} is what all settings before have"
-            case.note(GRANTS_DIFFER, name, message, path=f'table "{table.name}"')
+            case.note(GRANTS_DIFFER, name, message, path=about(table=table.name))
 
 
 def text(rate: Fraction) -> str:

@@ -15,6 +15,7 @@ from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
+from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.devices import Case
@@ -101,7 +102,7 @@ def execute(case: Case) -> None:
             for domain in system.others:
                 if domains.get(domain) != system.least:
                     text = f"domain {domain} of {names.get(group, group)} is not at the least, {system.least}"
-                    case.note(DEVICE_REFUSES, script.name, text, path=f'table "{table.name}"')
+                    case.note(DEVICE_REFUSES, script.name, text, path=about(table=table.name))
 
 
 def _run(case: Case, system: FileSystem, script: Script, *, is_noted: bool = True) -> list[tuple[str, str]]:

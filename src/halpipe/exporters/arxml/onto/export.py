@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, named
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.codes import ALARM_LEFT, IN_THE_WAY
@@ -220,7 +220,7 @@ class _Writer:
                     ALARM_LEFT(
                         f"is started by the OS, and concerns {', '.join(alarm.tasks)}",
                         at=self._project.items[alarm.path].at,
-                        path=f'OsAlarm "{alarm.path}"',
+                        path=named("OsAlarm", alarm.path),
                         help="stop it by hand for the tasks that the schedule plays",
                     )
                 )

@@ -8,6 +8,7 @@ from decimal import Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from halpipe.diagnostics import named
 from halpipe.durations import Duration
 from halpipe.importers.arxml.files.numbers import parse_number, parse_seconds
 from halpipe.importers.arxml.files.tree import NS, place
@@ -108,7 +109,7 @@ def data_of(tree: Tree, node: Node, kind: str) -> Data | None:
 def edited(data: Data, message: str) -> None:
     """Report special data that disagree with the element that has them, or cannot be read."""
     help = "nothing to do if the change was meant; otherwise export the model again"
-    path = f'{data.node.tag} "{data.node.path}"'
+    path = named(data.node.tag, data.node.path)
     data.tree.findings.add(EDITED(message, at=data.at, path=path, help=help))
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.durations import Duration
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.special import Data, data_of, each_data, edited, microseconds, whole
@@ -51,7 +52,7 @@ def find_carried(tree: Tree) -> Node | None:
             codes.SECOND_MODEL(
                 f"holds a model of halpipe, but so does {found[0].at}",
                 at=other.at,
-                path=f'AR-PACKAGE "{other.path}"',
+                path=named("AR-PACKAGE", other.path),
                 help="import one of the two",
             )
         )

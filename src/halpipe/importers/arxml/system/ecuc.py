@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_number
@@ -85,7 +86,7 @@ class Container:
                 codes.BAD_NUMBER(
                     f'{name} "{stated.text}" is no non-negative number',
                     at=stated.at,
-                    path=f'{self.kind} "{self.node.path}"',
+                    path=named(self.kind, self.node.path),
                     help="write a number such as 20, 0x14 or 2.5E-8",
                 )
             )
@@ -340,7 +341,7 @@ class Ticks:
             codes.NO_TICK(
                 "has no OsSecondsPerTick",
                 at=counter.node.at,
-                path=f'OsCounter "{counter.node.path}"',
+                path=named("OsCounter", counter.node.path),
                 help="state the duration of a tick, or give periods in the overlay (sources)",
             )
         )
@@ -413,7 +414,7 @@ def _expiry_points(containers: Containers, table: Container, ticks: Ticks) -> It
             codes.SINGLE_SHOT(
                 "is not repeating, so that it gives no task a period",
                 at=repeating.at if repeating else table.node.at,
-                path=f'OsScheduleTable "{table.node.path}"',
+                path=named("OsScheduleTable", table.node.path),
             )
         )
         return

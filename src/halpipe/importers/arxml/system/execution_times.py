@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_cse
 from halpipe.importers.arxml.system.swc import RUNNABLES, place_of
@@ -68,7 +69,7 @@ def cse_time(tree: Tree, node: Node, child: str, code: Code) -> Duration | None:
             code(
                 f'{child} with CSE-CODE "{unit.value}" and factor "{factor.value}" is not read',
                 at=unit.at,
-                path=f'{node.tag} "{node.path}"',
+                path=named(node.tag, node.path),
                 help=CSE_HELP,
             )
         )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.compositions import COMPOSITION
 from halpipe.importers.arxml.system.values import Component, Composition, Instance, RteInstance
@@ -41,7 +41,7 @@ def find_instances(
     tree: Tree,
     components: Sequence[Component],
     compositions: Sequence[Composition],
-    named: Sequence[RteInstance],
+    mapped: Sequence[RteInstance],
     findings: Findings,
 ) -> Instances:
     """Unfold the root compositions into component instances.
@@ -52,17 +52,17 @@ def find_instances(
     """
     by_path = {composition.place.path: composition for composition in compositions}
     types = {component.place.path: component for component in components}
-    roots = _roots(tree, compositions, named)
+    roots = _roots(tree, compositions, mapped)
     unfolded = {root: _bounded(_unfold(by_path[root], (root,), by_path, types), by_path[root]) for root in roots}
     everything = [instance for root in roots for instance in unfolded[root]]
-    configured, alone = _Configured(tree, everything, components).resolve(named)
-    copies = _copies(unfolded, {*configured.values(), *(item.prototype for item in named)})
+    configured, alone = _Configured(tree, everything, components).resolve(mapped)
+    copies = _copies(unfolded, {*configured.values(), *(item.prototype for item in mapped)})
     for root in copies:
         findings.add(
             codes.COPY(
                 "none of its component prototypes is in the Rte configuration",
                 at=by_path[root].place.at,
-                path=f'composition "{root}"',
+                path=named("composition", root),
                 help="nothing to do if it is the system that the ECU extract was made of",
             )
         )
@@ -93,11 +93,11 @@ class _Configured:
         self._owner = {event.place.path: component for component in components for event in component.events}
         self._upstream = dict(upstream(tree))
 
-    def resolve(self, named: Sequence[RteInstance]) -> tuple[dict[str, Context], list[Instance]]:
+    def resolve(self, mapped: Sequence[RteInstance]) -> tuple[dict[str, Context], list[Instance]]:
         """Return the context that each named prototype stands for, and the instances that only the Rte knows."""
         found: dict[str, Context] = {}
         open_: list[RteInstance] = []
-        for item in named:
+        for item in mapped:
             context = self._defined(item) or self._by_flat_map(item)
             if context:
                 found[item.prototype] = context
@@ -166,7 +166,7 @@ class _Configured:
                 f"RteSoftwareComponentInstanceRef refers to {item.prototype}, which no file defines{why}, so that its "
                 f"{len(item.events)} event mappings are lost",
                 at=item.at,
-                path=f'{item.place.kind} "{item.place.path}"',
+                path=named(item.place.kind, item.place.path),
                 help="add the ECU extract with the flat composition, or its FLAT-MAP, to the import",
             )
         )
@@ -195,7 +195,7 @@ def _report_unused(components: Sequence[Component], findings: Findings) -> None:
                 codes.NOT_INSTANTIATED(
                     "is used in no composition of the system, so that its runnables are no tasks",
                     at=component.place.at,
-                    path=f'{component.place.kind} "{component.place.path}"',
+                    path=named(component.place.kind, component.place.path),
                     help="add it to the composition, or import its file on its own",
                 )
             )
@@ -241,7 +241,7 @@ def _bounded(instances: Iterator[Instance], root: Composition) -> list[Instance]
             codes.TOO_MANY(
                 f"makes more than {MAX_INSTANCES} component instances",
                 at=root.place.at,
-                path=f'composition "{root.place.path}"',
+                path=named("composition", root.place.path),
                 help="import one part of the system at a time",
             )
         )
@@ -271,7 +271,7 @@ def _report_shared_types(instances: Sequence[Instance], by_path: dict[str, Compo
             codes.SEVERAL_ROOTS(
                 f"{shared} and others are used in each of {', '.join(pair)}",
                 at=by_path[pair[0]].place.at,
-                path=f'composition "{pair[0]}"',
+                path=named("composition", pair[0]),
                 help="import the files of one system only, or add the ECU configuration of the Rte",
             )
         )

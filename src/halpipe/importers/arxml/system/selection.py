@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, named
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.instances import upstream
@@ -79,7 +79,7 @@ def _modules(tree: Tree, ecus: Sequence[Ecu], chosen: Ecu) -> frozenset[str]:
             codes.UNLINKED(
                 f"its {len(groups[name])} modules are of no ECU that is known, and {taken}",
                 at=first.at,
-                path=f'ECU configuration "{name}"',
+                path=named("ECU configuration", name),
                 help="add the ECUC-VALUE-COLLECTION and the SYSTEM of its ECU extract",
             )
         )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
+from halpipe.diagnostics import named
 from halpipe.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_cse
@@ -73,7 +74,7 @@ def report_not_read(tree: Tree) -> None:
                 codes.TIMING_IGNORED(
                     f"{len(found)} {tag} elements are not imported",
                     at=found[0].at,
-                    path=f'{tag} "{found[0].path}"',
+                    path=named(tag, found[0].path),
                     help="state the order and the window in the overlay (precedence)",
                 )
             )
@@ -146,7 +147,7 @@ def _arrival(tree: Tree, node: Node) -> Arrival | None:
             codes.BAD_TIME(
                 "states no time between occurrences that can be used",
                 at=node.at,
-                path=f'{node.tag} "{node.path}"',
+                path=named(node.tag, node.path),
                 help="state a positive period, or the least time between two occurrences",
             )
         )
@@ -196,7 +197,7 @@ def _report_lost_parts(tree: Tree, node: Node) -> None:
             codes.TIMING_PART_LOST(
                 f"{', '.join(lost)} of the constraint is not imported",
                 at=node.at,
-                path=f'{node.tag} "{node.path}"',
+                path=named(node.tag, node.path),
                 help="state it in the overlay, if the schedule has to keep it",
             )
         )

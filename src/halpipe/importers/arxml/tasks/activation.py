@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.tasks.arrivals import Arrivals
@@ -182,7 +183,7 @@ def _named_apart(activations: list[Activation], findings: Findings) -> list[Acti
                 codes.RENAMED(
                     f'is called "{name}"',
                     at=activation.place.at,
-                    path=f'{activation.place.kind} "{activation.name}"',
+                    path=named(activation.place.kind, activation.name),
                 )
             )
     chosen = ((activation, names[activation.actor]) for activation in activations)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.polling import polling_period
 
@@ -65,7 +66,7 @@ def slack_of(activation: Activation, findings: Findings) -> Fraction | None:
         codes.TIMING_PART_LOST(
             f"JITTER {arrival.jitter} is longer than the period {activation.period}; a slack of one period is imported",
             at=arrival.place.at,
-            path=f'{arrival.place.kind} "{arrival.place.path}"',
+            path=named(arrival.place.kind, arrival.place.path),
             help="correct the jitter, or state the slack in the overlay",
         )
     )
@@ -84,7 +85,7 @@ def compare(activation: Activation, findings: Findings) -> None:
                 f'states the period {arrival.period / occurrences} for "{activation.name}", which has '
                 f"{activation.period}",
                 at=arrival.place.at,
-                path=f'{arrival.place.kind} "{arrival.place.path}"',
+                path=named(arrival.place.kind, arrival.place.path),
                 help="make them agree; the period of the event, or of the OS, counts",
             )
         )
@@ -117,7 +118,7 @@ def report_sporadic(activations: Iterable[Activation], findings: Findings) -> No
                 codes.SPORADIC(
                     f'"{activation.name}" {what}',
                     at=arrival.place.at,
-                    path=f'{arrival.place.kind} "{arrival.place.path}"',
+                    path=named(arrival.place.kind, arrival.place.path),
                     help="give another period in the overlay (sources), if occurrences so dense cannot be",
                 )
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.files.numbers import parse_seconds
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
@@ -43,7 +44,7 @@ def report_boundary(tree: Tree, system: System) -> None:
                 f"{here} {'sends data to' if is_out else 'receives data of'} {there} on another ECU"
                 + (f" every {every}" if every else ", at no period that is known"),
                 at=places[inner[1]].at,
-                path=f'{"output" if is_out else "input"} "{here}"',
+                path=named("output" if is_out else "input", here),
             )
         )
     _report_signals(tree, {path for context in own for path in context[1:]})
@@ -65,6 +66,6 @@ def _report_signals(tree: Tree, prototypes: set[str]) -> None:
                 codes.BOUNDARY(
                     f"{component.name}/{port.name} {'sends' if is_out else 'receives'} the signal {signal.path}",
                     at=tree.at(element, file),
-                    path=f'{"output" if is_out else "input"} "{signal.name}"',
+                    path=named("output" if is_out else "input", signal.name),
                 )
             )

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about, named
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 
@@ -55,7 +56,7 @@ def _twins(activations: Sequence[Activation], findings: Findings) -> list[Activa
             codes.SAME_FUNCTION(
                 f'is one call with "{other.name}": the same function, OsTask, position and period',
                 at=activation.place.at,
-                path=f'BSW entity "{activation.name}"',
+                path=named("BSW entity", activation.name),
             )
         )
     return result
@@ -97,7 +98,7 @@ def _report_rest(call: Sequence[Activation], findings: Findings) -> None:
             codes.SEVERAL_RATES(
                 f"is one call of its OsTask for {', '.join(rates)}, but becomes a task for each",
                 at=first.place.at,
-                path=f'task "{first.name}"',
+                path=about(task=first.name),
                 help="its load is overstated where they are due together; state one period in the overlay (sources)",
             )
         )

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Mode, Run, Transition
@@ -84,7 +85,7 @@ def _runs(drafts: Sequence[Draft], mode: str, versions: Mapping[str, tuple[str, 
 def _report_empty(group: ModeGroup, mode: Place, findings: Findings) -> None:
     findings.add(
         codes.EMPTY_MODE(
-            f'no task runs in mode "{mode.name}"', at=mode.at, path=f'{group.place.kind} "{group.place.path}"'
+            f'no task runs in mode "{mode.name}"', at=mode.at, path=named(group.place.kind, group.place.path)
         )
     )
 

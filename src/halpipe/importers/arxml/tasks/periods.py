@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Location
+from halpipe.diagnostics import Diagnostic, Location, about, named
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
@@ -150,7 +150,7 @@ class Periods:
                 codes.BAD_PERIOD(
                     f'CYCLE-TIME-VALUE "{cycle.text}" is not a positive number of seconds',
                     at=cycle.at,
-                    path=f'PROCESS "{activation.place.path}"',
+                    path=named("PROCESS", activation.place.path),
                     help=_PERIOD_HELP,
                 )
             )
@@ -243,7 +243,7 @@ class Periods:
             codes.UNEVEN_TABLE(
                 f"triggers the same task {len(points)} times in {first.period}, at unequal distances",
                 at=first.through[-1].at,
-                path=f'OsScheduleTable "{first.table}"',
+                path=named("OsScheduleTable", first.table),
             )
         )
         return [Recurrence(point.period, point.offset, (point.place, *point.through)) for point in points]
@@ -269,7 +269,7 @@ class Periods:
                 codes.BAD_OFFSET(
                     f'offset "{stated.text}" is not a non-negative number of seconds',
                     at=stated.at,
-                    path=f'task "{activation.name}"',
+                    path=about(task=activation.name),
                     help="write it in seconds, such as 0.0025",
                 )
             )
@@ -401,7 +401,7 @@ def _inherit(
         codes.SENDERS_DIFFER(
             f"its data is sent with periods {listed}",
             at=event.place.at if event else Location(),
-            path=f'{_DATA_RECEIVED} "{event.place.path if event else ""}"',
+            path=named(_DATA_RECEIVED, event.place.path if event else ""),
             help=f'give "{activation.name}" a period in the overlay (sources)',
         )
     )

@@ -8,6 +8,7 @@ from graphlib import CycleError, TopologicalSorter
 from math import gcd
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
@@ -111,7 +112,7 @@ def _report_lost(system: System, known: Collection[str], findings: Findings) -> 
             codes.ORDER_LOST(
                 f"orders what is no periodic task: {listed(list(paths))}",
                 at=place.at,
-                path=f'{place.kind} "{place.path}"',
+                path=named(place.kind, place.path),
                 help="give it a period in the overlay (sources) if the order matters",
             )
         )
@@ -176,7 +177,7 @@ def _report_positions(found: Sequence[Draft], slots: dict[int, list[Draft]], fin
                 codes.SAME_POSITION(
                     f"runs in no stated order: {listed(names)}",
                     at=group[0].place.at,
-                    path=f'OsTask "{group[0].os_task.place.path}"',
+                    path=named("OsTask", group[0].os_task.place.path),
                 )
             )
 
@@ -213,7 +214,7 @@ def without_cycles(edges: list[Edge], findings: Findings) -> list[Edge]:
                     f'the order "{edge.first}" before "{edge.second}" is left out, because it contradicts '
                     + " before ".join(f'"{name}"' for name in way),
                     at=edge.cause.at,
-                    path=f'{edge.cause.kind} "{edge.cause.path}"',
+                    path=named(edge.cause.kind, edge.cause.path),
                     help="correct one of them in the source, or state the order in the overlay (precedence)",
                 )
             )

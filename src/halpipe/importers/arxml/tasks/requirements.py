@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Anchor, Chain
@@ -231,7 +232,7 @@ class _Finder:
             codes.TIMING_LOST(
                 f"is not imported: {why}",
                 at=place.at,
-                path=f'{place.kind} "{place.path}"',
+                path=named(place.kind, place.path),
                 help="state it in the overlay (deadline, precedence, chains)",
             )
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, listed, unique_name
@@ -125,6 +126,6 @@ def _report_units(
                 codes.UNIT_WITHOUT_TIME(
                     f"does not run on {listed(left)}, for which no execution time is stated",
                     at=draft.place.at,
-                    path=f'task "{draft.name}"',
+                    path=about(task=draft.name),
                 )
             )

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, named
 from halpipe.files import YamlList, YamlMap
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
@@ -58,7 +58,7 @@ class Catalogue:
             reader.malformed(f'name "{name}" does not end in .{", .".join(KINDS)}', at.line, "file")
         elif name in self.entities:
             text = f"is declared again, first in {self.entities[name].at}"
-            self.findings.add(codes.DUPLICATE(text, at=at, path=f'entity "{name}"', help="remove one of the two"))
+            self.findings.add(codes.DUPLICATE(text, at=at, path=named("entity", name), help="remove one of the two"))
         elif name:
             self._check_format(body, file)
             self.entities[name] = Entity(name, kind, body, at)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import about
 from halpipe.importers.ros import codes
 from halpipe.models import Mode, Run, Task, TaskModel, Unit, Version
 
@@ -50,7 +51,7 @@ class _Merger:
         text = f'has period {task.period} in mode "{part.mode}", {first.period} before; there it is the task "{name}"'
         at = task.origin.location if task.origin else part.at
         self.findings.add(
-            codes.MODE_PERIOD(text, at=at, path=f'task "{task.name}"', help="use the new name in the overlay, too")
+            codes.MODE_PERIOD(text, at=at, path=about(task=task.name), help="use the new name in the overlay, too")
         )
         return name
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location, sort_diagnostics
+from halpipe.diagnostics import HalpipeError, Location, named, sort_diagnostics
 from halpipe.files import YamlMap
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.design.entities import Catalogue
@@ -126,7 +126,7 @@ def _mode(name: str, structure: Structure, system: YamlMap | None, at: Location,
     for instance in structure.instances:
         if instance.path in taken:
             text, help = f"is there twice, first from {taken[instance.path]}", "give one of the two another path"
-            path = f'node "{instance.path}"'
+            path = named("node", instance.path)
             catalogue.findings.add(codes.DUPLICATE(text, at=instance.at, path=path, help=help))
             continue
         taken[instance.path] = instance.at
