@@ -12,13 +12,14 @@ from tempfile import TemporaryDirectory
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
+from halpipe.bench import jobshop
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.files import sha256, write_output
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
-from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,12 +36,15 @@ VALID, NOT_FOUND, STOPPED, FAULT = "valid", "not-found", "stopped", "fault"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instance:
-    """One set to measure: `budget` counts moves per task, `limit` and `exact_seconds` seconds (0: none, no CP-SAT)."""
+    """One set to measure: `budget` counts moves per task, `limit` and `exact_seconds` seconds (0: none, no CP-SAT).
+
+    Without a budget the limit ends the search, as `schedule --time-limit` does, and without both the search itself.
+    """
 
     key: str
     parameters: Cell
     seed: int
-    budget: int
+    budget: int | None
     limit: int
     exact_seconds: int
     exact_workers: int
@@ -66,6 +70,7 @@ def measure(instance: Instance) -> dict[str, Any]:
         _schedule(instance, source, str(Path(folder, "schedule.xml")), result, timing)
     if instance.exact_seconds:
         timing["exact"] = _exact(model, instance)
+        timing["pyjobshop"] = jobshop.solve(model, instance.exact_seconds, instance.exact_workers)
     return {"key": instance.key, "seed": instance.seed, "result": result, "timing": timing}
 
 
@@ -77,7 +82,8 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
     """Do what ``halpipe schedule`` does, and note what came of it."""
     begin = perf_counter_ns()
     deadline = begin + instance.limit * _SECOND
-    options = SearchOptions(seed=instance.seed, budget=instance.budget)
+    budget = UNBOUNDED if instance.budget is None and instance.limit else instance.budget
+    options = SearchOptions(seed=instance.seed, budget=budget)
     with _kernel_watch() as kernel:
         try:
             model = read_model(source)
@@ -90,6 +96,7 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
         text = format_schedule(found.schedule)
         write_output(target, text)
         result["schedule_sha256"] = sha256(text)
+        result["solver"] = found.schedule.solver
     timing["whole_ns"] = perf_counter_ns() - begin
     timing["kernel_ns"] = kernel[0]
     result["outcome"] = VALID if found.is_complete else STOPPED if found.stopped else NOT_FOUND

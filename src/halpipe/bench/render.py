@@ -60,6 +60,8 @@ def _columns(report: Report) -> list[str]:
         columns += ["goal", "met"]
     if _has_exact(report):
         columns += ["CP-SAT solved", "CP-SAT, median", "CP-SAT : whole, median", "CP-SAT : whole, least"]
+    if _has_shop(report):
+        columns += ["PyJobShop solved", "PyJobShop, median"]
     return columns
 
 
@@ -88,6 +90,9 @@ def _cells(report: Report, result: RowResult) -> Iterator[str]:
         yield _NONE if result.exact_ns is None else duration_text(result.exact_ns.median)
         yield _ratio_text(result.median_ratio)
         yield _ratio_text(next(iter(result.ratios), None))
+    if _has_shop(report):
+        yield f"{result.shop_solved} of {result.shop_tried}" if result.shop_tried else _NONE
+        yield _NONE if result.shop_ns is None else duration_text(result.shop_ns.median)
 
 
 def _has_paper(report: Report) -> bool:
@@ -100,6 +105,10 @@ def _has_goals(report: Report) -> bool:
 
 def _has_exact(report: Report) -> bool:
     return any("exact" in record["timing"] for result in report.rows for record in result.records)
+
+
+def _has_shop(report: Report) -> bool:
+    return any(result.shop_tried for result in report.rows)
 
 
 def _facts(report: Report) -> list[tuple[str, str]]:

@@ -50,7 +50,7 @@ class Ratio:
 class RowResult:
     """What came of a row. Times, in nanoseconds, and moves are those of the instances that were solved.
 
-    `ratios` compares CP-SAT with the whole command set by set, least first.
+    "Shop" is PyJobShop. `ratios` compares CP-SAT with the whole command set by set, least first.
     """
 
     row: Row
@@ -62,6 +62,9 @@ class RowResult:
     exact_tried: int
     exact_solved: int
     exact_ns: Spread | None
+    shop_tried: int
+    shop_solved: int
+    shop_ns: Spread | None
     ratios: tuple[Ratio, ...]
 
     @property
@@ -133,7 +136,7 @@ def instances(
             key=f"{row.name} / {number} / {seed}",
             parameters=parameters,
             seed=seed,
-            budget=budget,
+            budget=None if row.is_open else budget,
             limit=limit,
             exact_seconds=exact_seconds if place < exact_seeds else 0,
             exact_workers=exact_workers,
@@ -163,6 +166,8 @@ def _row_result(row: Row, records: tuple[Record, ...]) -> RowResult:
     solved = [record for record in records if record["result"]["outcome"] == VALID]
     exact = [record["timing"]["exact"] for record in records if "exact" in record["timing"]]
     answered = [found for found in exact if found["answer"] == "feasible"]
+    shop = [record["timing"]["pyjobshop"] for record in records if "pyjobshop" in record["timing"]]
+    done = [found for found in shop if found["answer"] == "feasible"]
     return RowResult(
         row=row,
         records=records,
@@ -173,6 +178,9 @@ def _row_result(row: Row, records: tuple[Record, ...]) -> RowResult:
         exact_tried=sum(found["answer"] != "none" for found in exact),
         exact_solved=len(answered),
         exact_ns=Spread.of(found["ns"] for found in answered),
+        shop_tried=sum(found["answer"] != "none" for found in shop),
+        shop_solved=len(done),
+        shop_ns=Spread.of(found["ns"] for found in done),
         ratios=tuple(sorted(_ratios(records))),
     )
 
@@ -208,6 +216,11 @@ def _row_json(result: RowResult) -> dict[str, Any]:
             "solved": result.exact_solved,
             "ns": _spread_json(result.exact_ns),
             "times_whole": [{"times": ratio.times, "is_bound": ratio.is_bound} for ratio in result.ratios],
+        },
+        "pyjobshop": {
+            "tried": result.shop_tried,
+            "solved": result.shop_solved,
+            "ns": _spread_json(result.shop_ns),
         },
         "records": list(result.records),
     }

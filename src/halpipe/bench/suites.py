@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
+from halpipe.bench.families import FINE, FullSlack, ManyVersions, PerfectFit, Rectangles, RigidChains
 from halpipe.bench.real import Engine, EngineControl, Waters2019
 from halpipe.durations import Duration, milliseconds, seconds
 from halpipe.models import Binding
@@ -38,6 +39,8 @@ class Row:
     goal_kernel: Duration | None = None
     goal_whole: Duration | None = None
     paper_seconds: tuple[int, int] | None = None
+    is_open: bool = False
+    """Whether the time limit alone ends a search, as with `schedule --time-limit`, and not a number of moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +139,33 @@ def _hard() -> Iterator[Row]:
     )
 
 
+def _families() -> Iterator[Row]:
+    """Small sets that leave nothing idle, and rigid ones: what is lost by going in small steps."""
+    fits = [PerfectFit(units=units, tasks=tasks) for units, tasks in ((5, 3), (3, 6), (4, 4), (8, 4), (12, 4))]
+    chains = (
+        RigidChains(chains=3, length=9, units=1, load=Fraction(2, 5)),
+        RigidChains(chains=3, length=9, units=3, load=Fraction(2, 5)),
+        RigidChains(chains=1, length=16, units=1, load=Fraction(1, 2), width=3),
+    )
+    families: tuple[tuple[str, tuple[Cell, ...]], ...] = (
+        ("rigid chains, 16 and 27 tasks", chains),
+        *((f"perfect fit, {fit.units * fit.tasks} tasks on {fit.units}", (fit,)) for fit in fits),
+        ("20 rectangles on one resource", (Rectangles(tasks=20, height=FINE, is_gang=False),)),
+        ("24 gangs on 8", (Rectangles(tasks=24, height=8, is_gang=True),)),
+        ("30 tasks with 8 versions", (ManyVersions(tasks=30, versions=8, units=6),)),
+        ("slack 1, 100 % of 2 units", (FullSlack(units=2, slots=4),)),
+    )
+    for name, cells in families:
+        yield Row(name=name, cells=cells, goal_whole=seconds(1), is_open=True)
+    yield Row(
+        name="144 tasks on 6, 98 %",
+        cells=(replace(_SIX, tasks=144, utilisation=Fraction(98, 100)),),
+        goal_success=Fraction(1, 2),
+        goal_whole=seconds(60),
+        is_open=True,
+    )
+
+
 def _harder() -> Iterator[Row]:
     """Beyond the goals: a window for each task, which fills the resources further, and 60 % of the tasks linked."""
     for tasks, percent in ((120, 85), (144, 90), (144, 95)):
@@ -182,7 +212,7 @@ def _tiny() -> Iterator[Row]:
 
 SUITES = {
     "table3": tuple(_table3()),
-    "hard": tuple(_hard()),
+    "hard": (*_hard(), *_families()),
     "harder": tuple(_harder()),
     "real": tuple(_real()),
     "tiny": tuple(_tiny()),

@@ -41,7 +41,10 @@ def bench(
     jobs: Annotated[int, typer.Option(min=1, help="Processes; more than one disturb each other's times.")] = 1,
     cluster: Annotated[str, typer.Option(metavar="ADDRESS", help="Run on this dask.distributed scheduler.")] = "",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was killed.")] = False,
-    exact_seconds: Annotated[int, typer.Option(min=0, help="Give sets to CP-SAT too, for this long each.")] = 0,
+    exact_seconds: Annotated[
+        int,
+        typer.Option(min=0, help="Give sets to CP-SAT, and PyJobShop if installed, for this long each."),
+    ] = 0,
     exact_seeds: Annotated[int, typer.Option(min=1, help="How many sets of each cell CP-SAT gets.")] = 1,
     exact_workers: Annotated[int, typer.Option(min=1, help="Threads of CP-SAT.")] = 2,
     format: DiagnosticFormat = None,
@@ -69,6 +72,7 @@ def bench(
         "budget": budget,
         "limit": f"{limit} s",
         "exact": f"{exact_seconds} s, {exact_workers} threads" if exact_seconds else "not run",
+        "pyjobshop": _version_of("pyjobshop") if exact_seconds else "not run",
         "machine": _machine(jobs, cluster),
     }
     _refuse_foreign(Path(folder))
@@ -110,6 +114,15 @@ def _machine(jobs: int, cluster: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "executor": "dask.distributed" if cluster else f"{jobs} process{'es' if jobs > 1 else ''}",
     }
+
+
+def _version_of(package: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return f"not installed: pip install {package}"
 
 
 def _processor() -> str:
