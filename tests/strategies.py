@@ -158,6 +158,7 @@ chains = st.builds(
     tasks=some_names,
     max_reaction=maybe(durations),
     max_age=maybe(durations),
+    weight=shares,
     origin=maybe(origins),
 )
 runs = st.builds(Run, task=names, versions=some_names)

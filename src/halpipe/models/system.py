@@ -29,6 +29,7 @@ from halpipe.models.attributes import (
     TEXTS,
     TIMES,
     TOKEN,
+    WEIGHT,
     attribute,
     word,
 )
@@ -346,6 +347,10 @@ class Chain(Element):
     max_age: Duration | None = field(
         default=None,
         metadata=attribute(POSITIVE, "From the start of the first task to the end of the last that uses its data."),
+    )
+    weight: Fraction = field(
+        default=Fraction(1),
+        metadata=attribute(WEIGHT, "What its latencies count beside those of others."),
     )
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)

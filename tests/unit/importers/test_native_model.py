@@ -148,6 +148,7 @@ SHUTTLE = TaskModel(
             tasks=("lidar", "odometry"),
             max_reaction=time("250ms"),
             max_age=time("200ms"),
+            weight=Fraction(1, 4),
             origin=Origin("limits.yaml", 4, "chains/0"),
         ),
         Chain(name="unlimited", tasks=("odometry",)),

@@ -5,7 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import add, add_time, is_rounded, named, origin_of, package, ref, sd, sdx, special
+from halpipe.exporters.arxml.document import (
+    add,
+    add_time,
+    is_rounded,
+    named,
+    origin_of,
+    package,
+    ref,
+    sd,
+    sd_attributes,
+    sdx,
+    special,
+)
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.models import Anchor
 
@@ -78,7 +90,7 @@ class Descriptions:
         segments = [self.names(name, self.layout.tasks[task]) for task in chain.tasks]
         element = named(self._parent, _CHAIN, name)
         data = special(element, "chain")
-        sd(data, "name", chain.name)
+        sd_attributes(data, chain, "tasks", "max-reaction", "max-age")
         origin_of(data, chain.origin)
         ref(element, "STIMULUS-REF", _EVENT, starts[0])
         ref(element, "RESPONSE-REF", _EVENT, ends[-1])

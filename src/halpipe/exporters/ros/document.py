@@ -100,6 +100,7 @@ def _chain(chain: Chain) -> dict[str, Any]:
         tasks=list(chain.tasks),
         max_reaction=_time(chain.max_reaction),
         max_age=_time(chain.max_age),
+        weight=None if chain.weight == 1 else format_rational(chain.weight),
     )
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
+from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +34,7 @@ class Chained:
     item: Item
     reaction: Duration | None = None
     age: Duration | None = None
+    weight: Fraction = Fraction(1)
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
@@ -83,7 +86,9 @@ class _Reader:
             for event in way.events:
                 event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
-        return [Chained(name, path, item) for name, (_, path) in zip(names, paths, strict=True)]
+        stated = value_of(self.forest, item, "weight", parse_rational)
+        weight = Fraction(1) if stated is None else stated
+        return [Chained(name, path, item, weight=weight) for name, (_, path) in zip(names, paths, strict=True)]
 
     def _ways(self, item: Item, level: int) -> list[_Way]:
         """Return each way through a chain."""

@@ -91,7 +91,8 @@ class TaskBuilder:
             self._versions(draft)
         self._report_unbound(len(drafts.items))
         chains = [
-            self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age) for chain in timing.chains
+            replace(self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age), weight=chain.weight)
+            for chain in timing.chains
         ]
         limits: dict[Draft, _Limits] = {}
         for draft in drafts.items:

@@ -110,6 +110,8 @@ def chains(imported: tuple[Chain, ...], overlay: Overlay, changes: Changes) -> t
             changes.overridden(path, "tasks", old.tasks, chain.tasks, chain.at)
             if old.max_reaction is not None:
                 changes.overridden(path, "max-reaction", old.max_reaction, chain.max_reaction, chain.at)
+            if old.weight != 1:
+                changes.overridden(path, "weight", old.weight, chain.weight, chain.at)
             if old.max_age is not None:
                 changes.overridden(path, "max-age", old.max_age, chain.max_age, chain.at)
         if all(known):

@@ -22,6 +22,7 @@ from halpipe.models.attributes import (
     TEXTS,
     TIMES,
     TOKEN,
+    WEIGHT,
     Codec,
 )
 from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
@@ -124,6 +125,7 @@ _READERS: dict[Codec, Callable[[str], Any]] = {
     GANG: count,
     GAPS: number,
     TIMES: times,
+    WEIGHT: parse_rational,
     SIZE: parse_size,
     BANDWIDTH: parse_bandwidth,
 }

@@ -49,7 +49,7 @@ _TOP = (KEY, "model", "model-sha256", "scheduling", *_ELEMENTS, "not-realised")
 _TASK = ("name", "period", "slack", "offset", "deadline", "versions")
 _VERSION = ("name", "wcet", "units", "gang", "after")
 _AFTER = ("task", "from", "min", "max")
-_CHAIN = ("name", "tasks", "max-reaction", "max-age")
+_CHAIN = ("name", "tasks", "max-reaction", "max-age", "weight")
 _RULE = ("task", "on", "count", "cycles", "action", "mode")
 _MODE = ("name", "runs", "cycle-ns", "executors")
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
@@ -159,6 +159,7 @@ class _Reader:
             tasks=_names(fields, "tasks"),
             max_reaction=fields.value("max-reaction", Duration.parse, None),
             max_age=fields.value("max-age", Duration.parse, None),
+            weight=fields.value("weight", parse_rational, Fraction(1)),
             origin=self._origin(fields),
         )
 

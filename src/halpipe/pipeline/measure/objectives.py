@@ -1,6 +1,6 @@
 """What a valid schedule is worth: the objectives that a search goes on for, in exact numbers of which less is better.
 
-- ``chains``: the sum of reaction time and data age over all chains, in nanoseconds (MODEL 3).
+- ``chains``: the sum of reaction time and data age over all chains, each times its weight, in nanoseconds (MODEL 3).
 - ``jitter``: the sum over the periodic tasks of their start jitter, the largest less the least delay of their jobs.
 - ``margin``: the share of its own length by which every stay on a unit could last longer before the next begins there,
   the least of all; negated, since more is better.
@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
+from math import lcm
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.measure.cost import cost_terms
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from halpipe.durations import Duration
-    from halpipe.models import Job, TaskModel
+    from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
 
 LARGEST_MARGIN = Fraction(100)
@@ -88,9 +89,8 @@ class Judge:
 
     @property
     def chain_weights(self) -> tuple[int, ...]:
-        """What a tick of each chain's latencies counts, of the chains whose tasks all run."""
-        running = self.expansion.by_name
-        return tuple(1 for chain in self.model.chains if running.keys() >= set(chain.tasks))
+        """What a tick of each chain's latencies counts, as whole numbers, of the chains whose tasks all run."""
+        return whole_weights(chain for chain in self.model.chains if self.expansion.by_name.keys() >= set(chain.tasks))
 
     def keeps(self, first: Worth, other: Worth) -> bool:
         """Return whether nothing that counts is worse than in the first schedule."""
@@ -111,9 +111,24 @@ def _nanoseconds(time: Duration | None) -> Fraction:
     return NEVER if time is None else Fraction(time.ns)
 
 
+def whole_weights(chains: Iterable[Chain]) -> tuple[int, ...]:
+    """Return the weights of chains as whole numbers in the same proportion."""
+    weights = [chain.weight for chain in chains]
+    common = lcm(*(weight.denominator for weight in weights))
+    return tuple(int(weight * common) for weight in weights)
+
+
 def sum_of_latencies(model: TaskModel, placement: Placement) -> Fraction:
-    """Return the sum of reaction time and data age of all chains, in nanoseconds."""
-    return sum(_latencies(model, placement), Fraction(0))
+    """Return the weighted sum of reaction time and data age of all chains, in nanoseconds."""
+    weights = {chain.name: chain.weight for chain in model.chains}
+    return sum(
+        (
+            weights[found.name] * _nanoseconds(time)
+            for found in chain_latencies(placement, model.chains)
+            for time in (found.reaction, found.age)
+        ),
+        Fraction(0),
+    )
 
 
 def sum_of_jitters(model: TaskModel, placement: Placement) -> Fraction:

@@ -173,6 +173,7 @@ class _Reader:
                 tasks=tuple(name for name in names if name is not None),
                 max_reaction=limits.get(("REACTION", node.path)),
                 max_age=limits.get(("AGE", node.path)),
+                **data.attributes(Chain, "name", "tasks", "max-reaction", "max-age"),
                 origin=data.origin(),
             )
 

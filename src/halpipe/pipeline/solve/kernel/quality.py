@@ -295,7 +295,7 @@ def _traded(best: _Best, ceiling: Arrays, weights: tuple[int, ...], entry: tuple
     win = max(1, latencies[chain][kind] // parts)
     others = max(1, 2 * len(latencies) - 1)
     for other, pair in enumerate(latencies):
-        give = (weights[chain] * win - 1) // (weights[other] * others)
+        give = max(0, weights[chain] * win - 1) // (max(1, weights[other]) * others)
         for place, time in enumerate(pair):
             most = ceiling.chain_limit[other, place]
             pair[place] = min(time + give, most) if most != NO_TICK else time + give
