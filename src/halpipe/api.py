@@ -130,6 +130,7 @@ def schedule(
     seed: int = 1,
     budget: int | None = None,
     quality: str = "first",
+    optimise: Iterable[str] = (),
     target: Fraction | int | str | None = None,
     freeze: Schedule | None = None,
     near: Schedule | None = None,
@@ -143,6 +144,7 @@ def schedule(
 ) -> Schedule:
     """Return a verified schedule of every mode, or of those named in `modes`; the options are those of the command.
 
+    `optimise` names objectives, the most important first: ``("chains", "jitter", "margin", "preemptions")``.
     `progress` is called with mode, moves made, moves allowed and the least cost so far, from several threads; it ends
     the search by returning False. After `time_limit` seconds the search ends, too; then what is found depends on the
     machine. Raise `HalpipeError` if no schedule is found, with what the best placement still breaks.
@@ -150,7 +152,7 @@ def schedule(
     from halpipe.diagnostics import Exit, HalpipeError
     from halpipe.durations import Duration
     from halpipe.pipeline.checked import explain_failure, schedule_model
-    from halpipe.pipeline.solve.goals import Quality
+    from halpipe.pipeline.solve.goals import Quality, objectives_of
     from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
 
@@ -161,6 +163,7 @@ def schedule(
         seed=seed,
         budget=budget,
         quality=Quality(quality),
+        optimise=objectives_of(",".join(optimise)),
         target=None if target is None else Fraction(target),
         shipped=freeze,
         near=near,

@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from fractions import Fraction
 from unittest import mock
 
 import pytest
@@ -12,11 +13,15 @@ from hypothesis import strategies as st
 
 from halpipe.models import Chain, Status
 from halpipe.pipeline.checked import validate_model, verify_schedule
-from halpipe.pipeline.solve import goals
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.measure.objectives import Judge, Objective
+from halpipe.pipeline.solve import exact_chains, goals
 from halpipe.pipeline.solve import schedule as search
+from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
 from profiles import examples
+from support import chain, model, task, version
 
 SEEDS = st.integers(0, 2**32)
 FAST = examples(60)
@@ -38,12 +43,22 @@ def drawn(seed, family):
 
 
 def table(system, **options):
-    """Return the schedule of the first mode; nothing where none is found."""
-    with mock.patch.object(goals, "POLISH_BUDGET", 30), mock.patch.object(search, "POLISH_TABLES", 4):
-        plan = search.schedule_model(system, SearchOptions(budget=300, **options), lambda *_: True).schedule
+    """Return the schedule; nothing where none is found."""
+    return found(system, **options).schedule
+
+
+def found(system, **options):
+    """Return what a search with small budgets comes to, where that is a schedule."""
+    with (
+        mock.patch.object(goals, "POLISH_BUDGET", 30),
+        mock.patch.object(search, "POLISH_TABLES", 4),
+        mock.patch.object(exact_chains, "WORK", 0.05),
+    ):
+        scheduled = search.schedule_model(system, SearchOptions(budget=300, **options), lambda *_: True)
+    plan = scheduled.schedule
     assume(all(mode.status is Status.VALID for mode in plan.modes))
     assert [d.message for d in verify_schedule(system, plan) if d.is_error] == []
-    return plan
+    return scheduled
 
 
 def latencies(mode):
@@ -83,6 +98,65 @@ def test_improving_moves_nothing_that_is_frozen(seed, quality):
     for mode in some:
         for job in mode.jobs:
             assert now[mode.name, job.task, job.index].start == job.start
+
+
+OBJECTIVES = ("chains", "jitter", "margin", "preemptions")
+
+
+def check_objectives(system, objectives):
+    """No named objective is worse than in the first schedule, and none is better than what is called the best."""
+    first, better = table(system), found(system, optimise=objectives)
+    judge = Judge(system, expand(system, system.modes[0]), objectives)
+    before, after = (judge.worth(plan.modes[0].jobs) for plan in (first, better.schedule))
+    assert all(now <= then for then, now in zip(before.values, after.values, strict=True))
+    assert [reached.first for reached in better.reached] == list(before.values)
+    assert [reached.value for reached in better.reached] == list(after.values)
+    for reached in better.reached:
+        assert reached.bound is None or reached.bound <= reached.value, str(reached)
+
+
+@FAST
+@given(SEEDS, st.permutations([Objective(name) for name in OBJECTIVES]))
+def test_optimising_makes_no_objective_worse_and_no_bound_is_wrong(seed, order):
+    check_objectives(drawn(seed, systems), tuple(order[: 1 + seed % 4]))
+
+
+@pytest.mark.slow
+@examples(20)
+@given(SEEDS, st.permutations([Objective(name) for name in OBJECTIVES]))
+def test_optimising_split_jobs_makes_no_objective_worse(seed, order):
+    check_objectives(drawn(seed, split_systems), tuple(order[:2]))
+
+
+@examples(30)
+@given(SEEDS)
+def test_bounds_hold_for_schedules_valid_by_construction(seed):
+    rng = random.Random(seed)
+    system, plan = systems.valid_system(rng)
+    system = with_chains(system, rng)
+    expansion = expand(system, system.modes[0])
+    for objective in map(Objective, OBJECTIVES):
+        (value,) = Judge(system, expansion, (objective,)).worth(plan.modes[0].jobs).values
+        assert lower_bound(objective, system, expansion) <= value
+
+
+def test_the_exact_engine_proves_an_optimum():
+    pytest.importorskip("ortools")
+    rows = (("a", 8, 3), ("b", 16, 4), ("c", 8, 1), ("d", 16, 2))
+    tasks = [task(name, period, version("v", wcet, "u1 u2")) for name, period, wcet in rows]
+    chains = [replace(chain("one", "a b c"), weight=Fraction(2)), chain("two", "d c")]
+    system = model(*tasks, units="u1 u2", chains=chains)
+    scheduled = search.schedule_model(system, SearchOptions(optimise=(Objective.CHAINS,)), lambda *_: True)
+    (reached,) = scheduled.reached
+    assert str(reached).endswith("; the best possible")
+    assert reached.value == reached.bound < reached.first
+    assert "HAL" not in "".join(d.code for d in verify_schedule(system, scheduled.schedule) if d.is_error)
+
+
+@pytest.mark.parametrize("text", ["chain", "chains,chains", "cost"])
+def test_an_objective_that_there_is_not_is_named(text):
+    with pytest.raises(ValueError, match=r"chain|cost"):
+        goals.objectives_of(text)
 
 
 def test_goals_name_what_they_weigh():

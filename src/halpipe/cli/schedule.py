@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from halpipe.durations import Duration
     from halpipe.models import TaskModel
+    from halpipe.pipeline.measure.objectives import Objective
+    from halpipe.pipeline.solve.goals import Quality
 
 
 class Improve(StrEnum):
@@ -59,6 +61,12 @@ def schedule(
     quality: Annotated[
         Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
     ] = Improve.FIRST,
+    optimise: Annotated[
+        str,
+        typer.Option(
+            metavar="LIST", help="Go on once valid, the most important first: chains,jitter,margin,preemptions."
+        ),
+    ] = "",
     freeze: Annotated[
         str, typer.Option(metavar="FILE", help="Schedule that has shipped: its jobs keep start, version and units.")
     ] = "",
@@ -93,6 +101,7 @@ def schedule(
     _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
+    options = replace(options, optimise=_parse_objectives(optimise, options.quality))
     options = replace(options, portfolio=portfolio, workers=workers_of(workers))
     if time_limit:
         options = replace(options, effort=None, budget=budget or UNBOUNDED)  # the clock alone ends the search
@@ -132,6 +141,18 @@ def _parse_target(text: str) -> Fraction | None:
         return sign * parse_rational(text.removeprefix("-"))
     except ValueError as failure:
         raise typer.BadParameter(str(failure), param_hint="--target") from None
+
+
+def _parse_objectives(text: str, quality: Quality) -> tuple[Objective, ...]:
+    from halpipe.pipeline.solve.goals import Quality, objectives_of
+
+    try:
+        objectives = objectives_of(text)
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--optimise") from None
+    if objectives and quality is not Quality.FIRST:
+        raise typer.BadParameter("give --optimise or --quality, not both", param_hint="--optimise")
+    return objectives
 
 
 def _check_modes(model: TaskModel, chosen: list[str]) -> None:

@@ -167,6 +167,8 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
     schedule = scheduled.schedule
     for mode in schedule.modes:
         output.inform(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, valid")
+    for reached in scheduled.reached:
+        output.inform(f"mode {reached.mode}: {reached}")
     for table in schedule.transitions:
         output.inform(
             f"switch {table.source} to {table.target}: length {table.length}, worst latency {table.worst_latency}"

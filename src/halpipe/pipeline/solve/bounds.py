@@ -1,9 +1,9 @@
 """How good the best schedule can be at most: lower bounds of objectives, from arithmetic alone.
 
 Along a chain the WCETs add up, and the first task's period for a stimulus that it just missed. Whatever the phases, a
-task k of the chain starts at instants that lie, seen from the jobs of the first task, in D_k / g different places of its
-period, g = gcd(D_1, D_k); if all latencies are at least M, the greatest is at least M + D_k - g, less what the slacks of
-both may take back. The same holds for data age seen from the jobs of the last task.
+task k of the chain starts at instants that lie, seen from the jobs of the first task, in D_k / g different places of
+its period, g = gcd(D_1, D_k); if all latencies are at least M, the greatest is at least M + D_k - g, less what the
+slacks of both may take back. The same holds for data age seen from the jobs of the last task.
 """
 
 from __future__ import annotations

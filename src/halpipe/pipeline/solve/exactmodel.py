@@ -331,31 +331,79 @@ class Program:
         """Follow every job's data through the chain: forward for the reaction time, back for the data age."""
         if (chain.max_reaction is None and chain.max_age is None) or not all(t in self.tasks for t in chain.tasks):
             return
-        first, last = self.tasks[chain.tasks[0]], self.tasks[chain.tasks[-1]]
-        self._far = 2 * self.total * (len(chain.tasks) + 2)  # every step waits and runs at most a hyperperiod each
         if chain.max_reaction is not None:
-            self.cp.add_bool_or([job.present for job in first])
-            for job in first:
-                time = job.theta + 1
-                for task in chain.tasks:
-                    time = self._next_end(time, task, job.present)
-                self._limit(time - job.theta, chain.max_reaction, job.present)
+            self._limit(self._reactions(chain), self.ticks(chain.max_reaction))
         if chain.max_age is not None:
-            self.cp.add_bool_or([job.present for job in last])
-            for job in last:
-                time = job.theta
-                for task in chain.tasks[-2::-1]:
-                    time = self._last_start(time, task, job.present)
-                self._limit(job.theta + job.wcet - time, chain.max_age, job.present)
+            self._limit(self._ages(chain), self.ticks(chain.max_age))
 
-    def _limit(self, latency: Any, limit: Duration, present: Any) -> None:
-        self.cp.add(latency <= self.ticks(limit)).only_enforce_if(present)
+    def minimise(self, chains: Iterable[tuple[Chain, int]], most: int) -> None:
+        """Ask for the least sum of reaction times and data ages, each times a whole weight, of at most `most` ticks."""
+        total: Any = 0
+        for chain, weight in chains:
+            for latencies in (self._reactions(chain), self._ages(chain)):
+                worst = self._int(0, 2 * self.total * (len(chain.tasks) + 2))
+                self._limit(latencies, worst)
+                total += weight * worst
+        self.cp.add(total <= most)
+        self.cp.minimize(total)
+
+    def suggest(self, jobs: Iterable[Job]) -> None:
+        """Let the search begin at a schedule."""
+        by_key = {(job.active.name, job.index): job for job in concatenated.from_iterable(self.tasks.values())}
+        hints: dict[int, tuple[Any, int]] = {}
+        for placed in jobs:
+            job, start = by_key[placed.task, placed.index], self.ticks(placed.start)
+            values = [(job.theta, start), *((chosen, int(v.name == placed.version)) for v, chosen in job.versions)]
+            if placed.index == 0 and job.active.task.period is not None:
+                values.append((self.phases[placed.task], start % self.ticks(job.active.task.period)))
+            hints |= {v.index: (v, value) for v, value in values if type(v).__name__ == "IntVar"}
+        for variable, value in hints.values():
+            self.cp.add_hint(variable, value)
+
+    def _limit(self, latencies: Iterable[tuple[Any, Any]], limit: Any) -> None:
+        latencies = list(latencies)
+        self.cp.add_bool_or([present for _, present in latencies])
+        for latency, present in latencies:
+            self.cp.add(latency <= limit).only_enforce_if(present)
+
+    def _reactions(self, chain: Chain) -> Iterator[tuple[Any, Any]]:
+        """Yield the reaction time from each job of the first task, and whether the job is there."""
+        self._far = 2 * self.total * (len(chain.tasks) + 2)  # every step waits and runs at most a hyperperiod each
+        for job in self._distinct(chain, chain.tasks[0]):
+            time = job.theta + 1
+            for task in chain.tasks:
+                time = self._next_end(time, task, job.present)
+            yield time - job.theta, job.present
+
+    def _ages(self, chain: Chain) -> Iterator[tuple[Any, Any]]:
+        """Yield the data age at each job of the last task, and whether the job is there."""
+        self._far = 2 * self.total * (len(chain.tasks) + 2)
+        for job in self._distinct(chain, chain.tasks[-1]):
+            time = job.theta
+            for task in chain.tasks[-2::-1]:
+                time = self._last_start(time, task, job.present)
+            yield job.theta + job.wcet - time, job.present
+
+    def _distinct(self, chain: Chain, task: str) -> list[JobVars]:
+        """Return the jobs of a task that see the chain differently: fewer than all where its tasks are rigid."""
+        members = [self.expansion.by_name[name] for name in chain.tasks]
+        if not all(map(self._is_rigid, members)):
+            return self.tasks[task]
+        periods = [self.ticks(member.task.period or ZERO) for member in members]
+        return self.tasks[task][: math.lcm(*periods) // self.ticks(self.expansion.by_name[task].task.period or ZERO)]
+
+    def _is_rigid(self, active: ActiveTask) -> bool:
+        """Tell whether the jobs of a task are exactly a period apart and equally long."""
+        return active.jobs > 0 and self.is_strict(active) and self.uniform_wcet(active) is not None
 
     def _next_end(self, since: Any, task: str, when: Any) -> Any:
         """Return the end of the first job of `task` that starts at or after `since`; of equal ones the first in number.
 
         (D) of verify: where jobs of one task start together, the lower index is the earlier one.
         """
+        active = self.expansion.by_name[task]
+        if self._is_rigid(active):
+            return since + self._turned(self.phases[task] - since, active) + self.uniform_wcet(active)
         jobs = self.tasks[task]
         waits = [self._remainder(job.theta - since) for job in jobs]
         keys = [wait * len(jobs) + number for number, wait in enumerate(waits)]
@@ -364,6 +412,10 @@ class Program:
 
     def _last_start(self, until: Any, task: str, when: Any) -> Any:
         """Return the start of the job of `task` that ended last at or before `until`; of equal ones the later start."""
+        active = self.expansion.by_name[task]
+        if self._is_rigid(active):
+            wcet = self.uniform_wcet(active)
+            return until - self._turned(until - self.phases[task] - wcet, active) - wcet
         jobs = self.tasks[task]
         longest = max((self.ticks(v.wcet or ZERO) for job in jobs for v, _ in job.versions), default=0)
         ages = [self._remainder(until - job.theta - job.wcet) for job in jobs]
@@ -371,11 +423,16 @@ class Program:
         starts = [until - age - job.wcet for job, age in zip(jobs, ages, strict=True)]
         return self._chosen(jobs, keys, starts, when, self.total * (longest + 1) + longest)
 
-    def _remainder(self, time: Any) -> Any:
-        """Return `time` modulo the hyperperiod."""
-        most = self._far // self.total + 2
-        rest, turns = self._int(0, self.total - 1), self._int(-most, most)
-        self.cp.add(rest == time + self.total * turns)
+    def _turned(self, time: Any, active: ActiveTask) -> Any:
+        """Return `time` modulo the period of a task."""
+        return self._remainder(time, self.ticks(active.task.period or ZERO))
+
+    def _remainder(self, time: Any, modulus: int = 0) -> Any:
+        """Return `time` modulo the hyperperiod, or what is given."""
+        modulus = modulus or self.total
+        most = self._far // modulus + 2
+        rest, turns = self._int(0, modulus - 1), self._int(-most, most)
+        self.cp.add(rest == time + modulus * turns)
         return rest
 
     def _chosen(self, jobs: list[JobVars], keys: list[Any], values: list[Any], when: Any, most: int) -> Any:

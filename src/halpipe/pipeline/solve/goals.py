@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.models import Status
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.measure.objectives import Judge, Objective
+from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.measure.objectives import Worth
 
 POLISH_BUDGET = 300
 """Moves per task for one step of improving a valid schedule."""
@@ -71,6 +73,8 @@ class Polish:
     budget: int
     seed: int
     is_enough: Callable[[tuple[Job, ...]], bool]
+    first: list[Worth] = field(default_factory=list)
+    """What the first valid schedule was worth, once there is one."""
 
 
 def polish_of(model: TaskModel, expansion: Expansion, goals: Goals, target: Fraction | None, seed: int) -> Polish:
@@ -84,3 +88,17 @@ def polish_of(model: TaskModel, expansion: Expansion, goals: Goals, target: Frac
 
     judge = Judge(model, expansion, goals.objectives, each_chain=goals.hold)
     return Polish(goals, judge, POLISH_BUDGET, seed, is_enough)
+
+
+def objectives_of(text: str) -> tuple[Objective, ...]:
+    """Read a list of objectives such as ``chains,jitter``; raise ``ValueError`` that says what is wrong."""
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    known = [objective.value for objective in Objective if objective is not Objective.COST]
+    for place, name in enumerate(names):
+        if name not in known:
+            raise ValueError(
+                f"there is no objective {name!r}; {did_you_mean(name, known, 'there are: ' + ', '.join(known))}"
+            )
+        if name in names[:place]:
+            raise ValueError(f"{name} is named twice")
+    return tuple(map(Objective, names))

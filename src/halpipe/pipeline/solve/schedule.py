@@ -22,6 +22,7 @@ from halpipe.pipeline.solve.codes import (
 )
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
 from halpipe.pipeline.solve.limits import DEFAULT_WORK, check_range, cut_options, too_large
+from halpipe.pipeline.solve.optimise import Reached, finish
 from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from halpipe.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
+    from halpipe.pipeline.measure.objectives import Objective
     from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
@@ -87,6 +89,7 @@ class SearchOptions:
     - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
+    - The objectives to `optimise` take the place of `quality`: one before the other, none worse than at first.
     - `keeper` saves the search on its way, or goes on with one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
     """
@@ -104,6 +107,7 @@ class SearchOptions:
     near: Schedule | None = None
     grid: BurstGrid | None = None
     portfolio: int = DEFAULT_PORTFOLIO
+    optimise: tuple[Objective, ...] = ()
     keeper: Keeper | None = field(default=None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
 
@@ -129,6 +133,8 @@ class Scheduled:
     stopped: bool
     unimproved: bool = False
     """Whether it was stopped while it improved valid schedules."""
+    reached: tuple[Reached, ...] = ()
+    """What became of the objectives to optimise, by mode."""
 
     @property
     def is_complete(self) -> bool:
@@ -146,6 +152,7 @@ class _Found:
     stopped: bool = False
     unimproved: bool = False
     engine: str = "anneal"
+    reached: tuple[Reached, ...] = ()
 
 
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
@@ -169,6 +176,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
         sum(each.moves for each in found),
         stopped=any(each.stopped for each in found),
         unimproved=any(each.unimproved for each in found),
+        reached=tuple(reached for each in found for reached in each.reached),
     )
 
 
@@ -288,8 +296,16 @@ def _schedule_mode(
         notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
-    table = mode_report(model, expansion, outcome.jobs, status)
-    return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved)
+    jobs = outcome.jobs
+    reached: tuple[Reached, ...] = ()
+    if options.optimise and polish is not None and polish.first:
+        is_free = not shipped and tick is None and not pinned and not outcome.unimproved
+        seed = _mode_seed(options.seed, number, options.attempt)
+        jobs, reached = finish(
+            polish, polish.first[0], jobs, seed, lambda: on_progress(name, outcome.moves, budget, 0), is_free=is_free
+        )
+    table = mode_report(model, expansion, jobs, status)
+    return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved, reached=reached)
 
 
 def _schedule_parts(
@@ -316,6 +332,7 @@ def _schedule_parts(
     )
     tasks = max(1, len(expansion.tasks))
     budget = (options.budget or DEFAULT_BUDGET) * tasks
+    polish = _polish(model, expansion, options, number)
     found = search(
         mode,
         model,
@@ -326,13 +343,16 @@ def _schedule_parts(
             max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
             lambda placed, excess: on_progress(name, placed, budget, excess),
         ),
-        _polish(model, expansion, options, number),
+        polish,
         None if options.keeper is None else Kept(options.keeper, f"{options.attempt}/{number}"),
     )
     on_progress(name, found.placed, budget, found.excess)
     table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
     notes = _changed(expansion, changed, "number of jobs, version, units or parts")
-    return _Found(table, notes, found.placed, found.stopped, found.unimproved)
+    reached: tuple[Reached, ...] = ()
+    if options.optimise and polish is not None and polish.first and not found.excess:
+        _, reached = finish(polish, polish.first[0], found.jobs, 0, lambda: True, is_free=False)
+    return _Found(table, notes, found.placed, found.stopped, found.unimproved, reached=reached)
 
 
 def _pinned(expansion: Expansion, earlier: Earlier) -> dict[str, tuple[str, ...]]:
@@ -381,7 +401,7 @@ def _solve_mode(
 
 def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
     """Return what to improve once the mode is valid: nothing unless asked for."""
-    goals = Goals.of(options.quality)
+    goals = Goals.of(options.quality, options.optimise)
     seed = _mode_seed(options.seed, number, options.attempt) + 1
     return None if goals is None else polish_of(model, expansion, goals, options.target, seed)
 

@@ -134,6 +134,7 @@ class _Search:
         original = self._evaluate(first[0]) if state is not None else best
         judge = polish.judge
         bar = judge.worth(named(self.mode, original.plan, original.table))
+        polish.first[:] = [bar]
         worth = judge.worth(named(self.mode, best.plan, best.table))
         tried = [] if state is not None else [together(self.mode, best.plan, self.allowed, self.model.chains)]
         if state is not None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.pipeline.measure import objectives
 from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve.bounds import chain_bounds
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
 from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
@@ -176,6 +177,7 @@ def improve(
     """Grant one wish after the other; the steps of an earlier run that were `kept` are not searched again."""
     jobs = named(problem, state, units)
     best = _Best(problem, state, units, jobs, polish.judge.worth(jobs))
+    polish.first[:] = [best.worth]
     improvement = _Improvement(best, polish, on_slice, named)
     stopped = improvement.run(kept)
     return Improved(best.problem, best.state, best.units, improvement.moves, stopped)
@@ -231,7 +233,10 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
             yield from _less_slack(best)
         case Objective.CHAINS:
             ceiling = best.arrays if polish.goals.hold else plain
-            yield from _shorter_chains(best, ceiling, judge.chain_weights)
+            least = [
+                [_ticks(ns, best.problem) for ns in pair] for _, pair in chain_bounds(judge.model, judge.expansion)
+            ]
+            yield from _shorter_chains(best, ceiling, judge.chain_weights, least)
         case Objective.JITTER:
             yield from _less_jitter(best)
         case Objective.MARGIN:
@@ -258,25 +263,32 @@ def _less_slack(best: _Best) -> Wishes:
 # ---- chains
 
 
-def _shorter_chains(best: _Best, ceiling: Arrays, weights: tuple[int, ...]) -> Wishes:
-    """Ask for less of all latencies at once, then for less of one while others give back a part of what it wins."""
+def _ticks(nanoseconds: Fraction, problem: Problem) -> int:
+    return ceil(nanoseconds / problem.tick.ns)
+
+
+def _shorter_chains(best: _Best, ceiling: Arrays, weights: tuple[int, ...], least: list[list[int]]) -> Wishes:
+    """Ask for less of all latencies at once, then for less of one while others give back a part of what it wins.
+
+    None is asked for that is less than the `least` that can be.
+    """
     every = [(chain, kind) for chain, pair in enumerate(_latencies(best)) for kind in (0, 1) if pair[kind] < NEVER]
     refused: set[tuple[int, ...]] = set()
     for parts in CHAIN_STEPS if every else ():
         is_better = True
         while is_better:
-            is_better = yield from _while_granted(best, partial(_all_shorter, best, parts), refused)
+            is_better = yield from _while_granted(best, partial(_all_shorter, best, least, parts), refused)
             for entry in sorted(every, key=lambda at: -weights[at[0]] * _latencies(best)[at[0]][at[1]]):
-                traded = partial(_traded, best, ceiling, weights, entry, parts)
+                traded = partial(_traded, best, ceiling, weights, least, entry, parts)
                 is_better |= yield from _while_granted(best, traded, refused)
 
 
 def _while_granted(
-    best: _Best, limits: Callable[[], Table], refused: set[tuple[int, ...]]
+    best: _Best, limits: Callable[[], Table | None], refused: set[tuple[int, ...]]
 ) -> Generator[Arrays, bool | None, bool]:
     """Ask again and again for such limits, but for none twice; return whether any were granted."""
     is_granted = False
-    while tuple((wanted := limits()).flat) not in refused:
+    while (wanted := limits()) is not None and tuple(wanted.flat) not in refused:
         if not (yield best.arrays._replace(chain_limit=wanted)):
             refused.add(tuple(wanted.flat))
             break
@@ -284,15 +296,30 @@ def _while_granted(
     return is_granted
 
 
-def _all_shorter(best: _Best, parts: int) -> Table:
-    return _limits([[time - max(1, time // parts) for time in pair] for pair in _latencies(best)])
+def _all_shorter(best: _Best, least: list[list[int]], parts: int) -> Table | None:
+    """Return limits that are shorter by a part each; None if no chain can be shorter."""
+    now = _latencies(best)
+    shorter = [
+        [max(low, time - max(1, time // parts)) for time, low in zip(*pairs, strict=True)]
+        for pairs in zip(now, least, strict=True)
+    ]
+    return _limits(shorter) if shorter != now else None
 
 
-def _traded(best: _Best, ceiling: Arrays, weights: tuple[int, ...], entry: tuple[int, int], parts: int) -> Table:
+def _traded(
+    best: _Best,
+    ceiling: Arrays,
+    weights: tuple[int, ...],
+    least: list[list[int]],
+    entry: tuple[int, int],
+    parts: int,
+) -> Table | None:
     """Shorten one latency by a part; what that wins, less one, the others may grow by together, up to the ceiling."""
     latencies = _latencies(best)
     chain, kind = entry
-    win = max(1, latencies[chain][kind] // parts)
+    win = min(max(1, latencies[chain][kind] // parts), latencies[chain][kind] - least[chain][kind])
+    if win <= 0:
+        return None
     others = max(1, 2 * len(latencies) - 1)
     for other, pair in enumerate(latencies):
         give = max(0, weights[chain] * win - 1) // (max(1, weights[other]) * others)

@@ -1,0 +1,114 @@
+"""The exact engine asked for the shortest chains: a better schedule, and how short they can be at most."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from halpipe.pipeline.jobs import Expansion
+from halpipe.pipeline.measure.objectives import whole_weights
+from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.solve.bounds import chain_bounds
+from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small
+from halpipe.pipeline.solve.workers import watched
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from halpipe.models import Chain, Job, TaskModel
+    from halpipe.pipeline.jobs import ActiveTask
+
+WORK = 5
+"""Deterministic seconds for all chains together."""
+
+ALONE = 1
+"""Deterministic seconds for each chain without the other tasks."""
+
+JOBS = 400
+"""Jobs of a mode up to which it is asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shortest:
+    """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any."""
+
+    bound: Fraction
+    jobs: tuple[Job, ...] = ()
+
+
+def shortest_chains(
+    model: TaskModel, expansion: Expansion, jobs: tuple[Job, ...], now: Fraction, effort: Effort
+) -> Shortest:
+    """Look for a schedule with a lower sum than `now`, that of `jobs`, and for a bound: of each chain, then of all."""
+    least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(model, expansion)}
+    if not (is_installed() and has_whole_jobs(model) and expansion.job_count <= JOBS and is_small(expansion)):
+        return Shortest(_sum(least))
+    for chain in least:
+        alone = _solve(model, _part(expansion, chain.tasks), [chain], (), None, replace(effort, work=ALONE))
+        least[chain] = max(least[chain], alone.bound / chain.weight if chain.weight else Fraction(0))
+    bound = _sum(least)
+    if bound >= now:
+        return Shortest(bound)
+    together = _solve(model, expansion, list(least), jobs, now, replace(effort, work=WORK))
+    return Shortest(max(bound, together.bound), together.jobs)
+
+
+def _sum(least: dict[Chain, Fraction]) -> Fraction:
+    return sum((chain.weight * times for chain, times in least.items()), Fraction(0))
+
+
+def _part(expansion: Expansion, names: Collection[str]) -> Expansion:
+    """Leave out all other tasks, and what the windows say of them: whatever then is best, it is no worse."""
+    tasks = tuple(_without_others(active, names) for active in expansion.tasks if active.name in names)
+    return Expansion(expansion.mode, expansion.hyperperiod, tasks)
+
+
+def _without_others(active: ActiveTask, names: Collection[str]) -> ActiveTask:
+    versions = tuple(
+        replace(v, precedences=tuple(row for row in v.precedences if row.task in names)) for v in active.versions
+    )
+    return replace(active, versions=versions)
+
+
+def _solve(
+    model: TaskModel,
+    expansion: Expansion,
+    chains: list[Chain],
+    jobs: tuple[Job, ...],
+    now: Fraction | None,
+    effort: Effort,
+) -> Shortest:
+    from ortools.sat.python import cp_model
+
+    from halpipe.pipeline.solve.exactmodel import TooLarge, build
+    from halpipe.pipeline.solve.exactunits import Groups, Units, can_group
+
+    form: Any = Groups if can_group(expansion, [unit.name for unit in model.units]) else Units
+    if any(active.demands for active in expansion.tasks) and not jobs:
+        return Shortest(Fraction(0))
+    program = build(cp_model, expansion, model, chains, MAX_PARTS, form)
+    if program is None:
+        return Shortest(Fraction(0))
+    weights = whole_weights(chains)
+    scale = next((Fraction(w) / chain.weight for w, chain in zip(weights, chains, strict=True) if w), Fraction(1))
+    unit = Fraction(program.tick.ns) / scale  # what a tick of the sum counts
+    most = 2**50 if now is None else math.floor(now / unit)
+    try:
+        program.minimise(zip(chains, weights, strict=True), most)
+    except TooLarge:
+        return Shortest(Fraction(0))
+    program.suggest(jobs)
+    solver = cp_model.CpSolver()
+    parameters: Any = solver.parameters
+    parameters.num_workers, parameters.random_seed = 1, effort.seed
+    parameters.max_deterministic_time = effort.work
+    parameters.catch_sigint_signal, parameters.symmetry_level = False, 0
+    status, _ = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
+    if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE, cp_model.UNKNOWN):
+        return Shortest(Fraction(0))
+    bound = unit * max(0, math.floor(solver.best_objective_bound))  # a whole number, well below 2^53
+    found = program.jobs(solver) if status != cp_model.UNKNOWN else None
+    is_better = found is not None and now is not None and unit * int(solver.objective_value) < now
+    return Shortest(bound, tuple(found) if found is not None and is_better else ())
