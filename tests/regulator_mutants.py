@@ -143,4 +143,5 @@ def simulated(files, engine):
 
 def refuted(files, part):
     """What the solver says of the properties of a part that it refutes."""
-    return [d for proof in prove(bundles.target(files).bundle, part) for d in proof.findings]
+    bundle = bundles.target(files).bundle
+    return [d for proof in prove(bundle, read_tables(bundle), part) for d in proof.findings]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, ScheduleFile, Verbose
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
@@ -18,8 +19,15 @@ COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst"
 
 
 def compare(
-    schedule: ScheduleFile,
-    trace: Annotated[str, typer.Argument(metavar="TRACE", help="CSV, BTF or Trace Event JSON; - is standard input.")],
+    schedule: Annotated[
+        str, typer.Argument(metavar="SCHEDULE", help="Schedule XML, or a bundle of regulators; - is standard input.")
+    ],
+    trace: Annotated[
+        str,
+        typer.Argument(
+            metavar="TRACE", help="CSV, BTF or Trace Event JSON; of regulators a CSV of bytes. - is standard input."
+        ),
+    ],
     mode: Annotated[str, typer.Option(help="The mode that ran, where the trace does not say.")] = "",
     tolerance: Annotated[str, typer.Option(help="Lateness that is forgiven, such as 10us.")] = "0ms",
     origin: Annotated[
@@ -36,6 +44,8 @@ def compare(
     from halpipe.pipeline.compare import compare as compare_line
 
     output.choose(format, quiet=quiet, verbose=verbose)
+    if os.path.isdir(schedule):
+        return _counters(schedule, trace, mode)
     zero = None if origin == "auto" else _duration(origin, "--origin")
     options = CompareOptions(mode=mode, tolerance=_duration(tolerance, "--tolerance"), origin=zero)
     tables = read_schedule(schedule)
@@ -46,6 +56,26 @@ def compare(
         _show(lines)
     output.report(found, as_result=True)
     return Exit.FINDINGS if any(d.is_error for d in found) else Exit.OK
+
+
+USAGE = ("table", "unit", "direction", "samples", "promised", "granted", "used")
+
+
+def _counters(bundle: str, file: str, mode: str) -> int:
+    """Hold counters of bytes against a bundle of regulators."""
+    from halpipe.deploy.regulator.counters import compare_counters
+    from halpipe.files import read_bytes
+    from halpipe.flow.formats import open_target
+
+    counted = compare_counters(open_target(bundle), read_bytes(file).decode("utf-8-sig", "replace"), file, mode)
+    if output.is_text():
+        rows = [
+            (*place, str(u.samples), str(round(u.promised)), str(u.granted), str(u.used))
+            for place, u in sorted(counted.usage.items())
+        ]
+        output.table(USAGE, rows, right=range(3, len(USAGE)))
+    output.report(counted.diagnostics, as_result=True)
+    return Exit.FINDINGS if any(d.is_error for d in counted.diagnostics) else Exit.OK
 
 
 def _show(lines: list[Comparison]) -> None:

@@ -94,16 +94,21 @@ def _execute(
     return case.findings, [f"device: {tables.backend} {wrong}; {case.steps} writes executed on its model"]
 
 
-def _prove(target: Target) -> tuple[list[Diagnostic], list[str]]:
+def _prove(target: Target, tables: Tables) -> tuple[list[Diagnostic], list[str]]:
     """Prove the Verilog for all traffic and all time."""
-    from halpipe.deploy.regulator.formal import prove
+    from halpipe.deploy.regulator.formal import MOST_ENTRIES, can_prove, prove
 
-    proofs = list(prove(target.bundle))
+    proofs = list(prove(target.bundle, tables))
     findings = [found for proof in proofs for found in proof.findings]
     lines = ["proof by k-induction, for all traffic and all time (yosys, cvc5):"]
     for proof in proofs:
         wrong = f"{len(proof.findings)} not proven" if proof.findings else "proven"
         lines.append(f"  {proof.part}: {proof.properties} properties, {wrong}")
+    rest = [f'"{unit.name}"' for unit in tables.units if not can_prove(tables, unit)]
+    if rest:
+        lines.append(
+            f"  images of {', '.join(rest)}: more than {MOST_ENTRIES} entries; compared word by word, and stepped"
+        )
     return findings, lines
 
 
@@ -116,7 +121,7 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
     if options.engine == ARITHMETIC:
         return [], []
     if options.engine == FORMAL:
-        return _prove(target)
+        return _prove(target, tables)
     engine, told = choose_engine(options.engine)
     if engine is None:
         return [], [told]

@@ -138,3 +138,20 @@ NOT_PROVEN = error(
     "The solver found cycles after which the Verilog of the bundle breaks one of the properties that it is to keep for "
     "all traffic, or could not show that there are none.",
 )
+USED_ABOVE_BUDGET = error(
+    "HAL1065",
+    "Unit used more than its budget",
+    "A counter on the board has more bytes in an interval than the budgets of the windows that it touches, with one "
+    "burst that was shown before them and with the overshoot of the back-end.",
+)
+USED_ABOVE_CAPACITY = error(
+    "HAL1066",
+    "Units together used more than the capacity",
+    "Counters of the same interval have more bytes together than the memory is said to serve in its windows.",
+)
+BROKEN_COUNTERS = error(
+    "HAL1067",
+    "Bandwidth counters cannot be used",
+    "The file has other columns than the documented ones, a row has a value that is none, or names a table, unit or "
+    "direction that the bundle does not have.",
+)

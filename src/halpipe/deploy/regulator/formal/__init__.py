@@ -4,6 +4,7 @@ Each part of the regulator is proven on its own, in ``*.sv`` beside this file: t
 its budget, or the one burst that was waiting; VALID is never withdrawn; a burst that fits passes), the player (windows
 and tables in their order, from the tables and the requests alone), the unit (data never ahead of its address,
 registers), the block around the units (windows as long as stated, orders to all in one cycle) and the AXI4-Lite front.
+The player is proven with tables of any content; with the exported images it is proven that these are tables.json.
 What follows for the sums of all units is arithmetic: see `halpipe.deploy.regulator.arithmetic`.
 """
 
@@ -14,18 +15,20 @@ import shutil
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
+from halpipe.deploy.regulator.forms import image_names
 from halpipe.diagnostics import HalpipeError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from halpipe.bundles import Bundle
+    from halpipe.deploy.regulator.reading import Tables, Unit
     from halpipe.diagnostics import Diagnostic
 
 FOLDER = files("halpipe.deploy.regulator.formal")
@@ -51,6 +54,14 @@ class Part:
     sources: tuple[str, ...]
     wires: Mapping[str, tuple[str, ...]]
     depth: int
+    fills: Mapping[str, str] = field(default_factory=dict)
+    """What stands in its properties between @."""
+
+    images: Mapping[str, str] = field(default_factory=dict)
+    """Memory images that it reads, by the names that it knows them by: files of the bundle."""
+
+    of: str = ""
+    """The unit whose images they are."""
 
 
 def _gate(prefix: str, instance: str) -> dict[str, tuple[str, ...]]:
@@ -129,6 +140,37 @@ PARTS = (
 )
 
 
+MOST_ENTRIES = 64
+"""Of a unit: with more the solver takes more than a minute; such images are compared word by word alone."""
+
+
+def can_prove(tables: Tables, unit: Unit) -> bool:
+    """Return whether the solver can go through the images of a unit in a reasonable time."""
+    return sum(len(table.entries[unit.name]) for table in tables.tables) <= MOST_ENTRIES
+
+
+def image_part(tables: Tables, unit: Unit) -> Part:
+    """Return the proof that a unit's player plays, from its images, what tables.json says."""
+    entries: list[str] = []
+    heads: list[str] = []
+    for table in tables.tables:
+        own = table.entries[unit.name]
+        for entry, end in zip(own, [*(e.window for e in own[1:]), table.windows], strict=True):
+            words = f"32'd{entry.window}, 32'd{end}, 32'd{entry.read}, 32'd{entry.write}"
+            entries.append(f"    24'd{len(entries)}: entry = {{8'd{table.index}, {words}}};")
+        heads.append(f"    8'd{table.index}: head = {{8'd{table.successor}, 32'd{table.windows}}};")
+    fills = {
+        "depth": str(1 << len(entries).bit_length()),
+        "tables": str(1 << len(heads).bit_length()),
+        "entries": "\n".join(entries),
+        "heads": "\n".join(heads),
+    }
+    wires = {"place": "entry_now", "length": "windows", "follower": "successor", "rd_now": "rd_now", "wr_now": "wr_now"}
+    inside = {wire: (f"dut.{name}",) for wire, name in wires.items()}
+    images = dict(zip(("tab.memh", "hdr.memh"), image_names(unit), strict=True))
+    return Part("image", _ALL[1:2], inside, 2, fills, images, unit.name)
+
+
 @dataclass(frozen=True, slots=True)
 class Proof:
     """What came of a part: the properties that fail, none if all are proven, and how long it took."""
@@ -144,8 +186,8 @@ def missing() -> str:
     return ", ".join(tool for tool in TOOLS if shutil.which(tool) is None)
 
 
-def prove(bundle: Bundle, *names: str) -> Iterator[Proof]:
-    """Yield the proof of every part of the bundle's Verilog, or of those that are named.
+def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
+    """Yield the proof of every part of the bundle's Verilog and of its images, or of those that are named.
 
     Raise `HalpipeError` where the tools cannot be used.
     """
@@ -154,7 +196,7 @@ def prove(bundle: Bundle, *names: str) -> Iterator[Proof]:
         packages = " ".join(dict.fromkeys(TOOLS[tool] for tool in lacking.split(", ")))
         help = f"install them (Debian: apt-get install {packages}), or use --engine auto, which simulates"
         raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
-    for part in PARTS:
+    for part in (*PARTS, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
         if names and part.name not in names:
             continue
         with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
@@ -163,8 +205,12 @@ def prove(bundle: Bundle, *names: str) -> Iterator[Proof]:
 
 def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
     begin = time.monotonic()
-    text = FOLDER.joinpath(f"{part.name}.sv").read_bytes()
-    (folder / "properties.sv").write_bytes(text)
+    text = FOLDER.joinpath(f"{part.name}.sv").read_text("utf-8")
+    for name, value in part.fills.items():
+        text = text.replace(f"@{name}@", value)
+    (folder / "properties.sv").write_text(text)
+    for name, file in part.images.items():
+        (folder / name).write_bytes(bundle.files.get(file, b""))
     for source in part.sources:
         (folder / source).write_bytes(bundle.files.get(RTL + source, b""))
     (folder / "part.ys").write_text("\n".join(_script(part)) + "\n")
@@ -177,21 +223,25 @@ def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
     for mode, why in ((["-t", str(part.depth + 1)], "is broken"), (["-i", "-t", str(part.depth)], "cannot be shown")):
         for name in _solve(folder, mode) if not found else ():
             found[name] = why
-    at = bundle.at(RTL + part.sources[-1])
-    help = "the Verilog of the bundle was changed; export it again"
+    at = bundle.at(next(iter(part.images.values()), RTL + part.sources[-1]))
+    help = "the Verilog or the tables of the bundle were changed; export it again"
     findings = tuple(
-        NOT_PROVEN(f'property "{name}" {why} for some traffic', at=at, path=f"proof of the {part.name}", help=help)
+        NOT_PROVEN(f'property "{name}" {why} for some traffic', at=at, path=f"proof of the {_title(part)}", help=help)
         for name, why in found.items()
     )
-    properties = len(re.findall(rb"\bassert \(", text))
-    return Proof(part.name, properties, findings, time.monotonic() - begin)
+    properties = len(re.findall(r"\bassert \(", text))
+    return Proof(_title(part), properties, findings, time.monotonic() - begin)
+
+
+def _title(part: Part) -> str:
+    return f"{part.name} of {part.of}" if part.of else part.name
 
 
 def _script(part: Part) -> Iterator[str]:
     """Yield the commands that make the problem: parts flattened, memories as registers, wires joined to the insides."""
     yield f"read_verilog -formal -sv {' '.join(part.sources)} properties.sv"
     yield f"prep -top formal_{part.name} -flatten -nordff"
-    yield "memory_map"
+    yield from ("opt_mem", "memory_map")
     yield f"cd formal_{part.name}"
     for wire, inside in part.wires.items():
         for n, name in enumerate(inside):
