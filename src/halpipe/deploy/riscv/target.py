@@ -302,8 +302,8 @@ def _site(top: _Reader) -> Site:
         images=tuple(_image(image) for image in top.objects("images")),
         qemu=top.texts("qemu"),
         service=top.duration("service"),
-        cpi=top.share("cpi") if top.has("cpi") else Fraction(1),
-        latency=top.duration("latency") if top.has("latency") else ZERO,
+        cpi=top.share("cpi"),
+        latency=top.duration("latency"),
     )
 
 
