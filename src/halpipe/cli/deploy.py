@@ -119,6 +119,41 @@ def check(
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
 
 
+@app.command("trace")
+def trace(
+    bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
+    memory: Annotated[
+        str, typer.Argument(metavar="DUMP", help="Memory after a run, binary or as a debugger prints it.")
+    ],
+    output_file: Output,
+    base: Annotated[str, typer.Option(help="Address of a binary dump; by default main memory's.")] = "",
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
+    from halpipe.bundles import open_bundle
+    from halpipe.deploy.riscv.dump import board_csv, read_board, told
+    from halpipe.files import read_bytes, write_output
+
+    output.choose(None, quiet=quiet, verbose=verbose)
+    target = open_bundle(bundle)
+    recording = read_board(target, read_bytes(memory), memory, _address(base))
+    content = board_csv(target, recording, memory)
+    write_output(output_file, content)
+    for line in told(target, recording):
+        output.inform(line)
+    return Exit.OK
+
+
+def _address(text: str) -> int | None:
+    if not text:
+        return None
+    try:
+        return int(text, 0)
+    except ValueError:
+        raise typer.BadParameter(f"{text[:40]!r} is no address; write it as 0x80000000", param_hint="--base") from None
+
+
 def _write_traces(file: str, traces: Mapping[str, bytes]) -> None:
     """Write the traces of a check: the first to `file`, further ones beside it."""
     from halpipe.files import begins_like, refuse_foreign, write_outputs

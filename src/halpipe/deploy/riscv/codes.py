@@ -138,6 +138,12 @@ WRONG_OPERATIONS = error(
     "The tables in the program say what the management core does, and when. They have another transfer, execution, "
     "instant or switch than the schedule and the images ask for.",
 )
+NO_RECORDING = error(
+    "HAL1054",
+    "No record of a run",
+    "A dump of memory has to hold the control block and the rings of the runtime, after a run of this very bundle; "
+    "what the runtime prints has to be whole, from the line control to the line end.",
+)
 SLOW_DISPATCH = error(
     "HAL1058",
     "Dispatch takes longer than is reserved",

@@ -1,0 +1,88 @@
+"""What a board leaves of a run, read from its memory: binary, as a debugger prints it, or as the runtime does."""
+
+import struct
+from pathlib import Path
+
+import pytest
+
+from halpipe import cli
+from halpipe.deploy.riscv import CoSimulation, codes
+from halpipe.deploy.riscv.cosimulation import Word
+from halpipe.deploy.riscv.dump import board_csv, read_board
+from halpipe.diagnostics import HalpipeError
+
+
+@pytest.fixture(scope="module")
+def run(sound):
+    return CoSimulation(sound, cycles=6).run()
+
+
+@pytest.fixture(scope="module")
+def memory(run):
+    return run.memory.read(run.site.main.base, run.site.main.size)
+
+
+def printed(run, digits):
+    """What OpenOCD's mdw (8 digits) or mdd (16) write of the control block and of what the rings hold."""
+    site, width = run.site, digits // 2
+    records = run.word(Word.TRACED) * site.trace.record
+    for base, size in ((site.control, 144), (site.trace.base, records)):
+        for at in range(base, base + size, 32):
+            raw = run.memory.read(at, min(32, base + size - at))
+            words = (raw[i : i + width][::-1].hex() for i in range(0, len(raw), width))
+            yield f"0x{at:08x}: {' '.join(words)} "
+
+
+def test_a_binary_dump_holds_what_was_recorded(sound, run, memory):
+    assert read_board(sound.bundle, memory, "m") == run.recording
+
+
+@pytest.mark.parametrize("digits", [8, 16])
+def test_so_does_what_a_debugger_prints(sound, run, digits):
+    text = "\n".join(["> halt", *printed(run, digits)]).replace("> halt\n", "")
+    assert read_board(sound.bundle, text.encode(), "m") == run.recording
+
+
+def test_a_part_of_memory_from_an_address_is_enough(sound, run, memory):
+    site = run.site
+    first = min(site.control, site.trace.base, site.faults.base)
+    assert read_board(sound.bundle, memory[first - site.main.base :], "m", first) == run.recording
+
+
+def test_compare_takes_the_jobs_of_a_board(sound, memory, tmp_path, capsys):
+    path = tmp_path / "memory.bin"
+    path.write_bytes(memory)
+    bundle = Path(sound.bundle.path)
+    assert cli.invoke(["deploy", "trace", str(bundle), str(path), "-o", str(tmp_path / "t.csv")]) == 0
+    assert "0 older ones were overwritten" in capsys.readouterr().err
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    assert lines[0] == "cycle,mode,task,job,units,start,end"
+    arguments = ["compare", str(bundle / "schedule.xml"), str(tmp_path / "t.csv"), "--tolerance", "40us"]
+    assert cli.invoke([*arguments, "--origin", "0ms"]) == 0
+    assert cli.invoke([*arguments[:-1], "1ns", "--origin", "0ms"]) == 1  # starts are known by the tick
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda raw, site: raw[:4096], "are not in the dump"),
+        (lambda raw, site: bytes(len(raw)), "no run of this bundle"),
+        (lambda raw, site: b"0x80000000: 00000000 \n", "is not in the dump"),
+        (lambda raw, site: b"control 1 2 3\ntrace 1\n", "cut off"),
+        (lambda raw, site: b"", "are not in the dump"),
+    ],
+)
+def test_what_is_no_recording_is_refused(sound, run, memory, spoil, said):
+    with pytest.raises(HalpipeError) as failure:
+        read_board(sound.bundle, spoil(memory, run.site), "m")
+    assert [d.code for d in failure.value.diagnostics] == [codes.NO_RECORDING.id]
+    assert said in failure.value.diagnostics[0].message
+
+
+def test_a_record_of_nothing_is_refused(sound, run, memory):
+    at = run.site.trace.base - run.site.main.base + 3 * run.site.trace.record
+    spoilt = bytearray(memory)
+    struct.pack_into("<I", spoilt, at + 28, 99)  # the table
+    with pytest.raises(HalpipeError) as failure:
+        board_csv(sound.bundle, read_board(sound.bundle, bytes(spoilt), "m"), "m")
+    assert "does not have" in failure.value.diagnostics[0].message
