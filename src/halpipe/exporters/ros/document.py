@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 from halpipe.exporters.cpus import placed
 from halpipe.exporters.ros.timers import Timer, cycle_of, timers_of
 from halpipe.exporters.ros.unrealised import unrealised
-from halpipe.quantities import format_rational
+from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.durations import Duration
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Chain, Mode, ModeSchedule, Schedule, Task, TaskModel, Version
 
@@ -37,11 +36,7 @@ def format_executors(model: TaskModel, schedule: Schedule, options: RosOptions) 
         "units": [_stated(name=unit.name, type=unit.type or None, cpu=cpus.get(unit.name)) for unit in model.units],
         "tasks": [_task(task) for task in model.tasks],
         "chains": [_chain(chain) for chain in model.chains],
-        "transitions": [
-            _stated(**{"from": t.source, "to": t.target, "max-length": _time(t.max_length)})
-            for t in model.transitions
-            if {t.source, t.target} <= set(scheduled)
-        ],
+        "transitions": [texts(t) for t in model.transitions if {t.source, t.target} <= set(scheduled)],
         **_health(model, scheduled),
         "modes": [_mode(model, mode, scheduled[mode.name], cpus) for mode in model.modes if mode.name in scheduled],
         "not-realised": [finding.message for finding in unrealised(model, schedule, options)],
@@ -66,42 +61,21 @@ def _stated(**values: Any) -> dict[str, Any]:
     return {key.replace("_", "-"): value for key, value in values.items() if value is not None}
 
 
-def _time(value: Duration | None) -> str | None:
-    return None if value is None else str(value)
-
-
 def _task(task: Task) -> dict[str, Any]:
-    return _stated(
-        name=task.name,
-        period=_time(task.period),
-        slack=format_rational(task.slack) if task.slack else None,
-        offset=_time(task.offset),
-        deadline=_time(task.deadline),
-        versions=[_version(version) for version in task.versions],
-    )
+    return {**texts(task, "distance", "binding"), "versions": [_version(version) for version in task.versions]}
 
 
 def _version(version: Version) -> dict[str, Any]:
-    after = [
-        {"task": p.task, "from": p.anchor.value, "min": str(p.min), "max": str(p.max)} for p in version.precedences
-    ]
-    return _stated(
-        name=version.name,
-        wcet=_time(version.wcet),
-        units=list(version.units) or None,
-        gang=version.gang if version.gang != 1 else None,
-        after=after or None,
-    )
+    more = {
+        "units": list(version.units),
+        "gang": version.gang if version.gang != 1 else None,
+        "after": [texts(precedence) for precedence in version.precedences],
+    }
+    return {**texts(version), **{key: value for key, value in more.items() if value}}
 
 
 def _chain(chain: Chain) -> dict[str, Any]:
-    return _stated(
-        name=chain.name,
-        tasks=list(chain.tasks),
-        max_reaction=_time(chain.max_reaction),
-        max_age=_time(chain.max_age),
-        weight=None if chain.weight == 1 else format_rational(chain.weight),
-    )
+    return {**texts(chain), "tasks": list(chain.tasks)}
 
 
 def _mode(model: TaskModel, mode: Mode, table: ModeSchedule, cpus: dict[str, int]) -> dict[str, Any]:

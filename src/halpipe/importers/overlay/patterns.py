@@ -9,6 +9,8 @@ import re
 from fnmatch import translate
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from halpipe.importers.stated import is_glob
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -17,13 +19,6 @@ T = TypeVar("T")
 EVERYTHING = "*"
 MAX_GLOBS = 1000
 """Globs of one overlay: each is tried on every name."""
-
-_GLOB_CHARACTERS = re.compile(r"[*?\[]")
-
-
-def is_glob(pattern: str) -> bool:
-    """Return whether `pattern` is a glob, not a name: names of elements have no glob characters."""
-    return _GLOB_CHARACTERS.search(pattern) is not None
 
 
 class Patterns(Generic[T]):

@@ -11,7 +11,9 @@ from halpipe.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
 from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay, TaskEntry, VersionEntry, merge
-from halpipe.importers.overlay.patterns import MAX_GLOBS, is_glob
+from halpipe.importers.overlay.patterns import MAX_GLOBS
+from halpipe.importers.stated import complete_attributes, is_glob, keys_of, positive, stated_attributes, word
+from halpipe.importers.stated import name as name_text
 from halpipe.models import (
     Access,
     Chain,
@@ -28,13 +30,10 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.models.attributes import attributes
 from halpipe.settings import BAD_VALUE, Fields, Stated
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-
-    from halpipe.models.attributes import Attribute
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
 T = TypeVar("T")
 E = TypeVar("E", Unit, Resource)
@@ -46,20 +45,10 @@ _TOP = (FORMAT, "platform", "sources", "tasks", "precedence", "modes", "transiti
 _PLATFORM = ("units", "resources", "interrupts")
 
 
-def _names(kind: type, *without: str) -> tuple[str, ...]:
-    """Return the keys of the attributes of a class, which are their names in files."""
-    own, units = attributes(kind), attributes(kind, "units")
-    return tuple(_key(one) for one in (*own, *units) if one.field not in without)
-
-
-def _key(one: Attribute) -> str:
-    return "units" if one.field == "units" else one.name
-
-
-_INTERRUPT = _names(Interrupt)
-_VERSION = (*_names(Version, "name"), "split", *_names(Split), "access", "precedence", "source")
-_TASK = (*_names(Task, "name"), "drop", *_VERSION, "versions")
-_ACCESS = (*_names(Access), "transfers")
+_INTERRUPT = keys_of(Interrupt)
+_VERSION = (*keys_of(Version, "name"), "split", *keys_of(Split), "access", "precedence", "source")
+_TASK = (*keys_of(Task, "name"), "drop", *_VERSION, "versions")
+_ACCESS = (*keys_of(Access), "transfers")
 _WINDOW = {"task": "from", "anchor": "after", "min": "min", "max": "max"}
 """The keys of a precedence constraint by the fields that they are."""
 
@@ -119,8 +108,8 @@ def _not_an_overlay(document: Any) -> str:
 def _overlay(top: Fields) -> Overlay:
     platform = top.section("platform", _PLATFORM, "platform")
     return Overlay(
-        units=_listed(platform, "units", (*_names(Unit), "interrupts"), _unit),
-        resources=_listed(platform, "resources", _names(Resource), _resource),
+        units=_listed(platform, "units", (*keys_of(Unit), "interrupts"), _unit),
+        resources=_listed(platform, "resources", keys_of(Resource), _resource),
         interrupts=tuple(_interrupts(platform)) if platform is not None else (),
         sources=tuple(_sources(top)),
         tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, "task")),
@@ -162,32 +151,8 @@ def _keep_once(found: dict[Any, T], key: Any, element: T, f: Fields, what: str) 
     found[key] = element
 
 
-def _stated(f: Fields, kind: type, *without: str, keys: Mapping[str, str] | None = None) -> dict[str, Stated[Any]]:
-    """Return what a mapping states of the attributes of a class, by field; `keys` where they are not their names."""
-    found = {}
-    for one in (*attributes(kind), *attributes(kind, "units")):
-        if one.field in without:
-            continue
-        key = (keys or {}).get(one.field, _key(one))
-        read = values.pattern if one.field == "units" else values.reader(one.codec)
-        stated = f.texts_of(key, read) if one.codec.is_list else f.get(key, read)
-        if stated is not None:
-            found[one.field] = stated
-    return found
-
-
-def _values(f: Fields, kind: type, keys: Mapping[str, str] | None = None) -> dict[str, Any] | None:
-    """Return the attributes of an element by field; None where one that it must have is missing or wrong."""
-    found = _stated(f, kind, keys=keys)
-    needed = [one for one in attributes(kind) if one.is_required]
-    is_there = f.require(*((keys or {}).get(one.field, one.name) for one in needed))
-    if not is_there or any(one.field not in found for one in needed):
-        return None
-    return {field: stated.value for field, stated in found.items()}
-
-
 def _unit(f: Fields) -> Unit | None:
-    stated = _stated(f, Unit)
+    stated = stated_attributes(f, Unit)
     path = about("platform", unit=stated["name"].value) if "name" in stated else f.path
     served: dict[str, Interrupt] = {}
     for inner in f.items("interrupts", _INTERRUPT, f"{path} interrupt"):
@@ -201,7 +166,7 @@ def _unit(f: Fields) -> Unit | None:
 
 
 def _interrupt(f: Fields) -> Interrupt | None:
-    found = _values(f, Interrupt)
+    found = complete_attributes(f, Interrupt)
     if found is None:
         return None
     return Interrupt(**found, origin=_origin(f, about(interrupt=found["name"])), at=f.at())
@@ -216,7 +181,7 @@ def _interrupts(platform: Fields) -> Iterable[InterruptEntry]:
 
 
 def _resource(f: Fields) -> Resource | None:
-    found = _stated(f, Resource)
+    found = stated_attributes(f, Resource)
     if "name" not in found:
         return None
     path = about("platform", resource=found["name"].value)
@@ -225,7 +190,7 @@ def _resource(f: Fields) -> Resource | None:
 
 def _sources(top: Fields) -> Iterable[tuple[Stated[str], Duration]]:
     for pattern, f, at in top.entries("sources", ("period",), "source"):
-        period = f.get("period", values.positive) if f.require("period") else None
+        period = f.get("period", positive) if f.require("period") else None
         if period is not None:
             yield Stated(pattern, at), period.value
 
@@ -243,7 +208,7 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
     return TaskEntry(
         pattern=pattern,
         at=at,
-        stated=_stated(f, Task, "name"),
+        stated=stated_attributes(f, Task, "name"),
         drop=f.flag("drop"),
         common=_version(f, ""),
         versions=versions,
@@ -252,7 +217,7 @@ def _task(pattern: str, f: Fields, at: Location) -> TaskEntry:
 
 def _is_name(text: str, f: Fields, at: Location) -> bool:
     try:
-        values.name(text)
+        name_text(text)
     except ValueError as failure:
         message, _, help = str(failure).partition("; ")
         f.complain(BAD_VALUE, message, line=at.line, help=help)
@@ -280,7 +245,7 @@ def _version(f: Fields, name: str) -> VersionEntry:
     accesses = tuple(_access(a) for a in f.items("access", _ACCESS, f"{f.path} access"))
     windows = tuple(_window(w) for w in f.items("precedence", tuple(_WINDOW.values()), f"{f.path} precedence"))
     return VersionEntry(
-        stated={**_stated(f, Version, "name"), **_stated(f, Split)},
+        stated={**stated_attributes(f, Version, "name", units=values.pattern), **stated_attributes(f, Split)},
         split=_split(f),
         accesses=Stated(tuple(a for a in accesses if a), f.at("access")) if "access" in f else None,
         precedences=Stated(tuple(w for w in windows if w), f.at("precedence")) if "precedence" in f else None,
@@ -289,8 +254,8 @@ def _version(f: Fields, name: str) -> VersionEntry:
 
 
 def _access(f: Fields) -> Access | None:
-    transfers = tuple(_transfer(t) for t in f.items("transfers", _names(Transfer), f"{f.path} transfer"))
-    found = _values(f, Access)
+    transfers = tuple(_transfer(t) for t in f.items("transfers", keys_of(Transfer), f"{f.path} transfer"))
+    found = complete_attributes(f, Access)
     if found is None:
         return None
     if found["start"] >= found["end"]:
@@ -300,7 +265,7 @@ def _access(f: Fields) -> Access | None:
 
 
 def _transfer(f: Fields) -> Transfer | None:
-    found = _values(f, Transfer)
+    found = complete_attributes(f, Transfer)
     return None if found is None else Transfer(**found, at=f.at())
 
 
@@ -308,8 +273,8 @@ def _source(f: Fields) -> Stated[Source] | None:
     inner = f.section("source", ("files", "entry", "defines"), f"{f.path} source")
     if inner is None:
         return None
-    files, entry = inner.texts_of("files", values.word), inner.get("entry", values.word)
-    defines = tuple(d.value for d in inner.texts("defines", values.word))
+    files, entry = inner.texts_of("files", word), inner.get("entry", word)
+    defines = tuple(d.value for d in inner.texts("defines", word))
     if not inner.require("files", "entry") or files is None or entry is None:
         return None
     return Stated(Source(files=files.value, entry=entry.value, defines=defines, at=inner.at()), f.at("source"))
@@ -320,7 +285,7 @@ def _source(f: Fields) -> Stated[Source] | None:
 
 def _window(f: Fields) -> Precedence | None:
     """Read ``{from: task, after: start|end, min: 0ms, max: 2ms}``; the window counts from that instant of `from`."""
-    found = _values(f, Precedence, _WINDOW)
+    found = complete_attributes(f, Precedence, _WINDOW)
     if found is None:
         return None
     window = Precedence(**found, origin=_origin(f, f.path), at=f.at())
@@ -333,7 +298,7 @@ def _window(f: Fields) -> Precedence | None:
 def _constraints(top: Fields) -> dict[tuple[str, str], tuple[Precedence, ...]]:
     found: dict[tuple[str, str], tuple[Precedence, ...]] = {}
     for f in top.items("precedence", ("to", *_WINDOW.values()), "precedence"):
-        window, to = _window(f), f.get("to", values.name)
+        window, to = _window(f), f.get("to", name_text)
         if not f.require("to") or window is None or to is None:
             continue
         if window.task == to.value:
@@ -352,7 +317,7 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
     f.require("tasks")
     tasks = f.texts("tasks", values.pattern)
     inner = f.section("versions", (), f"{f.path} versions")
-    versions = [(Stated(p, inner.at(p)), inner.texts_of(p, values.name)) for p in inner] if inner is not None else []
+    versions = [(Stated(p, inner.at(p)), inner.texts_of(p, name_text)) for p in inner] if inner is not None else []
     return ModeEntry(
         name=name,
         at=at,
@@ -363,8 +328,8 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
 
 def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
     found: dict[tuple[str, str], Transition] = {}
-    for f in top.items("transitions", _names(Transition), "transition"):
-        stated = _values(f, Transition)
+    for f in top.items("transitions", keys_of(Transition), "transition"):
+        stated = complete_attributes(f, Transition)
         if stated is None:
             continue
         source, target = stated["source"], stated["target"]
@@ -379,8 +344,8 @@ def _transitions(top: Fields) -> dict[tuple[str, str], Transition]:
 
 def _chains(top: Fields) -> dict[str, Chain]:
     found: dict[str, Chain] = {}
-    for f in top.items("chains", _names(Chain), "chain"):
-        stated = _values(f, Chain)
+    for f in top.items("chains", keys_of(Chain), "chain"):
+        stated = complete_attributes(f, Chain)
         if stated is not None:
             path = about(chain=stated["name"])
             chain = Chain(**stated, origin=_origin(f, path), at=f.at())
@@ -390,8 +355,8 @@ def _chains(top: Fields) -> dict[str, Chain]:
 
 def _rules(top: Fields) -> Iterable[HealthRule]:
     """Read ``{task, on, count, cycles, action, mode}``: what the target does after overruns or faults of a task."""
-    for f in top.items("health", _names(HealthRule), "health rule"):
-        stated = _values(f, HealthRule)
+    for f in top.items("health", keys_of(HealthRule), "health rule"):
+        stated = complete_attributes(f, HealthRule)
         if stated is not None:
             origin = _origin(f, about(health_rule_of_task=stated["task"]))
             yield HealthRule(**stated, origin=origin, at=f.at())

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 from halpipe.diagnostics import about
 from halpipe.importers.overlay.changes import show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
-from halpipe.importers.overlay.patterns import Patterns, expand, is_glob
+from halpipe.importers.overlay.patterns import Patterns, expand
+from halpipe.importers.stated import is_glob
 from halpipe.models import Mode, Origin, Run
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from halpipe.diagnostics import about
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
-from halpipe.importers.overlay.patterns import EVERYTHING, expand, is_glob
+from halpipe.importers.overlay.patterns import EVERYTHING, expand
+from halpipe.importers.stated import is_glob
 from halpipe.models import WHOLE, Origin, Split, Task, Version
 from halpipe.models.attributes import attributes
 

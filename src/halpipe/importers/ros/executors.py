@@ -6,18 +6,14 @@ accounted for as ignored. Resources, access phases and sources are not in the fi
 
 from __future__ import annotations
 
-import re
-from fractions import Fraction
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Location, about, named
-from halpipe.durations import ZERO, Duration
 from halpipe.importers.ros import codes
+from halpipe.importers.stated import complete_attributes, keys_of, stated_attributes
+from halpipe.importers.stated import name as name_text
 from halpipe.models import (
-    Anchor,
     Chain,
-    HealthAction,
-    HealthEvent,
     HealthRule,
     Mode,
     Origin,
@@ -29,7 +25,7 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.quantities import parse_rational, quoted
+from halpipe.quantities import quoted
 from halpipe.settings import Fields
 from halpipe.suggest import did_you_mean
 
@@ -46,13 +42,11 @@ KEY = "halpipe-executors"
 VERSION = "1"
 _ELEMENTS = ("units", "tasks", "chains", "transitions", "health", "modes")
 _TOP = (KEY, "model", "model-sha256", "scheduling", *_ELEMENTS, "not-realised")
-_TASK = ("name", "period", "slack", "offset", "deadline", "versions")
-_VERSION = ("name", "wcet", "units", "gang", "after")
-_AFTER = ("task", "from", "min", "max")
-_CHAIN = ("name", "tasks", "max-reaction", "max-age", "weight")
-_RULE = ("task", "on", "count", "cycles", "action", "mode")
+_NOT_WRITTEN = ("distance", "binding")
+"""Attributes of tasks that an executors file does not have; nothing in it could realise them."""
+_TASK = (*keys_of(Task, *_NOT_WRITTEN), "versions")
+_VERSION = (*keys_of(Version), "after")
 _MODE = ("name", "runs", "cycle-ns", "executors")
-_NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
 _OF_THE_SCHEDULE = "is what the schedule says, not the model"
 
 
@@ -75,30 +69,30 @@ class _Reader:
         units = self._unique(
             "unit",
             (
-                (Unit(name=f.value("name", _name, ""), type=f.value("type", _name, ""), origin=self._origin(f)), f)
-                for f in self.top.items("units", ("name", "type", "cpu"), "unit")
+                (Unit(**self._stated(f, Unit), origin=self._origin(f)), f)
+                for f in self.top.items("units", (*keys_of(Unit), "cpu"), "unit")
             ),
         )
         tasks = self._unique("task", ((self._task(f), f) for f in self.top.items("tasks", _TASK, "task")))
-        chains = self._unique("chain", ((self._chain(f), f) for f in self.top.items("chains", _CHAIN, "chain")))
+        chains = self._unique("chain", ((self._chain(f), f) for f in self.top.items("chains", keys_of(Chain), "chain")))
         modes = self._unique("mode", ((self._mode(f), f) for f in self.top.items("modes", _MODE, "mode")))
+        transitions = self.top.items("transitions", keys_of(Transition), "transition")
+        rules = self.top.items("health", keys_of(HealthRule), "health rule")
         model = TaskModel(
-            name=self.top.value("model", _name, "ros"),
+            name=self.top.value("model", name_text, "ros"),
             units=units,
             tasks=tasks,
             chains=chains,
             modes=modes,
-            transitions=tuple(
-                self._transition(f) for f in self.top.items("transitions", ("from", "to", "max-length"), "transition")
-            ),
-            health=tuple(self._rule(f) for f in self.top.items("health", _RULE, "health rule")),
+            transitions=tuple(found for f in transitions if (found := self._transition(f))),
+            health=tuple(rule for f in rules if (rule := self._rule(f))),
             origin=Origin(self.file),
         )
         self._check_references(model)
         return model
 
     def _origin(self, fields: Fields) -> Origin:
-        return Origin(self.file, fields.at().line, fields.value("name", _name, ""))
+        return Origin(self.file, fields.at().line, fields.value("name", name_text, ""))
 
     def _unique(self, kind: str, found: Iterable[tuple[E, Fields]]) -> tuple[E, ...]:
         """Return the elements; report what has no name or one that is taken."""
@@ -115,90 +109,50 @@ class _Reader:
         return tuple(element for element, _ in first.values())
 
     def _task(self, fields: Fields) -> Task:
-        path = about(task=fields.value("name", _name, ""))
+        stated = self._stated(fields, Task, *_NOT_WRITTEN)
+        path = about(task=stated["name"])
         versions = ((self._version(f, path), f) for f in fields.items("versions", _VERSION, path))
-        return Task(
-            name=fields.value("name", _name, ""),
-            period=fields.value("period", _positive, None),
-            slack=fields.value("slack", _share, Fraction(0)),
-            offset=fields.value("offset", Duration.parse, None),
-            deadline=fields.value("deadline", _positive, None),
-            versions=self._unique("version", versions),
-            origin=self._origin(fields),
-        )
+        return Task(**stated, versions=self._unique("version", versions), origin=self._origin(fields))
 
     def _version(self, fields: Fields, path: str) -> Version:
-        return Version(
-            name=fields.value("name", _name, ""),
-            wcet=fields.value("wcet", Duration.parse, None),
-            units=_names(fields, "units"),
-            gang=fields.value("gang", _count, 1),
-            precedences=tuple(
-                found for f in fields.items("after", _AFTER, f"{path} after") if (found := self._precedence(f))
-            ),
-            origin=self._origin(fields),
-        )
+        rows = (self._precedence(f) for f in fields.items("after", keys_of(Precedence), f"{path} after"))
+        after = tuple(row for row in rows if row)
+        return Version(**self._stated(fields, Version), precedences=after, origin=self._origin(fields))
 
     def _precedence(self, fields: Fields) -> Precedence | None:
         self.coverage.mapped("precedence")
-        latest = fields.value("max", Duration.parse, None)
-        if not fields.require("task", "max") or latest is None:
-            return None
-        return Precedence(
-            task=fields.value("task", _name, ""),
-            min=fields.value("min", Duration.parse, ZERO),
-            max=latest,
-            anchor=fields.value("from", _anchor, Anchor.START),
-            origin=Origin(self.file, fields.at().line),
-        )
+        found = complete_attributes(fields, Precedence)
+        return None if found is None else Precedence(**found, origin=Origin(self.file, fields.at().line))
 
     def _chain(self, fields: Fields) -> Chain:
         fields.require("tasks")
-        return Chain(
-            name=fields.value("name", _name, ""),
-            tasks=_names(fields, "tasks"),
-            max_reaction=fields.value("max-reaction", Duration.parse, None),
-            max_age=fields.value("max-age", Duration.parse, None),
-            weight=fields.value("weight", parse_rational, Fraction(1)),
-            origin=self._origin(fields),
-        )
+        return Chain(**{"tasks": (), **self._stated(fields, Chain)}, origin=self._origin(fields))
+
+    def _stated(self, fields: Fields, kind: type, *without: str) -> dict[str, Any]:
+        """Return what is stated of an element by field; what has no name is reported where the elements are listed."""
+        found = stated_attributes(fields, kind, *without)
+        return {"name": "", **{field: stated.value for field, stated in found.items()}}
 
     def _mode(self, fields: Fields) -> Mode:
-        name = fields.value("name", _name, "")
-        runs = tuple(
-            Run(task=f.value("task", _name, ""), versions=_names(f, "versions"))
-            for f in fields.items("runs", ("task", "versions"), f'mode "{name}" run')
-            if f.require("task", "versions")
-        )
+        name = fields.value("name", name_text, "")
+        rows = (complete_attributes(f, Run) for f in fields.items("runs", keys_of(Run), f'mode "{name}" run'))
+        runs = tuple(Run(**row) for row in rows if row is not None)
         for executor in fields.items("executors", (), f'mode "{name}" executor'):
             shown = executor.value("name", str, "")
             self.coverage.ignored("executor", f"{name} {shown}", _OF_THE_SCHEDULE, executor.at())
         return Mode(name=name, runs=runs, origin=self._origin(fields))
 
-    def _transition(self, fields: Fields) -> Transition:
+    def _transition(self, fields: Fields) -> Transition | None:
         self.coverage.mapped("transition")
-        fields.require("from", "to")
-        return Transition(
-            source=fields.value("from", _name, ""),
-            target=fields.value("to", _name, ""),
-            max_length=fields.value("max-length", Duration.parse, None),
-            origin=Origin(self.file, fields.at().line),
-        )
+        found = complete_attributes(fields, Transition)
+        return None if found is None else Transition(**found, origin=Origin(self.file, fields.at().line))
+
+    def _rule(self, fields: Fields) -> HealthRule | None:
+        self.coverage.mapped("health rule")
+        found = complete_attributes(fields, HealthRule)
+        return None if found is None else HealthRule(**found, origin=Origin(self.file, fields.at().line))
 
     # -------------------------------------------------------------------------------------------- references
-
-    def _rule(self, fields: Fields) -> HealthRule:
-        self.coverage.mapped("health rule")
-        fields.require("task", "action")
-        return HealthRule(
-            task=fields.value("task", _name, ""),
-            event=fields.value("on", HealthEvent, HealthEvent.ANY),
-            count=fields.value("count", _count, 1),
-            cycles=fields.value("cycles", _count, 1),
-            action=fields.value("action", HealthAction, HealthAction.STOP),
-            mode=fields.value("mode", _name, ""),
-            origin=Origin(self.file, fields.at().line),
-        )
 
     def _check_references(self, model: TaskModel) -> None:
         tasks = {task.name: [version.name for version in task.versions] for task in model.tasks}
@@ -239,44 +193,7 @@ class _Reader:
         return False
 
 
-def _names(fields: Fields, key: str) -> tuple[str, ...]:
-    stated = fields.texts_of(key, _name)
-    return () if stated is None else stated.value
-
-
 def _format_version(text: str) -> str:
     if text != VERSION:
         raise ValueError(f"{quoted(text)} is no version of the format; this halpipe reads version {VERSION}")
     return text
-
-
-def _name(text: str) -> str:
-    if not _NAME.fullmatch(text):
-        raise ValueError(f"{quoted(text)} is not a name; use letters, digits and _ . / : ~ + @ $ % -")
-    return text
-
-
-def _positive(text: str) -> Duration:
-    duration = Duration.parse(text)
-    if not duration:
-        raise ValueError(f"{quoted(text)} is not above zero; write a positive duration")
-    return duration
-
-
-def _share(text: str) -> Fraction:
-    value = parse_rational(text)
-    if value > 1:
-        raise ValueError(f"{quoted(text)} is above 1; write a share between 0 and 1")
-    return value
-
-
-def _count(text: str) -> int:
-    if not re.fullmatch(r"[1-9][0-9]{0,5}", text):
-        raise ValueError(f"{quoted(text)} is not a count; write a whole number from 1 to 999999")
-    return int(text)
-
-
-def _anchor(text: str) -> Anchor:
-    if text not in tuple(Anchor):
-        raise ValueError(f"{quoted(text)} is no anchor; write start or end")
-    return Anchor(text)
