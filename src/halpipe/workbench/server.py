@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import HalpipeError, error
 from halpipe.durations import Duration
+from halpipe.exporters.report.scene import scene
 from halpipe.workbench.edits import Edit
-from halpipe.workbench.picture import picture, plain, scene
+from halpipe.workbench.picture import picture, plain
 from halpipe.workbench.session import Pin
 
 if TYPE_CHECKING:
@@ -35,11 +36,12 @@ POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 FILES = {
-    "": ("workbench.html", "text/html; charset=utf-8"),
-    "workbench.js": ("workbench.js", "text/javascript; charset=utf-8"),
-    "viewer.js": ("viewer.js", "text/javascript; charset=utf-8"),
-    "workbench.css": ("workbench.css", "text/css; charset=utf-8"),
+    "": ("halpipe.workbench", "static/workbench.html", "text/html; charset=utf-8"),
+    "workbench.js": ("halpipe.workbench", "static/workbench.js", "text/javascript; charset=utf-8"),
+    "viewer.js": ("halpipe.exporters.report", "templates/viewer.js", "text/javascript; charset=utf-8"),
+    "workbench.css": ("halpipe.workbench", "static/workbench.css", "text/css; charset=utf-8"),
 }
+"""The pages by name: package, place in it, and media type. The viewer is that of the report."""
 
 
 def application(session: Session, token: str, port: int) -> Any:
@@ -102,8 +104,8 @@ async def _file(request: Any) -> Any:
     found = FILES.get(request.path_params["name"])
     if found is None:
         return PlainTextResponse("there is no such page", 404)
-    name, kind = found
-    return Response(resources.files("halpipe.workbench").joinpath("static", name).read_bytes(), media_type=kind)
+    package, name, kind = found
+    return Response(resources.files(package).joinpath(name).read_bytes(), media_type=kind)
 
 
 async def _state(session: Session, _request: Any) -> Any:

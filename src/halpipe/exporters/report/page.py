@@ -28,6 +28,7 @@ from halpipe.exporters.report.chart import (
 )
 from halpipe.exporters.report.modegraph import build_mode_graph
 from halpipe.exporters.report.numbers import approximate, decimal, percent
+from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scene
 from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.models import Anchor, Status
 from halpipe.quantities import format_rational
@@ -79,6 +80,10 @@ GLOSSARY = (
 )
 
 
+LARGE = 1500
+"""Jobs of all modes beyond which charts are drawn by the viewer and tables are filled as they are looked at."""
+
+
 @dataclass(frozen=True, slots=True)
 class Gauge:
     """A bar with its text: a load, or a latency against its limit."""
@@ -105,6 +110,21 @@ class JobRow:
 
 
 @dataclass(frozen=True, slots=True)
+class FigureRow:
+    """What a task comes to in a mode; the times as text, and in milliseconds to sort by."""
+
+    tone: int
+    task: str
+    period: str
+    jobs: int
+    response: str
+    response_ms: float
+    jitter: str
+    jitter_ms: float
+    gaps: int
+
+
+@dataclass(frozen=True, slots=True)
 class ChainRow:
     """A chain with its two latencies."""
 
@@ -127,11 +147,12 @@ class ModeView:
     unit_count: int
     cost: str
     terms: tuple[tuple[str, str, str], ...]
-    chart: Chart
+    chart: Chart | None
     chains: tuple[ChainRow, ...]
     unit_loads: tuple[Gauge, ...]
     resource_loads: tuple[Gauge, ...]
     jobs: tuple[JobRow, ...]
+    figures: tuple[FigureRow, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,6 +198,7 @@ class TaskRow:
 def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) -> str:
     """Return the HTML page of a schedule that fits `model` (see `select`)."""
     context = shows_context(schedule)
+    is_large = sum(len(mode.jobs) for mode in schedule.modes) > LARGE
     shown = {table.name for table in schedule.modes}
     return _template().render(
         title=options.title or f"{model.name} schedule",
@@ -187,12 +209,13 @@ def format_page(model: TaskModel, schedule: Schedule, options: ReportOptions) ->
         graph=build_mode_graph(model, schedule),
         bandwidths=list(draw_bounds(model, schedule).values()),
         account=build_account(model, options.import_report),
-        modes=[_mode(model, table, f"mode-{n}") for n, table in enumerate(schedule.modes, 1)],
+        modes=[_mode(model, table, f"mode-{n}", is_large=is_large) for n, table in enumerate(schedule.modes, 1)],
+        scene=embedded(scene(model, schedule)) if is_large else "",
         transitions=[
             _transition(model, schedule, table, f"switch-{n}", context)
             for n, table in enumerate(schedule.transitions, 1)
         ],
-        tasks=_tasks(model, schedule),
+        tasks=[] if is_large else _tasks(model, schedule),
         glossary=GLOSSARY,
     )
 
@@ -250,7 +273,7 @@ def _size(model: TaskModel) -> str:
 # --------------------------------------------------------------------------------------------------- modes
 
 
-def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
+def _mode(model: TaskModel, table: ModeSchedule, id: str, *, is_large: bool) -> ModeView:
     used = {unit for job in table.jobs for unit in job.units}
     tasks = {job.task for job in table.jobs}
     loads = {load.unit: load.share for load in table.unit_loads}
@@ -271,12 +294,26 @@ def _mode(model: TaskModel, table: ModeSchedule, id: str) -> ModeView:
         unit_count=len(used),
         cost="" if table.cost is None else approximate(table.cost.total),
         terms=() if table.cost is None else _terms(table.cost),
-        chart=build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
+        chart=None if is_large else build_chart(model, unroll(table), Window(ZERO, table.hyperperiod), caption),
         chains=_chains(model, table, id),
         unit_loads=_unit_loads(model, table),
         resource_loads=_resource_loads(table),
-        jobs=_jobs(model, table),
+        jobs=() if is_large else _jobs(model, table),
+        figures=() if is_large else _figures(model, table),
     )
+
+
+def _figures(model: TaskModel, table: ModeSchedule) -> tuple[FigureRow, ...]:
+    by_task = jobs_by_task(table)
+    rows = []
+    for position, task in enumerate(model.tasks):
+        found = figures(task, by_task.get(task.name, []), table.hyperperiod)
+        if found:
+            response, jitter = found.get("response", ""), found.get("jitter", "")
+            times = (response, found.get("response_ms", 0.0), jitter, found.get("jitter_ms", 0.0))
+            period = "" if task.period is None else str(task.period)
+            rows.append(FigureRow(tone(position), task.name, period, found["jobs"], *times, found["gaps"]))
+    return tuple(rows)
 
 
 def _unit_loads(model: TaskModel, table: ModeSchedule) -> tuple[Gauge, ...]:

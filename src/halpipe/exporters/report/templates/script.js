@@ -56,3 +56,22 @@ document.addEventListener("pointermove", (event) => {
   tip.style.left = Math.max(4, left) + "px";
   tip.style.top = (below ? event.clientY + 18 : event.clientY - tip.offsetHeight - 10) + "px";
 });
+for (const table of document.querySelectorAll("table.sortable")) {
+  const search = Object.assign(document.createElement("input"), {type: "search", placeholder: "find"});
+  search.setAttribute("aria-label", "find in the table");
+  search.oninput = () => {
+    for (const row of table.tBodies[0].rows) row.hidden = !row.textContent.toLowerCase().includes(search.value.toLowerCase());
+  };
+  table.parentElement.before(search);
+  [...table.tHead.rows[0].cells].forEach((head, column) => {
+    let sign = -1;
+    const button = Object.assign(document.createElement("button"), {type: "button", className: "sort", textContent: head.textContent});
+    const key = (row) => { const cell = row.cells[column]; return cell.dataset.v !== undefined ? Number(cell.dataset.v) : isNaN(parseFloat(cell.textContent)) ? cell.textContent : parseFloat(cell.textContent); };
+    button.onclick = () => {
+      sign = -sign;
+      const rows = [...table.tBodies[0].rows].sort((a, b) => { const x = key(a), y = key(b); return sign * (x < y ? -1 : x > y ? 1 : 0); });
+      table.tBodies[0].append(...rows);
+    };
+    head.replaceChildren(button);
+  });
+}

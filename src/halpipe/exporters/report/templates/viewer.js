@@ -8,12 +8,15 @@ class Viewer {
     this.context = canvas.getContext("2d");
     this.scene = null; this.mode = null; this.beside = null;
     this.from = 0; this.to = 1; this.filter = ""; this.chain = null; this.heat = null; this.pinned = new Set();
+    this.fixed = false; // nothing can be moved
     this.selected = null; this.hovered = null; this.drag = null; this.drawn = false;
     const on = (name, act, options) => canvas.addEventListener(name, act.bind(this), options);
     on("wheel", this.onWheel, {passive: false});
     on("pointerdown", this.onDown); on("pointermove", this.onMove); on("pointerup", this.onUp); on("pointercancel", this.onUp);
     on("keydown", this.onKey);
     new ResizeObserver(() => this.draw()).observe(canvas);
+    addEventListener("scroll", () => this.draw(), {passive: true});
+    addEventListener("beforeprint", () => { this.whole = true; if (this.scene) this.paint(); this.whole = false; });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
   }
 
@@ -36,7 +39,7 @@ class Viewer {
   draw() { if (!this.drawn) { this.drawn = true; requestAnimationFrame(() => { this.drawn = false; this.paint(); }); } }
 
   colours() {
-    const style = getComputedStyle(document.documentElement), get = name => style.getPropertyValue(name).trim();
+    const style = getComputedStyle(this.canvas), get = name => style.getPropertyValue(name).trim();
     return {back: get("--back") || "#fff", ink: get("--ink") || "#111", faint: get("--faint") || "#666", line: get("--line") || "#ccc",
       lane: get("--lane") || "#f4f4f4", accent: get("--accent") || "#15c", bad: get("--bad") || "#a00"};
   }
@@ -49,6 +52,7 @@ class Viewer {
     this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.width = box.width; this.height = box.height;
     this.left = 90; this.top = 24;
+    this.seen = [-box.top, window.innerHeight - box.top]; // what of the canvas is in sight
     this.lane = Math.max(8, (this.height - this.top - 6) / Math.max(1, this.scene.units.length));
   }
 
@@ -102,6 +106,7 @@ class Viewer {
 
   paintJobs(pen, tone, jobs, lane) {
     const y = this.top + lane * this.lane + 2, high = this.lane - 4, length = this.mode.length;
+    if (!this.whole && (y + high < this.seen[0] || y > this.seen[1])) return;
     let last = -1;
     for (const job of jobs) {
       const faded = this.filter && !job.name.toLowerCase().includes(this.filter) && !this.scene.units[lane].toLowerCase().includes(this.filter);
@@ -126,7 +131,7 @@ class Viewer {
       }
     }
     pen.globalAlpha = 1;
-    if (this.drag && this.drag.job && this.drag.job.lanes.includes(lane)) {
+    if (this.drag && this.drag.job && !this.fixed && this.drag.job.lanes.includes(lane)) {
       const job = this.drag.job;
       pen.globalAlpha = .55; pen.fillStyle = tone.accent;
       pen.fillRect(this.x(job.start + this.drag.by), y, Math.max(2, this.x(job.end) - this.x(job.start)), high);
@@ -205,16 +210,17 @@ class Viewer {
     }
     const by = (event.offsetX - drag.x) / (this.width - this.left) * (this.to - this.from);
     if (Math.abs(event.offsetX - drag.x) > 3) drag.moved = true;
-    if (drag.job) drag.by = by;
+    if (drag.job && !this.fixed) drag.by = by;
     else { const span = this.to - this.from; this.from = Math.max(0, Math.min(this.mode.length - span, drag.from - by)); this.to = this.from + span; }
     this.draw();
   }
   onUp() {
     const drag = this.drag; this.drag = null;
-    if (drag && drag.job && drag.moved) this.move(drag.job, drag.job.start + drag.by);
+    if (drag && drag.job && drag.moved && !this.fixed) this.move(drag.job, drag.job.start + drag.by);
     this.draw();
   }
   move(job, start) {
+    if (this.fixed) return;
     const grid = 10 ** Math.floor(Math.log10(Math.max(1e-6, (this.to - this.from) / 200)));
     const length = this.mode.length, snapped = Math.round(start / grid) * grid;
     this.owner.moved(job, ((snapped % length) + length) % length);

@@ -1,0 +1,153 @@
+"""What the viewer draws, as plain values: times in milliseconds as floats to draw with, and exact as text to read."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from halpipe.exporters.palette import FILLS, tone
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.durations import Duration
+    from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel
+
+Plain = dict[str, Any]
+
+
+def scene(model: TaskModel, schedule: Schedule | None) -> Plain:
+    """Return a model and its schedule, as the viewer takes them."""
+    order = {task.name: number for number, task in enumerate(model.tasks)}
+    modes = [(jobs_by_task(mode), mode.hyperperiod) for mode in schedule.modes] if schedule else []
+    return {
+        "model": model.name,
+        "units": [unit.name for unit in model.units],
+        "tasks": [_task(task, tone(number), modes) for number, task in enumerate(model.tasks)],
+        "chains": [_chain(chain, order, schedule) for chain in model.chains],
+        "modes": [_mode(model, mode, order) for mode in schedule.modes] if schedule else [],
+        "switches": _switches(schedule) if schedule else [],
+    }
+
+
+def _task(task: Task, colour: int, modes: Sequence[tuple[dict[str, list[Job]], Duration]]) -> Plain:
+    return {
+        "name": task.name,
+        "colour": FILLS[colour],
+        "period": _text(task.period),
+        "offset": _text(task.offset),
+        "deadline": _text(task.deadline),
+        "slack": str(task.slack),
+        "binding": str(task.binding),
+        "versions": [
+            {
+                "name": version.name,
+                "wcet": _text(version.wcet),
+                "units": " ".join(version.units),
+                "windows": [
+                    {"after": w.task, "anchor": str(w.anchor), "min": str(w.min), "max": str(w.max)}
+                    for w in version.precedences
+                ],
+            }
+            for version in task.versions
+        ],
+        "figures": [figures(task, jobs.get(task.name, []), length) for jobs, length in modes],
+    }
+
+
+def jobs_by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
+    """Return the jobs of each task that runs in a mode."""
+    found: dict[str, list[Job]] = {}
+    for job in mode.jobs:
+        found.setdefault(job.task, []).append(job)
+    return found
+
+
+def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:
+    """Return the worst response time, start jitter and gaps of a task's jobs in a mode; nothing where it has none."""
+    if not jobs:
+        return {}
+    plain: Plain = {"jobs": len(jobs), "gaps": sum(max(0, len(job.parts) - 1) for job in jobs)}
+    if task.period is None:
+        return plain
+    delays = _delays(task, task.period, jobs, length)
+    response = max(delay + (job.end - job.start) for delay, job in zip(delays, jobs, strict=True))
+    jitter = max(delays) - min(delays)
+    return plain | {
+        "response": str(response),
+        "response_ms": _ms(response),
+        "jitter": str(jitter),
+        "jitter_ms": _ms(jitter),
+    }
+
+
+def _delays(task: Task, period: Duration, jobs: Sequence[Job], length: Duration) -> list[Duration]:
+    """Return how long after its release each job starts, on the circle of the hyperperiod.
+
+    Where the first release is free, it is the latest that no job starts before.
+    """
+    if task.offset is not None:
+        return [(job.start - task.offset - period * job.index) % length for job in jobs]
+    first = jobs[0].start - period * jobs[0].index
+    drifts = [(job.start - first - period * job.index + length / 2) % length for job in jobs]
+    return [drift - min(drifts) for drift in drifts]
+
+
+def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
+    found = [(mode.name, row) for mode in (schedule.modes if schedule else ()) for row in mode.chains]
+    return {
+        "name": chain.name,
+        "tasks": [order[name] for name in chain.tasks if name in order],
+        "max_reaction": _text(chain.max_reaction),
+        "max_age": _text(chain.max_age),
+        "latencies": [
+            {"mode": mode, "reaction": _text(row.reaction), "age": _text(row.age)}
+            for mode, row in found
+            if row.name == chain.name
+        ],
+    }
+
+
+def _mode(model: TaskModel, mode: ModeSchedule, order: dict[str, int]) -> Plain:
+    lanes = {unit.name: number for number, unit in enumerate(model.units)}
+    return {
+        "name": mode.name,
+        "length": _ms(mode.hyperperiod),
+        "length_text": str(mode.hyperperiod),
+        "loads": {load.unit: _percent(load.share) for load in mode.unit_loads},
+        "jobs": [_job(job, order, lanes) for job in mode.jobs if job.task in order],
+    }
+
+
+def _job(job: Job, order: dict[str, int], lanes: dict[str, int]) -> list[Any]:
+    """Return task, number, version, lanes, start, end, both as text, and the parts of a job with gaps."""
+    occupied = job.occupations()
+    parts = [[_ms(start), _ms(end)] for start, end in occupied] if job.parts else []
+    where = [lanes[unit] for unit in job.units if unit in lanes]
+    times = [_ms(job.start), _ms(job.end), str(job.start), str(job.end)]
+    return [order[job.task], job.index, job.version, where, *times, parts]
+
+
+def _switches(schedule: Schedule) -> list[Plain]:
+    return [
+        {"from": t.source, "to": t.target, "length": str(t.length), "worst": str(t.worst_latency), "jobs": len(t.jobs)}
+        for t in schedule.transitions
+    ]
+
+
+def _text(value: Duration | None) -> str:
+    return "" if value is None else str(value)
+
+
+def _ms(value: Duration) -> float:
+    return float(value.in_unit("ms"))
+
+
+def _percent(share: Any) -> float:
+    return float(round(share * 1000)) / 10
+
+
+def embedded(plain: Plain) -> str:
+    """Return values as JSON that may stand in a page, whatever names they hold."""
+    text = json.dumps(plain, separators=(",", ":"), ensure_ascii=True)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -1,0 +1,81 @@
+"""Reports of thousands of jobs: few nodes, all data, tables that are filled as they are looked at."""
+
+import json
+import re
+
+import pytest
+
+from halpipe.exporters.report import ReportOptions
+from halpipe.exporters.report.page import LARGE, format_page
+from halpipe.exporters.report.scene import embedded, figures, scene
+from support import job, mode, model, ms, schedule, task, version
+
+
+def system(count, name="t"):
+    tasks = [task(f"{name}{n}", "20ms", version("v", "1us")) for n in range(count)]
+    return model(*tasks, modes=[mode("m", tasks)])
+
+
+def plan(made, count):
+    jobs = [job(made, f"t{n}", 0, f"{2 * n}us", "u1") for n in range(count)]
+    return schedule(made, "20ms", *jobs, mode_name="m")
+
+
+@pytest.fixture(scope="module")
+def large():
+    made = system(LARGE + 1)
+    return made, plan(made, LARGE + 1)
+
+
+def data(page):
+    return json.loads(re.search(r'id="scene">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def test_a_large_report_has_every_job_as_data_and_few_elements(large):
+    page = format_page(*large, ReportOptions())
+    assert len(data(page)["modes"][0]["jobs"]) == LARGE + 1
+    markup = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
+    assert len(re.findall(r"<[a-z]", markup)) < 1000
+    assert "<svg" not in markup
+    assert "noscript" in markup
+
+
+def test_a_small_report_is_complete_without_script():
+    made = system(3)
+    page = format_page(made, plan(made, 3), ReportOptions())
+    assert 'id="scene"' not in page
+    assert "<svg" in page
+    assert page.count("Worst response") == 1
+
+
+def test_names_cannot_leave_the_data():
+    assert embedded({"a": "</script><script>alert(1)</script>&"}) == (
+        '{"a":"\\u003c/script\\u003e\\u003cscript\\u003ealert(1)\\u003c/script\\u003e\\u0026"}'
+    )
+
+
+def figures_of(starts, offset=None):
+    made = task("a", "10ms", version("v", "2ms"), slack=1, offset=offset)
+    owner = model(made, modes=[mode("m", [made])])
+    jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(starts)]
+    return figures(made, jobs, ms("20ms"))
+
+
+@pytest.mark.parametrize(
+    ("starts", "offset", "response", "jitter"),
+    [
+        (("0ms", "10ms"), None, "2ms", "0ms"),
+        (("1ms", "14ms"), None, "5ms", "3ms"),
+        (("1ms", "14ms"), "0ms", "6ms", "3ms"),
+        (("9ms", "1ms"), "9ms", "4ms", "2ms"),  # the second goes on at the beginning of the cycle
+        (("9ms", "1ms"), None, "4ms", "2ms"),
+    ],
+)
+def test_response_and_jitter_count_from_the_release(starts, offset, response, jitter):
+    found = figures_of(starts, offset)
+    assert (found["response"], found["jitter"]) == (response, jitter)
+
+
+def test_a_scene_without_a_schedule_has_the_model():
+    drawn = scene(system(2), None)
+    assert (len(drawn["tasks"]), drawn["modes"]) == (2, [])
