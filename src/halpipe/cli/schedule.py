@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose, WorkerCount
+from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed, Verbose, WorkerCount
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -37,8 +38,10 @@ class Engine(StrEnum):
 
 
 def schedule(
-    model: ModelFile,
-    output_file: Output,
+    model: Annotated[list[str], typer.Argument(metavar="MODEL...", help="Task models XML; - is standard input.")],
+    output_file: Annotated[
+        str, typer.Option("--output", "-o", metavar="FILE", help="Where to write, of several models a folder.")
+    ],
     seed: Seed = 1,
     budget: Annotated[
         int | None,
@@ -73,6 +76,12 @@ def schedule(
     near: Annotated[
         str, typer.Option(metavar="FILE", help="Earlier schedule: as many jobs as can keep start, version and units.")
     ] = "",
+    share: Annotated[
+        bool, typer.Option("--share", help="Of several models: be --near the schedule of the first that has one.")
+    ] = False,
+    cluster: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Solve the models on this dask.distributed scheduler.")
+    ] = "",
     workers: WorkerCount = None,
     portfolio: Annotated[
         int, typer.Option(min=1, help="Searches of a mode that take turns when the first is not quick.")
@@ -88,6 +97,8 @@ def schedule(
 ) -> int:
     """Find a schedule for every mode and write it once it has passed the independent check.
 
+    Several models, or a folder to write to: each is solved as if it were alone, and what is finished is kept.
+
     Ctrl-C, or a search that fails, saves the best placement so far beside the output, as NAME.best.xml.
     """
     from halpipe.cli.searching import find_schedule, workers_of
@@ -97,8 +108,11 @@ def schedule(
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)
-    system = read_model(model)
-    _check_modes(system, mode or [])
+    is_fleet = len(model) > 1 or bool(cluster) or share or output_file.endswith("/") or os.path.isdir(output_file)
+    system = None
+    if not is_fleet:
+        system = read_model(model[0])
+        _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
     options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
     options = replace(options, optimise=_parse_objectives(optimise, options.quality))
@@ -113,6 +127,15 @@ def schedule(
         from halpipe.flow.formats import burst_grid
 
         options = replace(options, grid=burst_grid(quantise))
+    if system is None:
+        from halpipe.cli.fleet import schedule_fleet
+
+        if resume:
+            raise typer.BadParameter("several models go on by themselves; leave it away", param_hint="--resume")
+        processes = workers or 1
+        return schedule_fleet(
+            model, options, output_file, time_limit=time_limit, processes=processes, cluster=cluster, share=share
+        )
     return find_schedule(system, options, output_file, time_limit, resume=resume)
 
 
