@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, is_rounded, named, ref
 from halpipe.models import Anchor
-from halpipe.quantities import format_rational
+from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,8 +75,8 @@ def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
     element.set("stimulus", ends[0])
     element.set("response", ends[-1])
     element.set("itemType", "sequence")
-    if chain.weight != 1:
-        add_property(element, "weight", format_rational(chain.weight))
+    for name, text in texts(chain, "name", "tasks", "max-reaction", "max-age").items():
+        add_property(element, name, text)
     if len(chain.tasks) == 1:
         return
     for index, (stimulus, response) in enumerate(pairwise(ends), 1):

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
-from fractions import Fraction
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
-from halpipe.quantities import parse_rational
+from halpipe.importers.amalthea.properties import agrees, optional_duration, stated_of, value_of
+from halpipe.models import Chain
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from halpipe.durations import Duration
     from halpipe.importers.amalthea.entities import Entities
@@ -27,14 +26,14 @@ _BEGINS = ("activate", "start")
 
 @dataclass(frozen=True, slots=True)
 class Chained:
-    """A chain of drafts in the order of the data, with its limits."""
+    """A chain of drafts in the order of the data, with its limits; `more` are further attributes, by field."""
 
     name: str
     drafts: tuple[Draft, ...]
     item: Item
     reaction: Duration | None = None
     age: Duration | None = None
-    weight: Fraction = Fraction(1)
+    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
@@ -86,9 +85,8 @@ class _Reader:
             for event in way.events:
                 event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
-        stated = value_of(self.forest, item, "weight", parse_rational)
-        weight = Fraction(1) if stated is None else stated
-        return [Chained(name, path, item, weight=weight) for name, (_, path) in zip(names, paths, strict=True)]
+        more = stated_of(self.forest, item, Chain, "name", "tasks", "max-reaction", "max-age")
+        return [Chained(name, path, item, more=more) for name, (_, path) in zip(names, paths, strict=True)]
 
     def _ways(self, item: Item, level: int) -> list[_Way]:
         """Return each way through a chain."""

@@ -15,6 +15,7 @@ from halpipe.importers.amalthea.properties import (
     agrees,
     edited,
     optional_duration,
+    stated_of,
     structure,
     text_of,
     value_of,
@@ -36,7 +37,7 @@ from halpipe.models import (
     Transition,
     Version,
 )
-from halpipe.models.attributes import attributes, read_attributes
+from halpipe.models.attributes import read_attributes
 from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
@@ -95,9 +96,7 @@ def slack_of(forest: Forest, task: Item) -> Fraction:
 
 def attributes_of(forest: Forest, task: Item) -> dict[str, Any]:
     """Return the attributes of a carried task that AMALTHEA has no elements for, by field."""
-    wanted = (one for one in attributes(Task) if one.name not in _WITH_ELEMENTS)
-    found = {one.field: value_of(forest, task, one.name, one.codec.parse) for one in wanted}
-    return {field: value for field, value in found.items() if value is not None}
+    return stated_of(forest, task, Task, *_WITH_ELEMENTS)
 
 
 def interrupts_of(unit: Item) -> tuple[Interrupt, ...]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.durations import Duration
 from halpipe.importers.amalthea import codes
+from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,6 +47,13 @@ def value_of(forest: Forest, item: Item, key: str, read: Callable[[str], T]) -> 
         reason = str(failure) if isinstance(failure, ValueError) else "has the wrong form"
         edited(forest, item, key, f"cannot be read: {reason}")
         return None
+
+
+def stated_of(forest: Forest, item: Item, kind: type, *without: str) -> dict[str, Any]:
+    """Return the attributes of a class that an item has as properties, by field."""
+    wanted = (one for one in attributes(kind) if one.name not in without)
+    found = {one.field: value_of(forest, item, one.name, one.codec.parse) for one in wanted}
+    return {field: value for field, value in found.items() if value is not None}
 
 
 def structure(text: str) -> Any:

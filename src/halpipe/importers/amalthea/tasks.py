@@ -91,7 +91,7 @@ class TaskBuilder:
             self._versions(draft)
         self._report_unbound(len(drafts.items))
         chains = [
-            replace(self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age), weight=chain.weight)
+            replace(self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age), **chain.more)
             for chain in timing.chains
         ]
         limits: dict[Draft, _Limits] = {}

@@ -10,14 +10,15 @@ from halpipe.importers.overlay.changes import show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
 from halpipe.importers.overlay.patterns import Patterns, expand
 from halpipe.importers.stated import is_glob
-from halpipe.models import Mode, Origin, Run
+from halpipe.models import Chain, Mode, Origin, Run
+from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import ModeEntry, Overlay
-    from halpipe.models import Chain, HealthRule, Resource, Task, TaskModel, Transition, Unit, Version
+    from halpipe.models import HealthRule, Resource, Task, TaskModel, Transition, Unit, Version
     from halpipe.settings import Stated
 
 E = TypeVar("E", bound="Unit | Resource")
@@ -108,13 +109,10 @@ def chains(imported: tuple[Chain, ...], overlay: Overlay, changes: Changes) -> t
         known = [changes.knows_task(task, chain.at, path) for task in chain.tasks]
         old = found.get(chain.name)
         if old is not None:
-            changes.overridden(path, "tasks", old.tasks, chain.tasks, chain.at)
-            if old.max_reaction is not None:
-                changes.overridden(path, "max-reaction", old.max_reaction, chain.max_reaction, chain.at)
-            if old.weight != 1:
-                changes.overridden(path, "weight", old.weight, chain.weight, chain.at)
-            if old.max_age is not None:
-                changes.overridden(path, "max-age", old.max_age, chain.max_age, chain.at)
+            for one in attributes(Chain):
+                before, after = getattr(old, one.field), getattr(chain, one.field)
+                if before != one.default:
+                    changes.overridden(path, one.name, before, after, chain.at)
         if all(known):
             found[chain.name] = chain
     return tuple(found.values())
