@@ -127,10 +127,13 @@ class Moves:
             return self._urgent(plan, task)
         return replace(plan, ways=with_item(plan.ways, task, ways[self.draws.below(len(ways))]))
 
-    def varied(self, plan: Plan) -> Plan:
-        """Return a plan that differs where latencies may depend on it: mostly units beside the next of a chain."""
+    def varied(self, plan: Plan, slow: Sequence[int] = ()) -> Plan:
+        """Return a plan that differs where latencies may depend on it: mostly units beside the next of a chain.
+
+        The `slow` tasks of chains that are too long are those to look at, if there are any that may move.
+        """
         for _ in range(1 + self.draws.below(3) // 2):
-            pool = self.chained or self.free
+            pool = [task for task in slow if task in self.beside] or self.chained or self.free
             task = pool[self.draws.below(len(pool))]
             kind = self.draws.below(10)
             if kind < 3:

@@ -9,6 +9,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
 
+FEW = 64
+"""Claims of a resource that are remembered before any are forgotten."""
+
+
 class Claim(NamedTuple):
     """`height` quanta of `resource` on [begin, end)."""
 
@@ -29,6 +33,7 @@ class Resources:
         """Begin with `standing` claims, which come again with every `cycle`."""
         self._capacity = capacity
         self._claims: list[list[Claim]] = [[] for _ in capacity]
+        self._most = [FEW] * len(capacity)
         self._standing: list[list[Claim]] = [[] for _ in capacity]
         self._cycle = cycle
         for claim in standing:
@@ -78,11 +83,15 @@ class Resources:
         for claim in list(claims):
             self._claims[claim.resource].remove(claim)
 
+    def is_crowded(self) -> bool:
+        """Return whether so many claims are remembered that it is time to forget some."""
+        return any(len(claims) > most for claims, most in zip(self._claims, self._most, strict=True))
+
     def forget(self, before: int) -> None:
         """Forget what ended at or before an instant."""
-        for claims in self._claims:
-            if len(claims) > 64:
-                claims[:] = [claim for claim in claims if claim.end > before]
+        for number, claims in enumerate(self._claims):
+            claims[:] = [claim for claim in claims if claim.end > before]
+            self._most[number] = max(FEW, 2 * len(claims))
 
     def in_force(self, since: int) -> tuple[Claim, ...]:
         """Return the claims that end after an instant, relative to it."""

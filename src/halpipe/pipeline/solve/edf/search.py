@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 
+TRIES = 20
+"""Draws of a plan that differs and overloads no unit, before any is taken."""
+
 SETTLING = 4
 """Simulations in which the phases of the first plan follow where its jobs start."""
 
@@ -49,6 +52,8 @@ class _Try:
     table: Table
     late: tuple[int, ...]
     excess: int
+    slow: tuple[int, ...] = ()
+    """The tasks of chains that are too long, where no job is late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +107,7 @@ class _Search:
     def run(self) -> Found:
         state = self.memory.recalled()
         if state is None:
-            best = current = self._settle(first_plan(self.mode, self.allowed))
+            best = current = self._nearer(self._settle(first_plan(self.mode, self.allowed)))
         else:
             best, current = self._evaluate(state.best), self._evaluate(state.current)
             self.placed, self.draws = state.placed, Draws(state.draws)
@@ -116,16 +121,33 @@ class _Search:
         jobs = named(self.mode, best.plan, best.table)
         return Found(jobs, best.excess, self.placed, self.stopped, unimproved)
 
+    def _nearer(self, best: _Try) -> _Try:
+        """Where chains are too long, try to put what follows each other in one on one unit."""
+        if not best.excess or not self.limited:
+            return best
+        plan = together(self.mode, best.plan, self.allowed, self.limited)
+        tried = self._evaluate(plan) if plan != best.plan else best
+        return tried if tried.excess < best.excess else best
+
     def _found(self, best: _Try, current: _Try) -> _Try:
         """Repair plans until one leads to a valid table, or the budget is spent."""
         while best.excess and self.moves.free and self.placed < self.effort.budget and not self.stopped:
             self.memory.keep(State(self.placed, self.draws.state, current.plan, best.plan))
-            moved = self._evaluate(self.moves.repaired(current.plan, current.late))
+            moved = self._evaluate(self._repaired(current))
             if moved.excess <= current.excess or not self.draws.below(50):
                 current = moved
             if current.excess < best.excess:
                 best = current
         return best
+
+    def _repaired(self, current: _Try) -> Plan:
+        if not current.slow:
+            return self.moves.repaired(current.plan, current.late)
+        for _ in range(TRIES):
+            varied = self.moves.varied(current.plan, current.slow)
+            if varied != current.plan and fits(self.mode, varied):
+                return varied
+        return self.moves.repaired(current.plan, current.late)
 
     def _improved(self, best: _Try, polish: Polish, state: State | None) -> _Try:
         """Climb to tables that are worth more, from a valid one; nothing that counts gets worse than in the first."""
@@ -177,13 +199,15 @@ class _Search:
         missed = missed_by_fixed(self.mode, table)
         late = tuple(lateness(self.mode, table, task) + missed.get(task, 0) for task in range(len(self.mode.works)))
         excess = sum(late)
+        slow: tuple[int, ...] = ()
         if not table.closed:
             excess += self.mode.hyperperiod
         elif not excess:
-            excess = self._chain_excess(plan, table) + self._beside_fixed(plan, table)
+            excess, slow = self._chain_excess(plan, table)
+            excess += self._beside_fixed(plan, table)
         if not self.effort.go_on(self.placed, excess):
             self.stopped = True
-        return _Try(plan, table, late, excess)
+        return _Try(plan, table, late, excess, slow)
 
     def _beside_fixed(self, plan: Plan, table: Table) -> int:
         """Return what a table still costs with the jobs that stay: those may break rules by themselves."""
@@ -193,17 +217,22 @@ class _Search:
         total = cost_terms(self.model, placement).total
         return max(0, -(-total.numerator // total.denominator))
 
-    def _chain_excess(self, plan: Plan, table: Table) -> int:
+    def _chain_excess(self, plan: Plan, table: Table) -> tuple[int, tuple[int, ...]]:
+        """Return by how much chains are too long, and the tasks of those that are."""
         if not self.limited:
-            return 0
+            return 0, ()
         placement = Placement.of(self.mode.expansion, named(self.mode, plan, table), self.mode.platform)
         found = {latency.name: latency for latency in chain_latencies(placement, self.limited)}
         excess = 0
+        slow: set[str] = set()
         for chain in self.limited:
-            if chain.name in found:
-                excess += self._beyond(found[chain.name].reaction, chain.max_reaction)
-                excess += self._beyond(found[chain.name].age, chain.max_age)
-        return excess
+            if chain.name not in found:
+                continue
+            beyond = self._beyond(found[chain.name].reaction, chain.max_reaction)
+            beyond += self._beyond(found[chain.name].age, chain.max_age)
+            excess += beyond
+            slow.update(chain.tasks if beyond else ())
+        return excess, tuple(task for task, work in enumerate(self.mode.works) if work.name in slow)
 
     def _beyond(self, latency: Duration | None, limit: Duration | None) -> int:
         if limit is None:

@@ -11,16 +11,7 @@ from bisect import bisect_left, bisect_right
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.edf.jobs import (
-    Job,
-    Table,
-    first_stop,
-    last_stop,
-    may_stop,
-    reserved,
-    stops_at,
-    wall,
-)
+from halpipe.pipeline.solve.edf.jobs import Job, Table, first_stop, last_stop, may_stop, reserved, stops_at, wall
 from halpipe.pipeline.solve.edf.releases import releases_of
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 
@@ -253,6 +244,8 @@ class _Simulation:
                 return False
             if self._keeps_others_late(job, start, first, lost, gaps, end, waiting, now):
                 return False
+        if claims and self.resources.is_crowded():
+            self.resources.forget(self._oldest(now))
         self.resources.take(claims)
         if not begun:
             self._enter(job, now)
@@ -261,6 +254,11 @@ class _Simulation:
         job.target, job.claims, job.kept = target, claims, now
         self._run(job, end)
         return True
+
+    def _oldest(self, now: int) -> int:
+        """Return the first instant at which a part began that is running, or may go on at once."""
+        open_jobs = [job for stack in self.stacks for job in stack if job.is_running or job.spans[-1][1] == now]
+        return min([now, *(job.spans[-1][0] for job in open_jobs)])
 
     def _limit(self, job: Job, now: int) -> int | None:
         """Return until when a job may run from `now` on, before one that stays; None if for ever."""
