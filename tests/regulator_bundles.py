@@ -212,6 +212,7 @@ def forms_of(files):
             headers.append(f"{table['successor']:02x}{len(entries):06x}{table['windows']:08x}\n")
             for e in table["entries"][unit["unit"]]:
                 entries.append(f"{e['window']:08x}{e['read_bytes']:08x}{e['write_bytes']:08x}\n")
+        headers += ["0" * 16 + "\n"] * (16 - len(headers))
         entries.append("ffffffff" + "0" * 16 + "\n")
         images[f"table/unit{unit['index']}.tab.memh"] = "".join(entries).encode()
         images[f"table/unit{unit['index']}.hdr.memh"] = "".join(headers).encode()

@@ -21,7 +21,16 @@ FOLDER = "table"
 BINARY = f"{FOLDER}/bw_tables.bin"
 HEADER = f"{FOLDER}/bw_tables.h"
 _AGAIN = "export the bundle again; the forms of one bundle are made from one object"
-TERMINATOR = "ffffffff0000000000000000"
+TERMINATOR, NO_TABLE = "ffffffff0000000000000000", "0" * 16
+MOST_HEADERS = 256
+
+
+def header_lines(tables: Tables) -> int:
+    """Return the headers of every unit: a power of two, one at least without a table as far as there are addresses."""
+    lines = 16
+    while lines <= len(tables.tables) and lines < MOST_HEADERS:
+        lines *= 2
+    return lines
 
 
 def image_names(unit: Unit) -> tuple[str, str]:
@@ -41,7 +50,8 @@ def check_forms(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
             yield from _lines(bundle, entry_name, [*entry_words(tables, unit), TERMINATOR])
             yield from _depth(bundle, entry_name, tables, unit)
         if header_name not in missing:
-            yield from _lines(bundle, header_name, header_words(tables, unit))
+            words = header_words(tables, unit)
+            yield from _lines(bundle, header_name, [*words, *[NO_TABLE] * (header_lines(tables) - len(words))])
     if BINARY not in missing:
         yield from _binary(bundle, tables)
     if HEADER not in missing:

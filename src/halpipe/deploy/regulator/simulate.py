@@ -99,8 +99,8 @@ def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
     with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
         place = Path(folder)
         for unit in tables.units:
-            for name in image_names(unit):
-                content = b"" if run.traffic.by_software else bundle.files.get(name, b"")
+            for name, empty in zip(image_names(unit), (b"", b"0\n" * stimuli.sizes(tables)[1]), strict=True):
+                content = empty if run.traffic.by_software else bundle.files.get(name, b"")
                 (place / Path(name).name).write_bytes(content)
         (place / "script.txt").write_bytes(stimuli.format_script(run.script))
         player.run(folder, *_arguments(tables, run))

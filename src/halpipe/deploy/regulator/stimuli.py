@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
 from halpipe.deploy.regulator.reading import DIRECTIONS
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ LITE_CYCLES = 4
 READS, IGNORED, THROUGH_LITE = 200, 60, 20
 """How many registers are read in a run, and orders given that must change nothing; and reads through AXI4-Lite."""
 
-MOST_TABLES, MOST_ENTRIES = 256, 65_280
+MOST_TABLES, MOST_ENTRIES = MOST_HEADERS, 65_280
 """As many as have addresses."""
 
 
@@ -53,11 +54,7 @@ def first_window(units: int) -> int:
 def sizes(tables: Tables) -> tuple[int, int]:
     """Return the entries and the headers of every unit: powers of two, with a header that no table has."""
     entries = max(sum(len(t.entries[unit.name]) for t in tables.tables) + 1 for unit in tables.units)
-    return max(1024, _power_of_two(entries)), min(MOST_TABLES, max(16, _power_of_two(len(tables.tables) + 1)))
-
-
-def _power_of_two(least: int) -> int:
-    return 1 << (least - 1).bit_length()
+    return max(1024, 1 << (entries - 1).bit_length()), header_lines(tables)
 
 
 class Draw:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
-from halpipe.deploy.regulator.forms import image_names
+from halpipe.deploy.regulator.forms import header_lines, image_names
 from halpipe.diagnostics import HalpipeError
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def image_part(tables: Tables, unit: Unit) -> Part:
         heads.append(f"    8'd{table.index}: head = {{8'd{table.successor}, 32'd{table.windows}}};")
     fills = {
         "depth": str(1 << len(entries).bit_length()),
-        "tables": str(1 << len(heads).bit_length()),
+        "tables": str(header_lines(tables)),
         "entries": "\n".join(entries),
         "heads": "\n".join(heads),
     }

@@ -26,6 +26,9 @@ FORMAT_VERSION = 1
 MOST_UNITS = 63
 """What the Verilog that comes with the tables can do."""
 
+LEAST_HEADERS, MOST_HEADERS = 16, 256
+"""Of a unit: what its Verilog has unless told otherwise, and what it has addresses for."""
+
 _END = "ffffffff" + "0" * 16
 
 
@@ -70,7 +73,7 @@ class TableUnit:
         """Return the memory needed by every unit."""
         depth = int(tables.platform.settings["table"]["depth"])
         entries = {u.name: 1 + sum(len(table.entries(u.name)) for table in tables.tables) for u in tables.units}
-        return {"table_depth": depth, "entries": entries}
+        return {"table_depth": depth, "entries": entries, "headers": header_lines(len(tables.tables))}
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
         """Return memory images, C header, binary, registers and the unit."""
@@ -101,7 +104,13 @@ class _UnitWords:
         return "\n".join([*lines, _END, ""]).encode()
 
     def header_image(self) -> bytes:
-        return "".join(f"{succ:02x}{base:06x}{windows:08x}\n" for windows, succ, base in self.heads).encode()
+        lines = [f"{succ:02x}{base:06x}{windows:08x}" for windows, succ, base in self.heads]
+        return "\n".join([*lines, *["0" * 16] * (header_lines(len(lines)) - len(lines)), ""]).encode()
+
+
+def header_lines(tables: int) -> int:
+    """Return the lines of a header image: a power of two, with one at least that no table has, as far as there are."""
+    return min(MOST_HEADERS, max(LEAST_HEADERS, 1 << tables.bit_length()))
 
 
 def _header(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:

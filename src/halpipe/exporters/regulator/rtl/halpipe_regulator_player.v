@@ -12,7 +12,7 @@ module halpipe_regulator_player #(
   parameter integer DEPTH   = 1024,  // entries of all tables of the unit, with the terminator; 2 at least
   parameter integer TABLES  = 16,    // headers, 2 to 256
   parameter         TABFILE = "",    // $readmemh images; without them software writes the tables
-  parameter         HDRFILE = ""
+  parameter         HDRFILE = ""     // the latter with as many lines as TABLES
 )(
   input  wire        clk,
   input  wire        rst_n,
@@ -44,9 +44,9 @@ module halpipe_regulator_player #(
   reg [63:0] headers [0:TABLES-1];
   integer i;
   initial begin
-    for (i = 0; i < TABLES; i = i + 1) headers[i] = 64'd0;
     if (TABFILE != "") $readmemh(TABFILE, entries);
-    if (HDRFILE != "") $readmemh(HDRFILE, headers);
+    if (HDRFILE != "") $readmemh(HDRFILE, headers);   // has a line for each header: Yosys would let zeros prevail
+    else for (i = 0; i < TABLES; i = i + 1) headers[i] = 64'd0;
   end
 
   reg [23:0] entry_now;                              // index of the entry in force,
