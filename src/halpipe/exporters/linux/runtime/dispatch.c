@@ -21,6 +21,7 @@
 #define STACK (256 * 1024)
 #endif
 #define SWITCHES 4096     /* that are measured */
+#define PATIENCE 1000     /* how often a late thread lets others begin that should have begun before */
 
 typedef struct {          /* a table that is played */
   uint64_t cycle;
@@ -34,6 +35,8 @@ typedef struct {
   size_t n_events;
   uint64_t unrecorded, skipped, late_ends, lost_tables;
   atomic_int is_done;
+  _Atomic int64_t next;   /* no job that it is about to start has an earlier instant */
+  int *peers, n_peers;    /* threads of the same unit and priority, which do not preempt each other */
 } worker_state;
 
 typedef struct {
@@ -199,9 +202,23 @@ static void run(const dispatch_job *job, int64_t at) {
   for (int i = 0; i < program->n_out; i++) give(&program->out[i], loaded->out[i]);
 }
 
+static int is_ahead(const worker_state *self, int64_t at) {
+  for (int i = 0; i < self->n_peers; i++)
+    if (atomic_load_explicit(&workers[self->peers[i]].next, memory_order_relaxed) < at) return 1;
+  return 0;
+}
+
+/* Jobs of a unit start in the order of their instants, also when the machine was away for several of them. */
+static void wait_in_order(worker_state *self, int64_t at) {
+  atomic_store_explicit(&self->next, at, memory_order_relaxed);
+  wait_until(at);
+  for (int i = 0; i < PATIENCE && is_ahead(self, at); i++) sched_yield();
+  atomic_store_explicit(&self->next, INT64_MAX, memory_order_relaxed);
+}
+
 static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
   const int64_t at = turn->at + job->start;
-  wait_until(at);
+  wait_in_order(self, at);
   const int64_t began = clock_now(now_.clock), slot = job->end - job->start;
   const int is_lost = began >= at + slot;
   if (is_lost && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
@@ -252,7 +269,9 @@ static void *work(void *argument) {
     if (turn.table < 0) break;
     const dispatch_rows *rows = &plan.workers[index].tables[turn.table];
     for (int i = 0; i < rows->n_jobs; i++) play(self, &rows->jobs[i], &turn);
+    atomic_store(&self->next, turn.at + plan.tables[turn.table].length);
   }
+  atomic_store(&self->next, INT64_MAX);
   atomic_store(&self->is_done, 1);
   return NULL;
 }
@@ -355,6 +374,17 @@ static int make_gate(void) {
   return error ? error : pthread_mutex_init(&gate, &attributes);
 }
 
+static int find_peers(int worker) {
+  worker_state *self = &workers[worker];
+  self->peers = calloc((size_t)plan.n_workers, sizeof *self->peers);
+  if (!self->peers) return ENOMEM;
+  const dispatch_worker *own = &plan.workers[worker];
+  for (int i = 0; i < plan.n_workers; i++)
+    if (i != worker && own->priority == plan.workers[i].priority && strcmp(own->unit, plan.workers[i].unit) == 0)
+      self->peers[self->n_peers++] = i;
+  return 0;
+}
+
 int dispatch_start(const dispatch_options *options) {
   now_ = *options;
   if (make_gate()) return fail(ENOMEM, "no lock with priority inheritance", NULL);
@@ -362,7 +392,7 @@ int dispatch_start(const dispatch_options *options) {
   if (!workers) return fail(ENOMEM, "no memory for the threads", NULL);
   for (int i = 0; i < plan.n_workers; i++) {
     workers[i].events = calloc(now_.capacity + 1, sizeof *workers[i].events);
-    if (!workers[i].events) return fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
+    if (!workers[i].events || find_peers(i)) return fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
     memset(workers[i].events, 0, (now_.capacity + 1) * sizeof *workers[i].events);   /* its pages are there */
   }
   for (int i = 0; i < plan.n_workers; i++) {
