@@ -271,7 +271,11 @@ COLUMNS: dict[str, dict[str, Any]] = {
 
 def printed() -> dict[str, dict[str, Any]]:
     """Return the schemas of what commands print as JSON."""
-    return {"show-1.schema.json": _show(), "doctor-1.schema.json": _doctor()}
+    return {
+        "show-1.schema.json": _show(),
+        "doctor-1.schema.json": _doctor(),
+        "findings-1.schema.json": _findings(),
+    }
 
 
 def _object(properties: dict[str, Any]) -> dict[str, Any]:
@@ -309,3 +313,26 @@ def _doctor() -> dict[str, Any]:
         "bundles": names,
     }
     return {"$schema": DIALECT, "title": "halpipe doctor --format json", **_object(whole)}
+
+
+def _findings() -> dict[str, Any]:
+    from halpipe.diagnostics import Severity
+
+    line = {"type": "integer", "minimum": 0, "description": "0: the file as a whole."}
+    place = {"file": TEXT, "line": line}
+    subject = _object({"kind": {**TEXT, "description": "Such as task, unit or mode."}, "name": TEXT})
+    finding = _object(
+        {
+            "code": {"type": "string", "pattern": "^HAL[0-9]{4}$"},
+            "severity": {"enum": [str(severity) for severity in Severity]},
+            **place,
+            "path": {**TEXT, "description": "The element, in words."},
+            "message": TEXT,
+            "help": TEXT,
+            "subjects": {"type": "array", "items": subject, "description": "The elements that the finding is about."},
+            "places": {"type": "array", "items": _object(place), "description": "Where else to look."},
+        }
+    )
+    fix = _object({**place, "old": TEXT, "new": TEXT})
+    finding["properties"]["fix"] = {**fix, "description": "A change that mends it: at the line, old becomes new."}
+    return {"$schema": DIALECT, "title": "Findings, with --format json", "type": "array", "items": finding}

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -98,3 +99,21 @@ def test_what_show_and_doctor_print_follows_its_schema(tmp_path):
     ):
         printed = json.loads(run_here(tmp_path, *arguments).stdout)
         assert [e.message for e in validator(kind).iter_errors(printed)] == []
+
+
+def test_findings_follow_their_schema(tmp_path):
+    """Those of a model with a misspelt unit, which has a fix, and a name that two tasks have, at two places."""
+    text = format_model(small_model()).decode()
+    first = text.index("<task name=")
+    task = text[first : text.index("</task>") + len("</task>")]
+    unit = re.search(r'<unit name="([^"]+)"', text)[1]
+    wrong = text[:first] + task + "\n" + text[first:].replace(f'<units names="{unit}', f'<units names="{unit}x', 1)
+    (tmp_path / "model.xml").write_text(wrong)
+    done = run_here(tmp_path, "validate", "model.xml", "--format", "json")
+    assert done.returncode == 1
+    printed = json.loads(done.stdout or done.stderr)
+    assert [e.message for e in validator("findings").iter_errors(printed)] == []
+    assert any("fix" in finding for finding in printed)
+    assert any(finding["places"] for finding in printed)
+    assert all(finding["subjects"] for finding in printed)
+    assert list(validator("findings").iter_errors([{**printed[0], "subjects": ["a"]}]))
