@@ -4,7 +4,7 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
-from halpipe.pipeline.solve import codes, exact_member, relay, schedule
+from halpipe.pipeline.solve import codes, exact_member, packing, relay, schedule
 from halpipe.pipeline.solve.exact import Answer, ExactResult
 from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -35,6 +35,7 @@ def few_moves(monkeypatch):
     """Let every search end before it has found anything."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 8)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
+    monkeypatch.setattr(packing, "fill", lambda *_: None)
 
 
 def go_on(*progress):
@@ -45,7 +46,7 @@ def test_the_exact_engine_finds_what_the_search_has_not(few_moves):
     found = schedule_model(perfect_fit(), SearchOptions(), go_on)
     assert found.is_complete
     assert found.schedule.solver == "exact"
-    assert [d.code for d in found.diagnostics] == [codes.EXACT_ANSWERED.id]
+    assert [d.code for d in found.diagnostics] == [codes.OTHER_ANSWERED.id]
     assert not [d for d in verify(perfect_fit(), found.schedule) if d.is_error]
     assert schedule_model(perfect_fit(), SearchOptions(), go_on).schedule == found.schedule
 
@@ -70,14 +71,16 @@ def test_any_number_of_workers_gives_the_same(few_moves, workers):
 
 
 def test_turns_grow_to_the_budget():
-    assert list(relay.turns(1600, 1600)) == [(100, 1), (400, 4), (1600, 16)]
-    assert list(relay.turns(1600, 5000)) == [(100, 1), (400, 4), (1600, 16), (5000, 64)]
+    turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000)]
+    assert turns == [(0, 100, 1), (1, 400, 4), (2, 1600, 16), (3, 5000, 64)]
+    assert [turn.fillings for turn in relay.turns(1600, 1600)] == [50, 200, 800]
 
 
 def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
     """The annealer goes on where its last turn ended, as if nobody had been asked in between."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 16_000)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
+    monkeypatch.setattr(packing, "fill", lambda *_: None)
     monkeypatch.setattr(exact_member, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
     in_turns = schedule_model(fuller(), SearchOptions(), go_on)
     monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)

@@ -86,11 +86,11 @@ EXACT_ABSENT = note(
     "Small modes that the annealer does not solve are given to the exact engine, which finds what leaves nothing idle. "
     "It is an optional part: pip install 'halpipe[exact]'.",
 )
-EXACT_ANSWERED = note(
+OTHER_ANSWERED = note(
     "HAL0427",
-    "Schedule comes from the exact engine",
-    "The annealer had not found a schedule of the mode when the exact engine did. Where OR-Tools is missing, or of "
-    "another version, the schedule may be another one, or none is found.",
+    "Schedule does not come from the annealer",
+    "The annealer had not found a schedule of the mode when another engine did: packing, or the exact engine. Where "
+    "OR-Tools is missing, or of another version, the exact engine's schedule may be another one, or none is found.",
 )
 GRID_WHOLE = error(
     "HAL0458",

@@ -1,8 +1,8 @@
-"""The annealer and the exact engine take turns on one mode, each with more work every time.
+"""Annealer, packing and exact engine take turns on one mode, each with more work every time.
 
-Both have sets that cost them an instant and the other for ever: the annealer large ones with room, the exact engine
-small ones that leave nothing idle. Turns are counted in moves and in CP-SAT's own count of work, so that who answers
-depends on the model and the options alone, however many processors there are.
+Each has sets that cost it an instant and the others for ever: the annealer large ones with room, packing those that are
+bin packing, the exact engine small ones that leave nothing idle. Turns are counted in moves, fillings and CP-SAT's
+own count of work, so that who answers depends on the model and the options alone, however many processors there are.
 """
 
 from __future__ import annotations
@@ -27,43 +27,54 @@ FIRST_SHARE = 16
 FIRST_WORK = 1
 """Deterministic seconds of the exact engine in its first turn."""
 
+FIRST_FILLINGS = 50
+"""Fillings that packing tries in its first turn."""
+
 FASTER = 4
 """How many times as much a turn is as the one before."""
 
 
-def turns(least: int, budget: int) -> Iterator[tuple[int, int]]:
-    """Yield how many moves the annealer has made after each of its turns, and the work of the exact engine after it.
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One turn of all: the moves that the annealer has made after it, fillings, and work of the exact engine."""
 
-    With a budget above `least`, which is that of a time limit, they go on and on.
-    """
-    moves, work = max(1, least // FIRST_SHARE), FIRST_WORK
+    number: int
+    moves: int
+    fillings: int
+    work: int
+
+
+def turns(least: int, budget: int) -> Iterator[Turn]:
+    """Yield the turns; with a budget above `least`, which is that of a time limit, they go on and on."""
+    moves, number, scale = max(1, least // FIRST_SHARE), 0, 1
     while True:
-        yield min(moves, budget), work
-        if moves >= budget:
+        yield Turn(number, min(moves * scale, budget), FIRST_FILLINGS * scale, FIRST_WORK * scale)
+        if moves * scale >= budget:
             return
-        moves, work = moves * FASTER, work * FASTER
+        number, scale = number + 1, scale * FASTER
 
 
 def relay(
     look: Callable[[int], Outcome],
-    ask: Callable[[Outcome, int, int], tuple[Job, ...] | None],
+    others: Mapping[str, Callable[[Outcome, Turn], tuple[Job, ...] | None]],
     least: int,
     budget: int,
-) -> tuple[Outcome, tuple[Job, ...] | None]:
-    """Let both take turns; return what the annealer came to, and the jobs that the exact engine found, if it did.
+) -> tuple[Outcome, str, tuple[Job, ...]]:
+    """Let all take turns; return what the annealer came to, and the name and the jobs of another one that succeeded.
 
-    `look` goes on to so many moves in all; `ask` gets the outcome, the number of the turn and its work.
+    `look` goes on to so many moves in all; the others are asked in their order.
     """
     outcome: Outcome | None = None
-    for number, (moves, work) in enumerate(turns(least, budget)):
-        outcome = look(moves)
+    for turn in turns(least, budget):
+        outcome = look(turn.moves)
         if outcome.cost == 0 or outcome.stopped:
             break
-        jobs = ask(outcome, number, work)
-        if jobs is not None:
-            return outcome, jobs
+        for name, ask in others.items():
+            jobs = ask(outcome, turn)
+            if jobs is not None:
+                return outcome, name, jobs
     assert outcome is not None, "there is at least one turn"
-    return outcome, None
+    return outcome, "", ()
 
 
 @dataclass(slots=True)

@@ -16,8 +16,8 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
     EXACT_ABSENT,
-    EXACT_ANSWERED,
     NO_OPTION,
+    OTHER_ANSWERED,
     TICK_DOES_NOT_DIVIDE,
 )
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
@@ -67,13 +67,14 @@ OnProgress = Callable[[str, int, int, int], bool]
 It is called from several threads.
 """
 
-EXACT = "exact"
+EXACT, PACKING = "exact", "packing"
+"""Engines other than the annealer, by their names in a schedule."""
 
 TURN_SEED = 1000
 """Between the seeds of the exact engine's turns; within one, it counts on from its own."""
 
 EXACT_JOBS = 200
-"""Jobs of a mode up to which the exact engine is asked, where it is installed, for what a search has not found."""
+"""Jobs of a mode up to which packing and, where it is installed, the exact engine take turns with the annealer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -246,7 +247,8 @@ def _schedule_mode(
     from halpipe.pipeline.solve.exact_member import solve_after
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.kernel.search import Effort, search
-    from halpipe.pipeline.solve.relay import Memory, relay
+    from halpipe.pipeline.solve.packing import pack
+    from halpipe.pipeline.solve.relay import Memory, Turn, relay
 
     name = expansion.mode.name
     shipped = _shipped(expansion, options)
@@ -257,7 +259,7 @@ def _schedule_mode(
     budget, tasks = options.moves(len(expansion.tasks)), len(expansion.tasks)
     may_ask = options.is_open and tick is None and expansion.job_count <= EXACT_JOBS and has_whole_jobs(model)
     asks_exact = may_ask and is_installed()
-    keeper = Memory(options.keeper) if asks_exact else options.keeper
+    keeper = Memory(options.keeper) if may_ask else options.keeper
 
     def chained() -> Problem:
         return _problem(model, expansion, tick, every_chain=True, pinned=pinned)
@@ -276,21 +278,28 @@ def _schedule_mode(
             Effort(options.portfolio, options.workers),
         )
 
-    def ask(outcome: Outcome, turn: int, work: int) -> tuple[Job, ...] | None:
-        seed = (_mode_seed(options.seed, number, options.attempt) + turn * TURN_SEED) % 2**31
+    def seed_of(turn: Turn) -> int:
+        return (_mode_seed(options.seed, number, options.attempt) + turn.number * TURN_SEED) % 2**31
+
+    def ask_packing(outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
         go_on = lambda: on_progress(name, outcome.moves, budget, outcome.cost)  # noqa: E731
-        effort = ExactEffort(work=work, seed=seed, go_on=go_on, workers=options.workers.count)
+        return pack(model, expansion, seed_of(turn), turn.fillings, go_on)
+
+    def ask_exact(outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
+        go_on = lambda: on_progress(name, outcome.moves, budget, outcome.cost)  # noqa: E731
+        effort = ExactEffort(work=turn.work, seed=seed_of(turn), go_on=go_on, workers=options.workers.count)
         return solve_after(model, expansion, effort)
 
-    if asks_exact:
-        outcome, jobs = relay(look, ask, replace(options, budget=None).moves(tasks), budget)
+    if may_ask:
+        others = {PACKING: ask_packing, **({EXACT: ask_exact} if asks_exact else {})}
+        outcome, engine, jobs = relay(look, others, replace(options, budget=None).moves(tasks), budget)
     else:
-        outcome, jobs = look(budget), None
+        outcome, engine, jobs = look(budget), "", ()
     notes = cut_options(problem) + _changed(expansion, outcome.changed)
-    path, at = about(mode=name), expansion.mode.at
-    if jobs is not None:
-        notes.append(EXACT_ANSWERED("the exact engine answered", at=at, path=path))
-        return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=EXACT)
+    path, at = f'mode "{name}"', expansion.mode.at
+    if engine:
+        notes.append(OTHER_ANSWERED(f"the answer is that of: {engine}", at=at, path=path))
+        return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=engine)
     if may_ask and not asks_exact and outcome.cost:
         help = "pip install 'halpipe[exact]'"
         notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
