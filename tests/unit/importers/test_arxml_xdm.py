@@ -98,6 +98,13 @@ def test_what_is_not_enabled_is_not_set(tmp_path):
     assert codes.NO_TICK.id in {d.code for d in refusal(path).diagnostics}
 
 
+def test_a_list_or_a_module_that_is_not_enabled_is_empty(tmp_path):
+    lists = TASKS.replace('type="MAP">', f'type="MAP">{enable("false")}')
+    assert codes.NO_TASKS.id in {d.code for d in refusal(xdm(tmp_path, "Os", COUNTER, lists, alarm())).diagnostics}
+    path = xdm(tmp_path, "Os", enable("false"), COUNTER, TASKS, alarm())
+    assert codes.NO_TASKS.id in {d.code for d in refusal(path).diagnostics}
+
+
 def mapping(name, event, position, *, offset_enabled="false"):
     return ctr(
         name,

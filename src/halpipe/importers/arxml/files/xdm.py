@@ -79,7 +79,7 @@ class _Translator:
         packages = self._add(result, root, "AR-PACKAGES")
         for package, choice, module in _modules(root):
             definition = _definition(module)
-            if definition.rpartition("/")[2] not in MODULES:
+            if definition.rpartition("/")[2] not in MODULES or not is_set(module):
                 continue
             holder = self._named(packages, package, "AR-PACKAGE", package.get("name") or "")
             elements = self._add(holder, package, "ELEMENTS")
@@ -140,7 +140,7 @@ class _Translator:
             name = part.get("name") or ""
             if _local(part) in ("ctr", "chc") and name:
                 self._container(parent, part, name, f"{definition}/{name}")
-            elif _local(part) == "lst" and name:
+            elif _local(part) == "lst" and name and is_set(part):
                 for number, each in enumerate(part):
                     if _local(each) in ("ctr", "chc"):
                         self._container(parent, each, each.get("name") or f"{name}_{number}", f"{definition}/{name}")
@@ -173,5 +173,5 @@ def _each_value(source: etree._Element) -> Iterator[tuple[str, etree._Element]]:
         name = part.get("name") or ""
         if _local(part) in ("var", "ref"):
             yield name, part
-        elif _local(part) == "lst":
+        elif _local(part) == "lst" and is_set(part):
             yield from ((name, each) for each in part if _local(each) in ("var", "ref"))
