@@ -78,6 +78,7 @@ _WORDS = {
     "resource_load": ("resource-load", "resource"),
     "health_rule_of_task": ("health rule of task", "task"),
     "transition_from": ("transition from", "transition"),
+    "on": ("on", "unit"),
     "publishing": ("publishing", "topic"),
     "subscribing": ("subscribing", "topic"),
     "reaction_to_task": ("reaction to task", "task"),
@@ -104,6 +105,11 @@ def about(within: str = "", **elements: str | int | tuple[str, str]) -> Path:
 def named(kind: str, name: str) -> Path:
     """Return the path of an element whose kind is that of another format, such as ``OsTask "/ecu/os/main"``."""
     return Path(f'{kind} "{name}"', (Subject(kind, shortened(name)),))
+
+
+def version_of(task: str, version: str) -> Path:
+    """Return the path of a version as exporters name it."""
+    return Path(f'task "{task}", version "{version}"', about(task=task, version=version).subjects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,6 +219,11 @@ class Diagnostic:
     def is_error(self) -> bool:
         """Whether this finding stops the work."""
         return self.severity is Severity.ERROR
+
+    def placed(self, at: Location, path: str) -> Diagnostic:
+        """Return the same finding about an element that whoever made it did not know."""
+        subjects = (*(path.subjects if isinstance(path, Path) else ()), *self.subjects)
+        return replace(self, at=at, path=shortened(str(path)), subjects=tuple(dict.fromkeys(subjects)))
 
 
 class HalpipeError(Exception):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about
+from halpipe.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.durations import ZERO
 from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
 from halpipe.exporters.timeline import versions_of
@@ -70,7 +70,7 @@ def refuse_early_phases(model: TaskModel, schedule: Schedule, target: str, help:
         version = versions[task, name]
         if any(access.start > ZERO for access in version.accesses):
             message = f"an access phase begins within its jobs, and jobs may be early; {target}"
-            findings.add(NEEDS_HOLD(message, at=version.at, path=f'task "{task}", version "{name}"', help=help))
+            findings.add(NEEDS_HOLD(message, at=version.at, path=version_of(task, name), help=help))
     findings.stop_on_errors()
 
 

@@ -38,6 +38,7 @@ def test_every_finding_names_file_element_and_remedy(path):
     for finding in validate(read_model(str(path))):
         assert finding.at.file == str(path)
         assert finding.path
+        assert finding.subjects
         assert finding.help
 
 

@@ -11,7 +11,9 @@ from support import ms
 
 def errors(system, plan):
     """The findings that make the schedule invalid, as printed on their first line."""
-    return [render_text(d).splitlines()[0] for d in verify(system, plan) if d.is_error]
+    found = [d for d in verify(system, plan) if d.is_error]
+    assert all(d.subjects or d.path == "schedule" for d in found), "each says what it is about"
+    return [render_text(d).splitlines()[0] for d in found]
 
 
 def codes_found(system, plan):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.deploy.riscv.observation import Outcome
-from halpipe.diagnostics import Findings, about
+from halpipe.diagnostics import Findings, Path, Subject, about
 from halpipe.durations import ZERO
 from halpipe.models import AccessKind
 
@@ -76,9 +76,11 @@ class PlannedJob:
     executions: tuple[PlannedExecution, ...]
 
     @property
-    def path(self) -> str:
+    def path(self) -> Path:
         """How messages name it."""
-        return f'"{self.table.name}", job {self.job.index} of task "{self.job.task}"'
+        table, task, index = self.table.name, self.job.task, self.job.index
+        subjects = (Subject("table", table), Subject("task", task), Subject("job", str(index)))
+        return Path(f'"{table}", job {index} of task "{task}"', subjects)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ compute at that time. Their computing is recorded, too, and excuses exactly as m
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -218,7 +218,7 @@ class _Judge:
 
     def _add(self, found: Diagnostic, job: PlannedJob) -> None:
         """Report something of a job; the same of other cycles is left out."""
-        placed = replace(found, at=job.job.at, path=job.path)
+        placed = found.placed(job.job.at, job.path)
         if (job.table.cycle, job.row) in self._starved:
             return
         if not any((d.code, d.path) == (placed.code, placed.path) for d in self._findings.items):

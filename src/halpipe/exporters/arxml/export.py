@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about
+from halpipe.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.document import (
     add,
@@ -142,7 +142,7 @@ def _refuse_dangling(model: TaskModel) -> None:
     modes = {mode.name for mode in model.modes}
     for task in model.tasks:
         for version in task.versions:
-            path = f'task "{task.name}", version "{version.name}"'
+            path = version_of(task.name, version.name)
             check("unit", version.units, units, path)
             check("resource", (access.resource for access in version.accesses), resources, path)
             check("task", (precedence.task for precedence in version.precedences), versions, path)

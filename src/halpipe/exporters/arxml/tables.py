@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Findings, about, named
+from halpipe.diagnostics import Findings, Path, about, named
 from halpipe.durations import ZERO
 from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
@@ -71,10 +71,10 @@ class Table:
         return not self.target
 
     @property
-    def path(self) -> str:
+    def path(self) -> Path:
         """The table in messages."""
-        of = f'transition from "{self.mode}" to "{self.target}"' if self.target else about(mode=self.mode)
-        return f'{of} on "{self.unit}"'
+        of = about(transition_from=(self.mode, self.target)) if self.target else about(mode=self.mode)
+        return about(of, on=self.unit)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, about
+from halpipe.diagnostics import Findings, about, version_of
 from halpipe.exporters.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
 from halpipe.exporters.linux.priorities import levels_of
@@ -213,7 +213,7 @@ def _program(
         assert version.wcet is not None, "a schedule needs WCETs"
         busy = math.floor(version.wcet.fraction * options.busy / 100)
         return Program(name, target, ("dummy",), (_DUMMY,), (f"BUSY_NS={busy}",), (), ())
-    path = f'task "{task}", version "{version.name}"'
+    path = version_of(task, version.name)
     source = version.source
     if source is None:
         help = 'name them: <source files="task.c" entry="step"/>, or let --busy 50 stand in for programs'

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import version_of
 from halpipe.durations import ZERO
 from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
 from halpipe.exporters.timeline import PhaseTimes
@@ -175,4 +176,4 @@ class _Programs:
         self._findings.add(EARLY_PHASE(text, at=version.at, path=self._path(job), help=help))
 
     def _path(self, job: Job) -> str:
-        return f'task "{job.task}", version "{job.version}"'
+        return version_of(job.task, job.version)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import NOWHERE, Location
+from halpipe.diagnostics import NOWHERE, Location, Path, named
 from halpipe.exporters.regulator.platform import READ, WRITE
 from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import AccessKind
@@ -68,9 +68,9 @@ class Frame:
     at: Location = NOWHERE
 
     @property
-    def path(self) -> str:
+    def path(self) -> Path:
         """How messages call the table."""
-        return f'{self.kind} "{self.name}"'
+        return named(self.kind, self.name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError, version_of
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.backlog import Backlog, find_backlog, too_short
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
@@ -131,7 +131,7 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
         for version in task.versions:
             if (task.name, version.name) in used:
                 linked = tuple(cores[name] for name in cores if name in used[task.name, version.name])
-                path = f'task "{task.name}", version "{version.name}"'
+                path = version_of(task.name, version.name)
                 part = Part(task.name, version, linked, tuple(tree.add(version, path)))
                 if check_phases(version, path, findings) and version.source is not None:
                     check_version(part, clock, findings)

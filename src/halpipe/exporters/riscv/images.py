@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Findings, Location
+from halpipe.diagnostics import Diagnostic, Findings, Location, Path, version_of
 from halpipe.durations import ZERO
 from halpipe.exporters.riscv.codes import (
     COMPILE_FAILED,
@@ -55,9 +55,9 @@ class Part:
     sources: tuple[str, ...]
 
     @property
-    def path(self) -> str:
+    def path(self) -> Path:
         """The version's name in diagnostics."""
-        return f'task "{self.task}", version "{self.version.name}"'
+        return version_of(self.task, self.version.name)
 
     @property
     def symbols(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, version_of
 from halpipe.durations import ZERO, Duration
 from halpipe.exporters.riscv.bundle import stage_runtime
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
@@ -94,7 +94,7 @@ def _parts(model: TaskModel, profile: Profile, tree: SourceTree) -> list[Part]:
     for task in model.tasks:
         for version in task.versions:
             if (task.name, version.name) in used:
-                path = f'task "{task.name}", version "{version.name}"'
+                path = version_of(task.name, version.name)
                 found.append(Part(task.name, version, (core,), tuple(tree.add(version, path))))
     return found
 
@@ -151,5 +151,5 @@ def _windows_from_start(
                     message = f'the window {window.min} - {window.max} counts from the start of "{window.task}", '
                     message += f"which is up to {growth[window.task]} longer now"
                     help = 'shift the window, or count it from the end: from="end"'
-                    path = f'task "{task.name}", version "{version.name}"'
+                    path = version_of(task.name, version.name)
                     yield WINDOW_FROM_START(message, at=window.at, path=path, help=help)

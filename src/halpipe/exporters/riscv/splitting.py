@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.diagnostics import about, version_of
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.exporters.codes import NEEDS_HOLD
 from halpipe.exporters.riscv.codes import IMAGE_TOO_LARGE, PHASE_ORDER
@@ -72,7 +72,7 @@ def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> No
     """Collect the jobs with gaps that cannot be held at the end of a part."""
     for task, name in sorted(gapped_versions(schedule)):
         version = model.task(task).version(name)
-        path = f'task "{task}", version "{name}"'
+        path = version_of(task, name)
         if version.split.anywhere:
             help = "state split points, <split points=...>, and name a function for each piece in the entry"
             message = "its jobs have gaps anywhere; a job can be held where one of its functions has returned only"

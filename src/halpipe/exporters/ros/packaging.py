@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, about
+from halpipe.diagnostics import Findings, about, version_of
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
@@ -77,7 +77,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     for task, version in keys:
         if (task, version) in gapped and model.task(task).version(version).split.points:
             help = "let the job be interrupted anywhere, or schedule it without gaps: a callback is one function"
-            path = f'task "{task}", version "{version}"'
+            path = version_of(task, version)
             text = "jobs have gaps at split points; a callback cannot be held there until its next part begins"
             findings.add(SPLIT_CALLBACK(text, at=model.task(task).at, path=path, help=help))
     findings.stop_on_errors()

@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 from urllib.parse import unquote_plus
 
-from halpipe.diagnostics import Location
+from halpipe.diagnostics import Location, Path, Subject, named
 from halpipe.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import few
@@ -120,8 +120,8 @@ class Item:
         while not self.name and owner is not None and not owner.name:
             owner = owner.owner
         if self.name or owner is None:
-            return f'{self.kind} "{self.name}"' if self.name else self.kind
-        return f'{self.kind} in {owner.kind} "{owner.name}"'
+            return named(self.kind, self.name) if self.name else self.kind
+        return Path(f'{self.kind} in {owner.kind} "{owner.name}"', (Subject(owner.kind, owner.name),))
 
     def get(self, attribute: str) -> str:
         """Return the text of an attribute, empty when absent."""
