@@ -32,7 +32,7 @@ DEFAULTS: Mapping[str, Mapping[str, str]] = {
     "table": {"depth": "1024"},
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1"},
+    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
     "mpam": {"width": "8", "partids": "32", "base": "0x0"},
 }

@@ -47,7 +47,7 @@ _SETTINGS: dict[str, dict[str, str]] = {
     "table": {"depth": "1024"},
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1"},
+    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
     "mpam": {"width": "8", "partids": "32", "base": "0x0"},
 }
@@ -373,6 +373,7 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("axi-realm", "base"): _address,
     ("qos400", "clock"): _frequency_text,
     ("qos400", "granularity"): Words("mode", "phase"),
+    ("memguard", "granularity"): Words("mode", "phase"),
     ("qos400", "burstiness"): _at_least(1, 2**16 - 1),
     ("memguard", "line"): _size_text,
     ("memguard", "period"): _period,

@@ -34,6 +34,7 @@ SETTINGS = {
     "qos400": "qos400: {clock: 2MHz}",
     "qos400-phase": "qos400: {clock: 2MHz, granularity: phase}",
     "memguard": "memguard: {cores: 4}",
+    "memguard-phase": "memguard: {cores: 4, granularity: phase}",
     "resctrl": "resctrl: {others: 1 2}",
     "resctrl-mpam": "resctrl: {kind: mpam, width: 6}",
     "mpam": "mpam: {width: 6, partids: 8, base: 0x1000}",
@@ -63,7 +64,7 @@ def exported(tmp_path_factory):
     for name, setting in SETTINGS.items():
         path = folder / f"{name}.yaml"
         path.write_text(PLATFORM + setting + "\n")
-        backend = name.removesuffix("-phase") if "qos" in name else name.removesuffix("-mpam")
+        backend = name.removesuffix("-phase").removesuffix("-mpam")
         found[name] = (
             backend,
             RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend=backend)),
@@ -238,3 +239,30 @@ def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
     code, said, _ = load(f"{at:x}")
     assert code == 1
     assert f"register {at - base:#05x} is 0x12345, not {value:#010x}" in said
+
+
+def test_memguard_by_phase_serves_phases_that_take_turns(tmp_path):
+    """Each of two cores reads half of the time; together at once they are above the capacity."""
+    path = tmp_path / "p.yaml"
+    tight = (
+        PLATFORM.replace("capacity: 16MB/s\n", "capacity: 10.5MB/s\n")
+        + "memguard: {cores: 3, write-backs: 0, granularity: %s}\n"
+    )
+    a = task("a", 40, version("v", 10, "u1", access("mem", 0, 10, 1, "read")))
+    b = task("b", 40, version("v", 10, "u2", access("mem", 0, 10, 1, "read")))
+    m = model(a, b, units="u1 u2 u3", resources="mem")
+    s = schedule(m, 40, job(m, "a", 0, 0, "u1"), job(m, "b", 0, 20, "u2"))
+    path.write_text(tight % "mode")
+    options = RegulatorOptions(platform=str(path), backend="memguard")
+    with pytest.raises(HalpipeError) as refused:
+        RegulatorExporter().write(m, s, options)
+    assert "granularity: phase" in refused.value.diagnostics[0].help
+    path.write_text(tight % "phase")
+    files = RegulatorExporter().write(m, s, options)
+    assert DEPLOYMENT.check(bundles.target(files), CheckOptions()).diagnostics == ()
+    name = next(file for file in sorted(files) if file.startswith("memguard/0-"))
+    script = files[name].decode()
+    millis = [int(ns) // 10**6 for ns in re.findall(r"# from (\d+) ns on", script)]
+    assert millis == [0, 10, 19, 30, 39]  # a period before the phases at 20 and at 40, so that each core has taken it
+    late = {**files, name: script.replace("from 19000000 ns", "from 20000000 ns").encode()}
+    assert codes.GRANTS_DIFFER.id in ids(late)

@@ -81,6 +81,29 @@ def take(case: Case, script: Script, begin: Sequence[str]) -> Iterator[Line]:
     case.note(NOT_UNDERSTOOD, script.name, f'ends before "{begin[len(script.lines)]}"')
 
 
+def choices(case: Case, script: Script, lines: Sequence[Line]) -> Iterator[tuple[int, list[Line]]]:
+    """Yield the settings of a script with the nanosecond from which on each holds; without choices there is one."""
+    if not lines or lines[0].text != 'case "$1" in':
+        yield 0, list(lines)
+        return
+    number = 0
+    block: tuple[int, list[Line]] | None = None
+    for place, line in enumerate(lines[1:-2]):
+        begins = re.fullmatch(r"(\d{1,9})\) # from (\d{1,18})(?:/\d+|\.\d+)? ns on", line.text)
+        if begins and block is None and int(begins[1]) == number:
+            block, number = (int(begins[2]), []), number + 1
+        elif line.text == "  ;;" and block is not None:
+            yield block
+            block = None
+        elif block is not None:
+            block[1].append(line)
+        else:
+            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}" at {place}', line=line.number)
+    closing = [f'*) echo "usage: $0 0..{number - 1}" >&2; exit 2 ;;', "esac"]
+    if block is not None or [line.text for line in lines[-2:]] != closing:
+        case.note(NOT_UNDERSTOOD, script.name, "does not end as documented")
+
+
 def check_loader(case: Case, script: Script, base: str, guard: str) -> None:
     """Note where the script that loads the others does not write, read back and stop as documented."""
     skips = (f'  [ "$offset" != {guard} ] || continue',) if guard else ()

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
+from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
-from halpipe.deploy.regulator.devices.loading import scripts_of, take
-from halpipe.deploy.regulator.promise import ZERO
+from halpipe.deploy.regulator.devices.loading import choices, scripts_of, take
+from halpipe.deploy.regulator.promise import ZERO, rate_steps
 from halpipe.diagnostics import about
 from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
+    from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.devices import Case
     from halpipe.deploy.regulator.devices.loading import Line, Script
     from halpipe.deploy.regulator.reading import Table
@@ -108,28 +110,78 @@ def execute(case: Case) -> None:
         script = numbered.get(plan.table.index)
         if script is None:
             continue
-        lines = _limits(case, script, ("set -e", FOLDER, *PUT))
-        formers = case.tables.before(plan.table)
+        formers = [final.get(t.index, {}) for t in case.tables.before(plan.table)]
+        _table(case, module, plan, script, formers)
+
+
+def _table(case: Case, module: Module, plan: Planned, script: Script, formers: list[Limits]) -> None:
+    """Execute the settings of a table one after the other, and hold each against what is promised meanwhile."""
+    name, table = script.name, plan.table
+    settings = list(choices(case, script, list(take(case, script, ("set -e", FOLDER, *PUT)))))
+    promised = _promised(case, module, plan)
+    if [instant for instant, _ in settings] != [instant for instant, _ in promised]:
+        have, want = (" ".join(str(instant) for instant, _ in found) for found in (settings, promised))
+        case.note(
+            GRANTS_DIFFER, name, f"has settings from {have} ns on, needed are {want}", path=about(table=table.name)
+        )
+    after, known = Module(case), [limits for _, limits in promised]
+    for (_, block), wanted in zip(settings, known, strict=False):
+        lines = _limits(case, script, block)
         for former in formers:
-            _rise(case, script.name, plan.table, final.get(former.index, {}), lines)
-        after = Module(case)
+            _rise(case, name, table, former, lines)
         writes: list[tuple[str, int]] = []
         for line, direction, text in lines:
             case.steps += 1
             before = dict(after.limits)
             refused = after.write(direction, text) or ("changes no limit" if after.limits == before else "")
             if refused:
-                case.note(DEVICE_REFUSES, script.name, refused, line=line.number)
+                case.note(DEVICE_REFUSES, name, refused, line=line.number)
             writes += [(owner, n) for owner, n in after.limits.items() if owner.endswith(direction)]
-        rates.fall_first(case, script.name, plan.table, writes, [final.get(t.index, {}) for t in formers])
-        promised = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
-        _compare(case, script.name, plan.table, after, _wanted(module, promised))
+        rates.fall_first(case, name, table, writes, formers)
+        _compare(case, name, table, after, wanted)
+        formers = [dict(after.limits)]
+    if table.successor == table.index and known:
+        known = [known[-1], *known]
+    for one, other in pairwise(known):  # until a core's period ends, it has the limit of the setting before
+        granted = {owner: module.rate(max(n, other[owner])) for owner, n in one.items()}
+        rates.hold(case, name, table, granted, " while one setting follows the other")
 
 
-def _limits(case: Case, script: Script, begin: tuple[str, ...]) -> list[tuple[Line, str, str]]:
+def _promised(case: Case, module: Module, plan: Planned) -> list[tuple[int, Limits]]:
+    """Return the limits that are needed and from when on: once, or (granularity: phase) whenever they change.
+
+    A core takes a limit at the end of its period, whenever that is: between one setting and a period after the next.
+    """
+    if case.facts.settings["memguard"]["granularity"] != "phase":
+        highest = {f"{u} {d}": rate for (u, d), rate in rates.peaks(case, plan).items()}
+        return [(0, _wanted(module, highest))]
+    span, period = plan.timeline.span, int(module.period * 1000)
+    steps = {row: rate_steps(plan.timeline, phases) for row, phases in plan.timeline.by_row().items()}
+    found: list[tuple[int, Limits]] = []
+    for begin in range(0, ceil(span), period):
+        end = min(Fraction(begin + period), span) + period
+        needed = {}
+        for (unit, direction), several in steps.items():
+            ends = [*(instant for instant, _ in several[1:]), span]
+            needed[f"{unit} {direction}"] = case.facts.guaranteed * max(
+                (
+                    rate
+                    for (start, rate), stop in zip(several, ends, strict=True)
+                    for turn in range(ceil(end / span) if plan.timeline.circular else 1)
+                    if start + turn * span < end and stop + turn * span > begin
+                ),
+                default=ZERO,
+            )
+        limits = _wanted(module, needed)
+        if not found or found[-1][1] != limits:
+            found.append((begin, limits))
+    return found
+
+
+def _limits(case: Case, script: Script, lines: list[Line]) -> list[tuple[Line, str, str]]:
     found = []
-    for line in take(case, script, begin):
-        match = LINE.fullmatch(line.text)
+    for line in lines:
+        match = LINE.fullmatch(line.text.strip())
         if match is None:
             case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}"', line=line.number)
         else:
@@ -141,7 +193,7 @@ def _last(case: Case, script: Script) -> Limits:
     """Return the limits that a script leaves behind, as far as the module takes them."""
     module = Module(case)
     for line in script.lines:
-        match = LINE.fullmatch(line.text)
+        match = LINE.fullmatch(line.text.strip())
         if match:
             module.write(match[1], match[2])
     return module.limits
@@ -187,7 +239,7 @@ def _set_up(case: Case, module: Module, script: Script) -> None:
     )
     begin = ("set -e", cores, f"insmod memguard.ko g_period_us={module.period}", FOLDER, *PUT)
     switches = ("echo exclusive 0 > control", "echo reclaim 0 > control")
-    for line, direction, text in _limits(case, script, (*begin, *switches)):
+    for line, direction, text in _limits(case, script, list(take(case, script, (*begin, *switches)))):
         case.steps += 1
         former = dict(module.limits)
         refused = module.write(direction, text) or ("changes no limit" if module.limits == former else "")

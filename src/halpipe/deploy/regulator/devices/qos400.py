@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
-from halpipe.deploy.regulator.devices.loading import header_number, header_of, scripts_of
+from halpipe.deploy.regulator.devices.loading import choices, header_number, header_of, scripts_of
 from halpipe.deploy.regulator.facts import setting_frequency
 from halpipe.deploy.regulator.promise import rate_steps
 from halpipe.diagnostics import about
@@ -103,27 +103,8 @@ def _script(case: Case, owners: dict[str, str], script: Script) -> Iterator[Bloc
     lines = list(script.lines)
     if not lines or lines[0].text != "set -e":
         case.note(NOT_UNDERSTOOD, script.name, 'does not begin with "set -e"')
-    lines = lines[1:]
-    if not lines or lines[0].text != 'case "$1" in':
-        yield 0, [order for line in lines for order in _command(case, owners, script, line)]
-        return
-    number = 0
-    block: Block | None = None
-    closing = ['*) echo "usage: $0 0..{last}" >&2; exit 2 ;;', "esac"]
-    for place, line in enumerate(lines[1:-2]):
-        begins = re.fullmatch(r"(\d{1,9})\) # from (\d{1,18})(?:/\d+|\.\d+)? ns on", line.text)
-        if begins and block is None and int(begins[1]) == number:
-            block, number = (int(begins[2]), []), number + 1
-        elif line.text == "  ;;" and block is not None:
-            yield block
-            block = None
-        elif block is not None:
-            block[1].extend(_command(case, owners, script, line))
-        else:
-            case.note(NOT_UNDERSTOOD, script.name, f'is "{line.text[:60]}" at {place}', line=line.number)
-    closing[0] = closing[0].format(last=number - 1)
-    if block is not None or [line.text for line in lines[-2:]] != closing:
-        case.note(NOT_UNDERSTOOD, script.name, "does not end as documented")
+    for instant, block in choices(case, script, lines[1:]):
+        yield instant, [order for line in block for order in _command(case, owners, script, line)]
 
 
 def _command(case: Case, owners: dict[str, str], script: Script, line: Line) -> Iterator[Order]:

@@ -3,7 +3,8 @@
 Limits are written as events, not as MB/s: the module's own conversion divides 10^6 by the period in integers and is
 wrong unless it divides. A limit of 0 is rejected, and cores that a line does not reach keep what they had, which after
 loading is no limit at all; so every line has every core. The period is not aligned with the schedule, so each mode has
-one limit per core, that of its largest bound, rounded up.
+one limit per core, that of its largest bound, rounded up; or with ``granularity: phase``, one for each stretch of
+periods.
 
 What a core reads it may write back: without room for its write-backs it would stall at the first of them. Reads, and
 accesses of no kind, therefore bring `write-backs` lines written for each line read with them.
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import file_names, predecessors, render
-from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of
+from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
@@ -64,7 +65,8 @@ class MemGuard:
         return {
             "period_us": _period(tables.platform),
             "cores": _count(tables),
-            "events": {t.name: {d: _events(tables, t, d) for d in DIRECTIONS} for t in tables.tables},
+            "events": {t.name: {d: _events(tables, peaks(t.frame), d) for d in DIRECTIONS} for t in tables.tables},
+            "settings": {t.name: len(_settings(tables, t)) for t in tables.tables},
         }
 
     def write(self, tables: Tables, digest: str) -> dict[str, bytes]:
@@ -74,7 +76,8 @@ class MemGuard:
         period = _period(tables.platform)
         files = {"setup.sh": render("memguard_setup.sh.j2", period=period, limits=defaults, **values)}
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
-            files[f"{stem}.sh"] = render("memguard.sh.j2", table=table, limits=list(_lines(tables, table)), **values)
+            blocks = list(_blocks(tables, table))
+            files[f"{stem}.sh"] = render("memguard.sh.j2", table=table, blocks=blocks, **values)
         return files
 
 
@@ -102,9 +105,9 @@ def _bytes(platform: Platform, rate: Fraction) -> Fraction:
     return rate * _period(platform) / 10**6
 
 
-def _events(tables: Tables, table: Table, direction: str) -> list[int]:
-    """Return the events per period of every core: the largest bound of the table, rounded up to lines."""
-    cores, highest = _cores(tables), peaks(table.frame)
+def _events(tables: Tables, highest: Mapping[Row, Fraction], direction: str) -> list[int]:
+    """Return the events per period of every core for the largest bounds of a stretch, rounded up to lines."""
+    cores = _cores(tables)
     line, backs = _line(tables.platform), _write_backs(tables.platform)
 
     def events(unit: str, direction: str) -> int:
@@ -135,21 +138,55 @@ def _defaults(tables: Tables) -> dict[str, list[int]]:
     return found
 
 
-def _lines(tables: Tables, table: Table) -> Iterator[tuple[str, list[int]]]:
-    """Yield the limits to write: those that fall, of reads and writes, before those that rise."""
+Limits = dict[tuple[str, int], int]
+"""Events per period by direction and core."""
 
-    def all_of(table: Table) -> dict[tuple[str, int], int]:
-        return {(d, core): n for d in DIRECTIONS for core, n in enumerate(_events(tables, table, d))}
 
-    new = all_of(table)
-    floors = dict(new)
-    for setting in [all_of(t) for t in predecessors(tables, table)]:
-        floors = {key: min(value, setting[key]) for key, value in floors.items()}
-    for d in DIRECTIONS:
-        yield d, [floors[d, core] for core in range(_count(tables))]
-    for d in DIRECTIONS:
-        if any(new[d, core] != floors[d, core] for core in range(_count(tables))):
-            yield d, [new[d, core] for core in range(_count(tables))]
+def _settings(tables: Tables, table: Table) -> list[tuple[int, Limits]]:
+    """Return what is set from which nanosecond of a table on: once, or (granularity: phase) as bounds change.
+
+    What is written holds from the next end of a period on, which comes at any time within a period, and until that of
+    the next setting. So a setting has the largest bounds from its instant to a period after the next one.
+    """
+
+    def all_of(highest: Mapping[Row, Fraction]) -> Limits:
+        return {(d, core): n for d in DIRECTIONS for core, n in enumerate(_events(tables, highest, d))}
+
+    if tables.platform.settings[MemGuard.name]["granularity"] != "phase":
+        return [(0, all_of(peaks(table.frame)))]
+    period, span = _period(tables.platform) * 1000, tables.grid.ns(table.frame.span)
+    stretches = [(tables.grid.ns(segment.begin), segment.bounds) for segment in segments(table.frame)]
+    found: list[tuple[int, Limits]] = []
+    for begin in range(0, ceil(span), period):
+        end = min(Fraction(begin + period), span) + period
+        turns = ceil(end / span) if table.successor == table.index else 1
+        highest: dict[Row, Fraction] = {}
+        for turn in range(turns):
+            ends = [*(start for start, _ in stretches[1:]), span]
+            for (start, bounds), stop in zip(stretches, ends, strict=True):
+                if start + turn * span < end and stop + turn * span > begin:
+                    highest |= {row: max(bound, highest.get(row, Fraction(0))) for row, bound in bounds.items()}
+        limits = all_of(highest)
+        if not found or found[-1][1] != limits:
+            found.append((begin, limits))
+    return found
+
+
+def _blocks(tables: Tables, table: Table) -> Iterator[tuple[int, list[tuple[str, list[int]]]]]:
+    """Yield each setting with the limits to write: those that fall, of reads and writes, before those that rise."""
+
+    def lines(limits: Limits) -> list[tuple[str, list[int]]]:
+        return [(d, [limits[d, core] for core in range(_count(tables))]) for d in DIRECTIONS]
+
+    before = [_settings(tables, t)[-1][1] for t in predecessors(tables, table)]
+    for instant, new in _settings(tables, table):
+        floors = {key: min([value, *(setting[key] for setting in before)]) for key, value in new.items()}
+        falls = lines(floors)
+        rises = [line for line in lines(new) if line not in falls]
+        if instant:  # what is in force is known, and only what changes is written
+            falls = [line for line in falls if line not in lines(before[0])]
+        yield instant, [*falls, *rises]
+        before = [new]
 
 
 # ------------------------------------------------------------------------------------------------- checks
@@ -190,22 +227,32 @@ def _check_period(platform: Platform) -> Iterator[Diagnostic]:
 
 
 def _check_limits(tables: Tables, table: Table) -> Iterator[Diagnostic]:
+    """Yield limits that do not go into a line, and settings that may be in force together above the capacity."""
     p, cores, line = tables.platform, _cores(tables), _line(tables.platform)
-    highest = peaks(table.frame)
-    given: dict[str, Fraction] = {}
+    settings = [limits for _, limits in _settings(tables, table)]
     for d in DIRECTIONS:
-        events = _events(tables, table, d)
-        for core, number in enumerate(events):
-            given[f"{cores.get(core, f'core {core}')} {d}"] = Fraction(number * line * 10**6, _period(p))
+        events = [max(limits[d, core] for limits in settings) for core in range(_count(tables))]
         text = " ".join(map(str, events))
         if len(text) > LONGEST_LINE or max(events) >= 2**31:
             message = f"the limits of {len(events)} cores are {len(text)} characters; the module takes {LONGEST_LINE}"
             help = "use a shorter period, or leave cores out of the system"
             yield RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)
-    promised: Mapping[str, Fraction] = dict.fromkeys(given, Fraction(0)) | {
+    highest = peaks(table.frame)
+
+    def rates(limits: Limits) -> dict[str, Fraction]:
+        return {
+            f"{cores.get(core, f'core {core}')} {d}": Fraction(n * line * 10**6, _period(p))
+            for (d, core), n in limits.items()
+        }
+
+    repeats = table.successor == table.index
+    pairs = zip(settings, [settings[-1] if repeats else settings[0], *settings], strict=False)
+    given = max(({k: max(n, b[k]) for k, n in a.items()} for a, b in pairs), key=lambda limits: sum(limits.values()))
+    promised: Mapping[str, Fraction] = dict.fromkeys(rates(given), Fraction(0)) | {
         f"{row.unit} {row.direction}": rate_of(tables, bound) for row, bound in highest.items()
     }
-    backs = p.settings[MemGuard.name]["write-backs"]
+    backs, grain = p.settings[MemGuard.name]["write-backs"], p.settings[MemGuard.name]["granularity"]
     other = f'state "memguard: {{write-backs: ...}}", measured, which is {backs} lines written per line read'
-    if sum(given.values()) > limit_of(tables):
-        yield from over_limit(tables, table, given, promised, other)
+    other = other if grain == "phase" else f'set "memguard: {{granularity: phase}}", or {other}'
+    if sum(rates(given).values()) > limit_of(tables):
+        yield from over_limit(tables, table, rates(given), promised, other)
