@@ -6,6 +6,6 @@ is measured (seconds) stands apart from it everywhere, so that two runs can be c
 
 from halpipe.bench.instance import Instance, measure
 from halpipe.bench.results import Report, report
-from halpipe.bench.suites import SUITES, Row
+from halpipe.bench.suites import SUITES, Row, given_rows
 
-__all__ = ["SUITES", "Instance", "Report", "Row", "measure", "report"]
+__all__ = ["SUITES", "Instance", "Report", "Row", "given_rows", "measure", "report"]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -14,18 +16,21 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.bench import jobshop
 from halpipe.diagnostics import HalpipeError
+from halpipe.durations import Duration
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.files import sha256, write_output
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
+from halpipe.pipeline.measure.circle import Instants
+from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from halpipe.bench.suites import Cell
-    from halpipe.models import TaskModel
+    from halpipe.models import ModeSchedule, Schedule, TaskModel
 
 _SECOND = 10**9
 _KERNEL = "halpipe.pipeline.solve.kernel.kernel"
@@ -48,6 +53,7 @@ class Instance:
     limit: int
     exact_seconds: int
     exact_workers: int
+    quality: Quality = Quality.FIRST
 
 
 def measure(instance: Instance) -> dict[str, Any]:
@@ -83,7 +89,7 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
     begin = perf_counter_ns()
     deadline = begin + instance.limit * _SECOND
     budget = UNBOUNDED if instance.budget is None and instance.limit else instance.budget
-    options = SearchOptions(seed=instance.seed, budget=budget)
+    options = SearchOptions(seed=instance.seed, budget=budget, quality=instance.quality)
     with _kernel_watch() as kernel:
         try:
             model = read_model(source)
@@ -97,6 +103,7 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
         write_output(target, text)
         result["schedule_sha256"] = sha256(text)
         result["solver"] = found.schedule.solver
+        result |= _of_parts(model, found.schedule)
     timing["whole_ns"] = perf_counter_ns() - begin
     timing["kernel_ns"] = kernel[0]
     result["outcome"] = VALID if found.is_complete else STOPPED if found.stopped else NOT_FOUND
@@ -104,6 +111,40 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
         timing["moves"] = found.moves  # how far it came within the limit is the machine's
     else:
         result["moves"] = found.moves
+
+
+def _of_parts(model: TaskModel, schedule: Schedule) -> dict[str, Any]:
+    """Return of a schedule with gaps how many there are in a second, and of each chain its latencies.
+
+    Reaction time, data age, and forward latency: from the start of a job to the end of what its data reach first.
+    """
+    gaps = sum(len(job.parts) - 1 for mode in schedule.modes for job in mode.jobs if job.parts)
+    if not gaps:
+        return {}
+    length = sum(mode.hyperperiod.fraction for mode in schedule.modes)
+    tasks = {chain.name: chain.tasks for chain in model.chains}
+    chains = {
+        chain.name: [str(chain.reaction), str(chain.age), str(_forward(mode, tasks[chain.name]))]
+        for mode in schedule.modes
+        for chain in mode.chains
+    }
+    return {"gaps_per_second": round(gaps * _SECOND / length), "chains": chains}
+
+
+def _forward(mode: ModeSchedule, tasks: Sequence[str]) -> Duration:
+    jobs = [[job for job in mode.jobs if job.task == task] for task in tasks]
+    scale = mode.hyperperiod.fraction.denominator
+    scale = math.lcm(scale, *(t.fraction.denominator for each in jobs for job in each for t in (job.start, job.end)))
+    ticks = [[(int(job.start.fraction * scale), int(job.end.fraction * scale)) for job in each] for each in jobs]
+    cycle = int(mode.hyperperiod.fraction * scale)
+    starts = [Instants.of(((start, n) for n, (start, _) in enumerate(each)), cycle) for each in ticks]
+    worst = 0
+    for start, end in ticks[0]:
+        for each, instants in zip(ticks[1:], starts[1:], strict=True):
+            begin, number = instants.at_or_after(end)
+            end = begin + each[number][1] - each[number][0]
+        worst = max(worst, end - start)
+    return Duration(Fraction(worst, scale))
 
 
 @contextmanager

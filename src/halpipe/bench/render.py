@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from halpipe.bench.real import PUBLISHED, Waters2019
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -28,6 +30,7 @@ def outputs(report: Report) -> dict[str, bytes]:
     plot = _render("plot.svg.j2", escape=True, **_plot(report))
     shared = {"report": report, "columns": _columns(report), "table": _table(report), "facts": _facts(report)}
     shared["has_exact"] = _has_exact(report)
+    shared["chains"] = _chains(report)
     contents = (
         report.to_json(),
         _render("table.md.j2", escape=False, **shared),
@@ -56,6 +59,8 @@ def _columns(report: Report) -> list[str]:
     columns += ["whole, median", "whole, worst"]
     if _has_paper(report):
         columns.append("paper (Table III)")
+    if _has_gaps(report):
+        columns.append("gaps per second, median")
     if _has_goals(report):
         columns += ["goal", "met"]
     if _has_exact(report):
@@ -80,6 +85,9 @@ def _cells(report: Report, result: RowResult) -> Iterator[str]:
         yield _NONE if spread is None else duration_text(spread.greatest)
     if _has_paper(report):
         yield _NONE if row.paper_seconds is None else "{}..{} s".format(*row.paper_seconds)
+    if _has_gaps(report):
+        gaps = result.gaps_per_second
+        yield _NONE if gaps is None else str(gaps.median)
     if _has_goals(report):
         share = f"{row.goal_success * 100} %"
         goal = row.goal_kernel or (f"{row.goal_whole} in all" if row.goal_whole else None)
@@ -97,6 +105,23 @@ def _cells(report: Report, result: RowResult) -> Iterator[str]:
 
 def _has_paper(report: Report) -> bool:
     return any(result.row.paper_seconds for result in report.rows)
+
+
+def _has_gaps(report: Report) -> bool:
+    return any(result.gaps_per_second is not None for result in report.rows)
+
+
+def _chains(report: Report) -> list[tuple[str, ...]]:
+    """Return for every chain of every row its latencies, and the forward latency published for it, if any."""
+    return [
+        (result.row.name, name, *latencies, str(PUBLISHED.get(name, _NONE)) if _is_waters(result) else _NONE)
+        for result in report.rows
+        for name, latencies in result.chains.items()
+    ]
+
+
+def _is_waters(result: RowResult) -> bool:
+    return any(isinstance(cell, Waters2019) for cell in result.row.cells)
 
 
 def _has_goals(report: Report) -> bool:

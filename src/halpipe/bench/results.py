@@ -68,6 +68,17 @@ class RowResult:
     ratios: tuple[Ratio, ...]
 
     @property
+    def gaps_per_second(self) -> Spread | None:
+        """How often jobs are interrupted, of the schedules found that have gaps."""
+        return Spread.of(r["result"]["gaps_per_second"] for r in self.records if "gaps_per_second" in r["result"])
+
+    @property
+    def chains(self) -> Mapping[str, Sequence[str]]:
+        """Of each chain reaction time, data age and forward latency, in the first schedule found that has gaps."""
+        found = (record["result"]["chains"] for record in self.records if "chains" in record["result"])
+        return next(iter(found), {})
+
+    @property
     def median_ratio(self) -> Ratio | None:
         """The median of the ratios, a bound if any up to it is one; None where CP-SAT and the search solved nothing."""
         if not self.ratios:
@@ -140,6 +151,7 @@ def instances(
             limit=limit,
             exact_seconds=exact_seconds if place < exact_seeds else 0,
             exact_workers=exact_workers,
+            quality=row.quality,
         )
         for row in rows
         for number, parameters in enumerate(row.cells, 1)

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 from halpipe.bench.families import FINE, FullSlack, ManyVersions, PerfectFit, Rectangles, RigidChains
 from halpipe.bench.real import Engine, EngineControl, Waters2019
 from halpipe.durations import Duration, milliseconds, seconds
+from halpipe.importers.native import read_model
 from halpipe.models import Binding
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
+from halpipe.pipeline.solve.goals import Quality
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from halpipe.models import TaskModel
 
@@ -41,6 +43,25 @@ class Row:
     paper_seconds: tuple[int, int] | None = None
     is_open: bool = False
     """Whether the time limit alone ends a search, as with `schedule --time-limit`, and not a number of moves."""
+    quality: Quality = Quality.FIRST
+    """What a search goes on for, as with `schedule --quality`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """A model of the user's: one system, whatever the seed."""
+
+    path: str
+
+    def draw(self, seed: int) -> TaskModel:
+        """Return the model."""
+        del seed
+        return read_model(self.path)
+
+
+def given_rows(paths: Sequence[str]) -> tuple[Row, ...]:
+    """Return a row for each model of the user's, such as imported systems."""
+    return tuple(Row(name=read_model(path).name, cells=(Given(path),)) for path in paths)
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +218,7 @@ def _real() -> Iterator[Row]:
         goal_whole=seconds(30),
     )
     yield Row(name="WATERS 2019, pieces of at most 5 ms", cells=(Waters2019(),), goal_whole=seconds(10))
+    yield Row(name="WATERS 2019, --quality cost", cells=(Waters2019(),), quality=Quality.COST)
     cells = [cell for experiment in TABLE_III for cell in experiment.cells]
     for percent in (60, 70):
         bound = tuple(Bound(cell) for cell in cells if cell.utilisation == Fraction(percent, 100))

@@ -32,6 +32,9 @@ def bench(
     ],
     folder: Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Where table, plot and results go.")],
     row: Annotated[list[str] | None, typer.Option(help="Only rows whose names contain this; repeatable.")] = None,
+    model: Annotated[
+        list[str] | None, typer.Option(metavar="FILE", help="A row for this model as well, as imported; repeatable.")
+    ] = None,
     seeds: Annotated[int, typer.Option(min=1, help="Sets of each cell.")] = 20,
     first_seed: Annotated[int, typer.Option(min=0, help="Seed of the first set.")] = 101,
     budget: Annotated[int, typer.Option(min=1, help="Moves per task before a search gives up.")] = 20_000,
@@ -60,7 +63,7 @@ def bench(
     from halpipe.files import write_outputs
 
     output.choose(format, quiet=quiet, verbose=verbose)
-    rows = _rows(suite, row or [])
+    rows = _rows(suite, row or [], model or [])
     work = instances(
         rows, range(first_seed, first_seed + seeds), budget=budget, limit=limit,
         exact_seconds=exact_seconds, exact_seeds=exact_seeds, exact_workers=exact_workers,
@@ -92,15 +95,16 @@ def _refuse_foreign(folder: Path) -> None:
         refuse_foreign(str(folder / name), lambda content: False)
 
 
-def _rows(suite: str, wanted: Sequence[str]) -> list[Row]:
-    from halpipe.bench import SUITES
+def _rows(suite: str, wanted: Sequence[str], models: Sequence[str]) -> list[Row]:
+    from halpipe.bench import SUITES, given_rows
 
     if suite not in SUITES:
         hint = did_you_mean(suite, sorted(SUITES), "there are: " + ", ".join(sorted(SUITES)))
         raise typer.BadParameter(f'no suite "{suite}"; {hint}', param_hint="SUITE")
-    rows = [row for row in SUITES[suite] if not wanted or any(part in row.name for part in wanted)]
+    known = (*SUITES[suite], *given_rows(models))
+    rows = [row for row in known if not wanted or any(part in row.name for part in wanted)]
     if not rows:
-        names = "; ".join(row.name for row in SUITES[suite])
+        names = "; ".join(row.name for row in known)
         raise typer.BadParameter(f"no row of {suite} has that in its name; the rows are: {names}", param_hint="--row")
     return rows
 

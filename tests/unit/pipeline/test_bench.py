@@ -4,17 +4,20 @@ import sys
 from dataclasses import replace
 from fractions import Fraction
 from importlib import import_module
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.bench import SUITES, Instance, Row, measure, report
+from halpipe.bench import SUITES, Instance, Row, given_rows, measure, report
+from halpipe.bench.instance import VALID, _forward
 from halpipe.bench.render import duration_text, outputs
 from halpipe.bench.results import Ratio, Spread, instances
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
+from halpipe.importers.native import read_schedule
 from halpipe.pipeline.generate import TABLE_III, SetParameters
 from halpipe.pipeline.solve import exact
 from halpipe.pipeline.solve.codes import NOT_FOUND
@@ -99,6 +102,28 @@ def test_the_suites_can_all_be_generated_and_their_rows_told_apart():
             for cell in row.cells:
                 if isinstance(cell, SetParameters):
                     cell.check()
+
+
+EXAMPLE = Path(__file__).parents[2] / "fixtures" / "split"
+
+
+def test_a_model_of_the_users_is_a_row_with_gaps_and_chains():
+    [row] = given_rows([str(EXAMPLE / "model.xml")])
+    [instance] = instances([row], [1], budget=100, limit=0)
+    found = measure(instance)
+    assert (row.name, found["result"]["outcome"]) == ("split", VALID)
+    assert found["result"]["gaps_per_second"] > 0
+    results = report("real", [row], {found["key"]: found}, ABOUT)
+    table = outputs(results)["table.md"].decode()
+    reaction, age, forward = found["result"]["chains"]["slow-to-detect"]
+    assert f"| split | slow-to-detect | {reaction} | {age} | {forward} | – |" in table
+    assert "gaps per second, median" in table
+
+
+def test_forward_latency_goes_from_a_start_to_the_end_of_what_its_data_reach():
+    """In the example, slow starts at 2.5 ms, and detect, which starts when it has ended, ends at 54 ms."""
+    [mode] = read_schedule(str(EXAMPLE / "schedule.xml")).modes
+    assert _forward(mode, ("slow", "detect")) == milliseconds(Fraction("51.5"))
 
 
 def test_table3_holds_every_cell_of_the_table():

@@ -51,7 +51,7 @@ LEAST_MOVES = 1_000_000
 DEFAULT_PORTFOLIO = 4
 """Searches of a mode that take turns."""
 
-POLISH_TABLES = 120
+POLISH_TABLES = 170
 """Whole tables of split jobs that are tried at least to improve a valid one."""
 
 
