@@ -6,7 +6,7 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
+.PHONY: site demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
@@ -26,7 +26,7 @@ $(BIN)/python:
 	  { rm -rf $(VENV); echo "cannot create a virtual environment; on Debian: apt-get install python3-venv"; exit 1; }
 
 LOCKED := constraints/locked.txt
-EXTRAS := dev,arxml,exact,cluster,riscv,serve
+EXTRAS := dev,docs,arxml,exact,cluster,riscv,serve
 
 $(VENV)/.demo-ready: pyproject.toml hatch_build.py $(LOCKED) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(LOCKED) -e '.[riscv]'
@@ -105,6 +105,11 @@ wheels: $(VENV)/.test-ready
 	    --no-build-isolation --no-deps --wheel-dir dist . || exit 1; \
 	done
 	WHEELS=dist $(BIN)/pytest -p no:xdist tests/unit/test_wheels.py
+
+# The documentation as a site, in site/: index.html is the first page.
+site: $(VENV)/.test-ready
+	$(BIN)/python docs/site/build.py site
+	@echo "open site/index.html"
 
 docs: $(VENV)/.test-ready
 	@$(BUILD)

@@ -1,0 +1,28 @@
+"""The documentation site builds, without a warning, and has every page."""
+
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.mark.slow  # Sphinx reads every page
+@pytest.mark.skipif(not find_spec("sphinx") or not find_spec("furo"), reason="the extra [docs]")
+def test_the_site_builds_without_a_warning_and_has_every_page(tmp_path):
+    command = [sys.executable, str(ROOT / "docs" / "site" / "build.py"), str(tmp_path / "site")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    pages = [page for page in (ROOT / "docs").rglob("*.md") if "site" not in page.parts]
+    made = [tmp_path / "site" / "docs" / page.relative_to(ROOT / "docs").with_suffix(".html") for page in pages]
+    assert [page.name for page in made if not page.exists()] == []
+    assert (tmp_path / "site" / "search.html").exists()
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = [page.relative_to(ROOT / "docs").as_posix() for page in (ROOT / "docs").rglob("*.md")]
+    assert [page for page in pages if page != "index.md" and "site/" not in page and page not in index] == []
