@@ -44,6 +44,8 @@ class Libraries(BuildHookInterface[Any]):
         self._made = Path(tempfile.mkdtemp())
         libraries = build_native.build(self._made, _target())
         build_data["force_include"].update({str(path): place for place, path in libraries.items()})
+        checker = Path(self.root, "docs", "safety", "second_checker.py")
+        build_data["force_include"][str(checker)] = "halpipe/selftest/second_checker.py"
         for example in EXAMPLES:
             build_data["force_include"][str(Path(self.root, "examples", example))] = f"halpipe/examples/{example}"
 

@@ -14,12 +14,15 @@ import hashlib
 import re
 import sys
 import xml.etree.ElementTree as ET
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from copy import copy
 from fractions import Fraction
 from itertools import pairwise
-from math import ceil, floor, gcd, lcm
+from math import lcm
 
+NUMBER = re.compile(r"[0-9]{1,1000}(?:\.[0-9]{1,1000}|/0*[1-9][0-9]{0,999})?")
+DURATION = re.compile(f"({NUMBER.pattern})(ns|us|ms|s)")
 SCALE = {"ns": 1, "us": 1000, "ms": 1000**2, "s": 1000**3}
 LARGEST_FILE = 64 * 1024 * 1024
 MOST_JOBS = 1_000_000
@@ -30,18 +33,30 @@ class UnreadableError(Exception):
 
 
 def number(text):
-    found = re.fullmatch(r"[0-9]{1,1000}(\.[0-9]{1,1000}|/0*[1-9][0-9]{0,999})?", text.strip())
-    if not found:
+    if not NUMBER.fullmatch(text.strip()):
         raise UnreadableError(f"{text[:60]!a} is not a number")
     return Fraction(text.strip())
 
 
+TICKS = [1]  # in a nanosecond: so many that every time of both files is a whole number of them
+
+
+def fit(*roots):
+    TICKS[0] = 1
+    words = {word for root in roots for e in root.iter() for value in e.attrib.values() for word in value.split()}
+    TICKS[0] = lcm(*(Fraction(duration(word)).denominator for word in words if DURATION.fullmatch(word)))
+
+
 def duration(text):
-    """Return nanoseconds."""
-    found = re.fullmatch(r"\s*([0-9./]+)(ns|us|ms|s)\s*", text)
+    found = DURATION.fullmatch(text.strip())
     if not found:
         raise UnreadableError(f"{text[:60]!a} is not a duration")
-    return number(found[1]) * SCALE[found[2]]
+    exact = Fraction(found[1]) * SCALE[found[2]] * TICKS[0]
+    return exact.numerator if exact.denominator == 1 else exact
+
+
+def up(dividend, divisor):
+    return -(-dividend // divisor)
 
 
 def optional(element, name, default=None):
@@ -83,9 +98,9 @@ class Version:
         split = element.get("split", "none").split()
         self.anywhere = split == ["anywhere"]
         self.points = set() if split in (["none"], ["anywhere"]) else {duration(point) for point in split}
-        self.resume = optional(element, "resume", Fraction(0))
+        self.resume = optional(element, "resume", 0)
         self.max_gaps = int(element.get("max-gaps", "1000000000"))
-        self.min_part = optional(element, "min-part", Fraction(0))
+        self.min_part = optional(element, "min-part", 0)
         units = next(inside(element, "units"), element)
         self.units = set(need(units, "names").split())
         self.gang = int(units.get("gang", "1"))
@@ -94,7 +109,7 @@ class Version:
             for a in inside(element, "access")
         ]
         self.constraints = [
-            (need(p, "task"), p.get("from", "start"), optional(p, "min", Fraction(0)), duration(need(p, "max")))
+            (need(p, "task"), p.get("from", "start"), optional(p, "min", 0), duration(need(p, "max")))
             for p in inside(element, "precedence")
         ]
 
@@ -119,8 +134,8 @@ class Task:
 
 
 class Model:
-    def __init__(self, path):
-        root, self.digest = root_of(path, "task-model")
+    def __init__(self, root, digest):
+        self.digest = digest
         self.name, self.interrupts, self.modes = need(root, "name"), {}, {}
         for unit in inside(root, "platform", "unit"):
             found = [(duration(need(i, "distance")), duration(need(i, "wcet"))) for i in inside(unit, "interrupt")]
@@ -148,11 +163,11 @@ class Model:
     def reserved(self, units, work):
         """Return L(work), or None where interrupts leave no room."""
         found = [pair for unit in sorted(units) for pair in self.interrupts[unit]]
-        if sum((c / distance for distance, c in found), Fraction(0)) >= 1:
+        if sum(Fraction(c, distance) for distance, c in found) >= 1:
             return None
         length = work
         while True:
-            longer = work + sum(ceil(length / distance) * c for distance, c in found)
+            longer = work + sum(up(length, distance) * c for distance, c in found)
             if longer == length:
                 return length
             length = longer
@@ -170,10 +185,6 @@ class Job:
         names = ("start", "end", "from", "to")
         self.written = [tuple(duration(need(part, name)) for name in names) for part in inside(element, "part")]
         self.version, self.parts, self.where = None, [], ""
-
-    def bind(self, version, where):
-        self.version, self.where = version, where
-        self.parts = self.written or [(self.start, self.end, Fraction(0), version.wcet)]
 
     def moved(self, by, where):
         other = copy(self)
@@ -199,20 +210,16 @@ class Table:
         if job.task not in runs or job.chosen not in runs[job.task]:
             self.broken("version", job, "the task does not run, or not in this version")
             return
-        job.bind(self.model.tasks[job.task].versions[job.chosen], where)
+        job.version, job.where = self.model.tasks[job.task].versions[job.chosen], where
+        job.parts = job.written or [(job.start, job.end, 0, job.version.wcet)]
         self.jobs.append(job)
 
     def units(self, job):
-        version = job.version
-        if len(job.unit_list) != len(job.units) or len(job.units) != version.gang:
-            self.broken("unit", job, f"{len(job.units)} units instead of {version.gang}")
-        elif not job.units <= version.units & set(self.model.interrupts):
-            self.broken("unit", job, "a unit is not valid for the version")
-        elif self.model.reserved(job.units, Fraction(0)) is None:
-            self.broken("unit", job, "the interrupts leave no time")
-        else:
-            return True
-        return False
+        valid = job.version.units & set(self.model.interrupts)
+        is_gang = len(job.unit_list) == len(job.units) == job.version.gang and job.units <= valid
+        if not is_gang or self.model.reserved(job.units, 0) is None:
+            self.broken("unit", job, "not as many distinct, valid units as it takes, or interrupts leave them no time")
+        return is_gang and self.model.reserved(job.units, 0) is not None
 
     def parts(self, job):
         before, version = len(self.findings), job.version
@@ -248,7 +255,9 @@ class Table:
             for unit in job.units:
                 held[unit] = [other for other in held[unit] if other.end > job.start]
                 for other in held[unit]:
-                    if other.task == job.task or not in_gap(other.parts, job.start, job.end):
+                    if other.task == job.task or not any(
+                        one[1] <= job.start and job.end <= two[0] for one, two in pairwise(other.parts)
+                    ):
                         self.broken("nested", job, f"crosses {other.task} {other.index}")
                 held[unit].append(job)
 
@@ -266,11 +275,11 @@ class Table:
                 else:
                     self.broken("access", job, f"a phase on {resource} is interrupted")
         for resource, found in changes.items():
-            level = Fraction(0)
-            for at, change, job in sorted(found, key=lambda entry: entry[:2]):
+            level = 0
+            for _, change, job in sorted(found, key=lambda entry: entry[:2]):
                 level += change
                 if level > 1:
-                    self.broken("access", job, f"{resource} is taken {level} times at {at} ns")
+                    self.broken("access", job, f"{resource} is taken {level} times")
                     break
 
     def chain(self, name, tasks, limits, first, last):
@@ -279,7 +288,7 @@ class Table:
         for number, ends in enumerate((self.reactions(tasks, first), self.ages(tasks, last))):
             worst[number] = max(ends, default=None)
             if limits[number] is not None and worst[number] is not None and worst[number] > limits[number]:
-                self.broken("chain", tasks[0], f"{name}: {('reaction', 'age')[number]} {worst[number]} ns")
+                self.broken("chain", tasks[0], f"{name}: the {('reaction', 'age')[number]} is too long")
         return worst
 
     def reactions(self, tasks, jobs):
@@ -316,16 +325,13 @@ class Mode(Table):
     def hyperperiod(self):
         periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p is not None]
         if not periods:
-            return None
-        total = Fraction(lcm(*(p.numerator for p in periods)), gcd(*(p.denominator for p in periods)))
-        if sum(total / p for p in periods) > MOST_JOBS:
+            raise UnreadableError(f"no task of mode {self.name!a} has a period")
+        total = lcm(*periods)
+        if sum(total // p for p in periods) > MOST_JOBS:
             raise UnreadableError(f"mode {self.name!a} has too many jobs")
         return total
 
     def check(self):
-        if self.total is None:
-            self.broken("complete", "-", "no task of the mode has a period")
-            return self.findings
         self.complete()
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         for name in self.runs:
@@ -342,8 +348,7 @@ class Mode(Table):
         return self.findings
 
     def line(self, jobs):
-        """Return the jobs with as many copies in cycles before and after as reach into one cycle."""
-        turns = 1 + ceil(max((job.end - job.start for job in jobs), default=Fraction(0)) / self.total)
+        turns = 1 + up(max((job.end - job.start for job in jobs), default=0), self.total)
         if turns * len(jobs) > MOST_JOBS:
             raise UnreadableError("a job lasts too many cycles")
         return [job.moved(turn * self.total, f"cycle {turn}") for turn in range(-turns, 2) for job in jobs]
@@ -354,19 +359,17 @@ class Mode(Table):
         return max((sum(to == name for to, *_ in version.constraints) for version in versions), default=0)
 
     def count(self, name, above=()):
-        """Return how many jobs a task has if all its demands arise."""
         if name in above:
             raise UnreadableError(f"tasks without period demand each other in a ring: {name!a}")
         period = self.model.tasks[name].period
         if period is not None:
-            return int(self.total / period)
+            return self.total // period
         if name not in self.counted:
             demanding = [by for by in self.runs if self.most_demands(by, name)]
             self.counted[name] = sum(self.most_demands(by, name) * self.count(by, (*above, name)) for by in demanding)
         return self.counted[name]
 
     def expected(self, name):
-        """Return the numbers of the jobs that have to be there."""
         if self.model.tasks[name].period is not None:
             return set(range(self.count(name)))
         arising, base = set(), 0
@@ -407,16 +410,16 @@ class Mode(Table):
         for job, at in places:
             delta = (at - phase) % self.total
             if delta > task.slack * task.period:
-                found.append(("periodic", job, f"{delta} ns after its release"))
+                found.append(("periodic", job, "too long after its release"))
             if task.distance is None and delta + job.end - job.start > task.deadline:
-                found.append(("deadline", job, f"ends {delta + job.end - job.start} ns after its release"))
+                found.append(("deadline", job, "ends too long after its release"))
         return found
 
     def precedence(self, job):
         for name, origin, least, most in job.version.constraints:
             for other in self.bound[name]:
                 since = job.start - (other.end if origin == "end" else other.start)
-                turns = max(0, ceil((least - since) / self.total))
+                turns = max(0, up(least - since, self.total))
                 if least <= since + turns * self.total <= most:
                     break
             else:
@@ -427,19 +430,19 @@ class Mode(Table):
             self.broken("chain", tasks[0], f"{name}: a task has no job")
         worst = self.chain(name, tasks, limits, self.bound[tasks[0]], self.bound[tasks[-1]])
         if self.figures.get(name, worst) != worst:
-            self.broken("figures", tasks[0], f"{name}: reaction and age are {worst[0]} and {worst[1]} ns")
+            self.broken("figures", tasks[0], f"{name}: the reported reaction or age is wrong")
 
     def next_start(self, task, since, later):
         """Return start and end of the first job, in any cycle, from an instant on; of equals, of the lowest number."""
         found = []
         for job in self.bound[task]:
-            turns = ceil((since - job.start) / self.total)
+            turns = up(since - job.start, self.total)
             turns += later and job.start + turns * self.total == since
             found.append((job.start + turns * self.total, job.index, job.end + turns * self.total))
         return min(found)[::2] if found else None
 
     def last_end(self, task, until):
-        turns = [(job, floor((until - job.end) / self.total) * self.total) for job in self.bound[task]]
+        turns = [(job, (until - job.end) // self.total * self.total) for job in self.bound[task]]
         return max(((job.end + by, job.start + by) for job, by in turns), default=(None, None))[1]
 
 
@@ -468,8 +471,8 @@ class Switch(Table):
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
             return self.findings  # what is wrong is told; places on the line would not mean anything
-        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1), default=Fraction(0))
-        near = self.line(2, max(2, ceil((last - self.until) / self.target.total)))
+        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1), default=0)
+        near = self.line(2, max(2, up(last - self.until, self.target.total)))
         self.meet(near)
         self.access(near)
         for name in {job.task for job in self.jobs}:
@@ -482,8 +485,9 @@ class Switch(Table):
             if limits != [None, None] and all(task in self.source.runs and task in self.target.runs for task in tasks):
                 turns = 2 * len(tasks) + 1
                 self.far = defaultdict(list)
-                for job in self.line(2 * turns, 2 * turns):
+                for job in sorted(self.line(2 * turns, 2 * turns), key=lambda job: (job.start, job.index)):
                     self.far[job.task].append(job)
+                self.near_ends = {task: sorted((job.end, job.start) for job in self.far[task]) for task in tasks}
                 self.chain(name, tasks, limits, self.far[tasks[0]], self.far[tasks[-1]])
         return self.findings
 
@@ -514,10 +518,10 @@ class Switch(Table):
     def precedence(self, line):
         after = [job for job in line if job.where != "before"]
         needs = [(job, *constraint) for job in after for constraint in job.version.constraints]
-        longest = max((need[-1] for need in needs), default=Fraction(0))
-        longest += max((job.end - job.start for job in self.source.jobs), default=Fraction(0))
+        longest = max((need[-1] for need in needs), default=0)
+        longest += max((job.end - job.start for job in self.source.jobs), default=0)
         far = defaultdict(list)
-        for job in self.line(2 + ceil(longest / self.source.total), 3):
+        for job in self.line(2 + up(longest, self.source.total), 3):
             far[job.task].append(job)
         for job, name, origin, least, most in needs:
             since = (job.start - (other.end if origin == "end" else other.start) for other in far[name])
@@ -525,23 +529,19 @@ class Switch(Table):
                 self.broken("precedence", job, f"no job of {name} starts or ends within the window")
 
     def next_start(self, task, since, later):
-        found = [job for job in self.far[task] if job.start > since or (job.start == since and not later)]
-        first = min(found, key=lambda job: (job.start, job.index), default=None)
-        return first and (first.start, first.end)
+        found = self.far[task][bisect_left(self.far[task], since + later, key=lambda job: job.start) :][:1]
+        return (found[0].start, found[0].end) if found else None
 
     def last_end(self, task, until):
-        found = [(job.end, job.start) for job in self.far[task] if job.end <= until]
-        return max(found, default=(None, None))[1]
-
-
-def in_gap(parts, start, end):
-    return any(one[1] <= start and end <= two[0] for one, two in pairwise(parts))
+        number = bisect_right(self.near_ends[task], (until, float("inf")))
+        return self.near_ends[task][number - 1][1] if number else None
 
 
 def judge(model_path, schedule_path):
     """Return what is broken: (rule, mode, task, job, what)."""
-    model = Model(model_path)
-    root, _ = root_of(schedule_path, "schedule")
+    (system, digest), (root, _) = root_of(model_path, "task-model"), root_of(schedule_path, "schedule")
+    fit(system, root)
+    model = Model(system, digest)
     findings, tables, bound = [], {}, defaultdict(set)
     if root.get("model") != model.name or root.get("model-sha256", model.digest) not in ("", model.digest):
         findings.append(("figures", "-", "-", "-", "the schedule was made for another model"))
@@ -557,7 +557,7 @@ def judge(model_path, schedule_path):
             mode.figures[need(chain, "name")] = [optional(chain, what) for what in ("reaction", "age")]
         findings += mode.check()
         if duration(need(element, "hyperperiod")) != mode.total or element.get("status") != "valid":
-            findings.append(("figures", name, "-", "-", f"not valid with the hyperperiod {mode.total} ns"))
+            findings.append(("figures", name, "-", "-", "not called valid, or the hyperperiod is another"))
     findings += [("complete", name, "-", "-", "the mode has no schedule") for name in model.modes if name not in tables]
     switches = {}
     for element in inside(root, "transition"):

@@ -60,8 +60,21 @@ MAY_IMPORT = {
     "workbench": FOUNDATION | {"models", "importers", "exporters", "pipeline", "flow", "api"},
     # The tool from Python does what the command line does.
     "api": FOUNDATION | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow"},
+    "selftest": FOUNDATION | {"models", "importers", "exporters", "pipeline"},
     "cli": FOUNDATION
-    | {"models", "schemas", "importers", "exporters", "deploy", "pipeline", "flow", "bench", "starters", "workbench"},
+    | {
+        "models",
+        "schemas",
+        "importers",
+        "exporters",
+        "deploy",
+        "pipeline",
+        "flow",
+        "bench",
+        "starters",
+        "selftest",
+        "workbench",
+    },
 }
 
 # Modules of the outside world -> the parts that may import them.
@@ -69,7 +82,7 @@ WORLD = {
     "time": {"api", "cli", "workbench", "pipeline.solve.run", "bench", "deploy"},
     "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
-    "random": {"pipeline.generate", "bench"},
+    "random": {"pipeline.generate", "bench", "selftest"},
     "signal": {"cli", "pipeline.solve.run"},
     # Graphviz is a program; the one function that starts it is called from the command line only.
     "subprocess": {"cli", "pipeline.solve.run", "exporters.graph", "exporters.riscv", "deploy"},
@@ -85,9 +98,9 @@ WORLD = {
     },
     "socket": {"cli.serve"},
     "urllib": set(),
-    "tempfile": {"cli", "pipeline.solve.run", "bench", "exporters.riscv", "deploy", "caches"},
+    "tempfile": {"cli", "pipeline.solve.run", "bench", "selftest", "exporters.riscv", "deploy", "caches"},
     "os": {"cli", "workbench", "pipeline.solve.run", "files", "exporters.riscv", "deploy", "caches"},
-    "platform": {"cli"},
+    "platform": {"cli", "selftest"},
     "shutil": {"cli", "files", "exporters.riscv", "deploy"},
 }
 

@@ -1,0 +1,38 @@
+"""``halpipe selftest``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from halpipe.cli import output
+from halpipe.cli.parameters import Quiet, Seed
+from halpipe.diagnostics import Exit
+
+_SHOWN = 20
+
+
+def selftest(
+    mutants: Annotated[int, typer.Option(min=1, help="Faulty schedules that both checkers judge.")] = 300,
+    seed: Seed = 1,
+    evidence: Annotated[
+        str, typer.Option(metavar="DIR", help="Write a folder for the argument of a tool's confidence.")
+    ] = "",
+    quiet: Quiet = False,
+) -> int:
+    """Have two independent checkers judge valid and faulty schedules, and count where they do not agree."""
+    from halpipe.selftest import run
+
+    output.choose(None, quiet=quiet, verbose=False)
+    outcome = run(mutants, seed)
+    if evidence:
+        from halpipe.files import write_directory
+        from halpipe.selftest.evidence import folder
+
+        write_directory(evidence, folder(outcome, mutants, seed))
+    for line in outcome.differing[:_SHOWN]:
+        output.result(line)
+    counts = f"{outcome.valid} valid, {outcome.broken} not valid"
+    output.result(f"{mutants} schedules, {counts}; the checkers disagree on {len(outcome.differing)}")
+    return Exit.FINDINGS if outcome.differing else Exit.OK

@@ -1,0 +1,101 @@
+"""What halpipe is used for, what could go wrong, what finds it, and how far to trust it: ISO 26262-8, clause 11.
+
+TI2: a malfunction can put a fault into the item, or hide one. TD1: it is found or prevented with high confidence, TD2
+with medium, TD3 otherwise. TI2 with TD1 is TCL1, with TD2 TCL2, with TD3 TCL3. The level holds with the measure of its
+row only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+LEVELS = {("TI1", degree): "TCL1" for degree in ("TD1", "TD2", "TD3")}
+LEVELS |= {("TI2", "TD1"): "TCL1", ("TI2", "TD2"): "TCL2", ("TI2", "TD3"): "TCL3"}
+
+
+@dataclass(frozen=True, slots=True)
+class Use:
+    """One use case with the malfunction that matters; `name` is that of the command."""
+
+    name: str
+    malfunction: str
+    measure: str
+    impact: str = "TI2"
+    detection: str = "TD2"
+
+    @property
+    def level(self) -> str:
+        """The tool confidence level."""
+        return LEVELS[self.impact, self.detection]
+
+
+_REVIEW = (
+    "review the account (`--report`: every element is read, mapped, ignored or defaulted), or import with `--strict`"
+)
+_COMPARE = "compare a recording of the target with the schedule (`halpipe compare`)"
+_ROUND_TRIP = "import the file again and `halpipe diff`"
+
+USES = (
+    Use("import amalthea", "an element is lost, misread or invented", _REVIEW),
+    Use("import arxml", "an element is lost, misread or invented", _REVIEW),
+    Use("import ros", "a callback, a period or a flow of data is lost, misread or invented", _REVIEW),
+    Use(
+        "import --overlay", "a value is put on the wrong element", "every replaced value is reported; review the report"
+    ),
+    Use(
+        "validate", "a contradiction of the model is not told", "verify judges the schedule all the same", "TI2", "TD1"
+    ),
+    Use(
+        "schedule", "a schedule that is not valid", "`halpipe verify` and the second checker on the files", "TI2", "TD1"
+    ),
+    Use(
+        "schedule --quantise",
+        "phases or limits are rounded to the unsafe side",
+        "verify against the model as it is",
+        "TI2",
+        "TD1",
+    ),
+    Use("schedule --freeze", "a shipped job is moved", "`halpipe diff` of both schedules", "TI2", "TD1"),
+    Use(
+        "verify",
+        "a schedule that is not valid is accepted",
+        "the second checker, of other hands and code",
+        "TI2",
+        "TD1",
+    ),
+    Use(
+        "explain",
+        "a model is called infeasible that is not",
+        "the witness, which a person can check; nothing is released",
+        "TI1",
+    ),
+    Use("size, sensitivity", "a wrong figure", "schedule and verify the changed model", "TI2", "TD1"),
+    Use("compare", "a deviation of the target is not told", "inspect the recording with another tool", "TI2", "TD2"),
+    Use("export amalthea", "the file differs from the schedule", _ROUND_TRIP),
+    Use("export arxml", "an expiry point, an offset or a priority is wrong", f"{_ROUND_TRIP}; {_COMPARE}"),
+    Use("export btf", "an event is wrong", "`halpipe compare` of the file with the schedule", "TI2", "TD1"),
+    Use("export graph", "the picture misleads", "pictures are no basis of a release", "TI1"),
+    Use("export linux", "the dispatcher plays another table", f"`halpipe deploy check`; {_COMPARE}"),
+    Use(
+        "export regulator",
+        "a budget is larger than the schedule allows",
+        "`halpipe deploy check`, which computes it again",
+        "TI2",
+        "TD1",
+    ),
+    Use("export report", "the page misleads", "verify decides; the page is for people", "TI1"),
+    Use("export riscv", "the bundle plays another table, or protects less", f"`halpipe deploy check`; {_COMPARE}"),
+    Use("export ros", "the package starts something else", _COMPARE),
+    Use("export trace", "the picture misleads", "pictures are no basis of a release", "TI1"),
+    Use("deploy check", "a faulty bundle is accepted", _COMPARE),
+    Use("run", "a step is left out", "every step is told; run verify on what was written", "TI2", "TD1"),
+)
+
+
+def table() -> str:
+    """Return the uses as a page."""
+    head = "# Tool confidence\n\n" + (__doc__ or "").partition("\n\n")[2].strip()
+    rows = (f"| {u.name} | {u.malfunction} | {u.measure} | {u.impact} | {u.detection} | {u.level} |" for u in USES)
+    return "\n".join(
+        (head, "", "| use | malfunction | measure | TI | TD | TCL |", "|---|---|---|---|---|---|", *rows, "")
+    )

@@ -1,0 +1,168 @@
+"""The folder of evidence: what the argument of a tool's confidence needs, the same bytes whenever it is made again."""
+
+from __future__ import annotations
+
+import json
+import platform
+import re
+import sys
+from importlib.metadata import PackageNotFoundError, distribution, requires
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe import __version__
+from halpipe.bundles import seal
+from halpipe.diagnostics import REGISTER
+from halpipe.files import sha256
+from halpipe.selftest import confidence, second
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from halpipe.selftest.run import Outcome
+
+PACKAGE = Path(__file__).parents[1]
+TESTS = PACKAGE.parents[1] / "tests"
+ARGUMENTS = Path(__file__).with_name("arguments")
+_NAME = re.compile(r"[A-Za-z0-9._-]+")
+_CODE = re.compile(rb"HAL\d{4}")
+
+
+def folder(outcome: Outcome, mutants: int, seed: int) -> dict[str, bytes]:
+    """Return the files of the evidence with the manifest that seals them."""
+    files = {
+        **arguments(),
+        "environment.json": _json(_environment()),
+        "requirements.json": _json(list(_requirements())),
+        "validation.json": _json(_validation(outcome, mutants, seed)),
+        "sbom.cdx.json": _json(_bill()),
+        "hashes.json": _json(_hashes()),
+    }
+    return seal("evidence", files, {"halpipe": __version__})
+
+
+def arguments() -> dict[str, bytes]:
+    """Return what does not depend on the machine: uses and confidence, common causes, known problems."""
+    texts = {path.name: path.read_bytes() for path in sorted(ARGUMENTS.glob("*.md"))}
+    return texts | {"tool-confidence.md": confidence.table().encode()}
+
+
+def argument_hash() -> str:
+    """Return one hash of the arguments: of the hashes of its files, by name."""
+    return sha256("".join(f"{sha256(text)}  {name}\n" for name, text in sorted(arguments().items())).encode())
+
+
+def _json(value: Any) -> bytes:
+    return (json.dumps(value, indent=1, ensure_ascii=True) + "\n").encode()
+
+
+def _environment() -> dict[str, Any]:
+    return {
+        "tool": {"name": "halpipe", "version": __version__},
+        "python": {"implementation": sys.implementation.name, "version": platform.python_version()},
+        "system": {"name": platform.system(), "machine": platform.machine(), "byteorder": sys.byteorder},
+        "packages": {component["name"]: component["version"] for component in _components()},
+    }
+
+
+def _requirements() -> Iterator[dict[str, Any]]:
+    """Yield every rule and check with its sentence, and the tests that name it or one of its codes."""
+    from halpipe.pipeline.validate import CHECKS
+    from halpipe.pipeline.verify import RULES
+
+    naming = _tests()
+    for rule in RULES:
+        id = f"verify/{rule.name}"
+        module = str(rule.check.__module__)
+        codes = sorted({code for code in REGISTER if code.startswith("HAL03")} & _codes_of(module))
+        yield {"id": id, "text": rule.sentence, "check": module, "codes": codes, "tests": _of(codes, naming)}
+    for check in CHECKS:
+        codes = [code.id for code in check.codes]
+        module = str(check.run.__module__)
+        yield {
+            "id": f"validate/{check.name}", "text": check.sentence, "check": module, "codes": codes,
+            "tests": _of(codes, naming),
+        }  # fmt: skip
+
+
+def _codes_of(module: str) -> set[str]:
+    """Return the codes that a module of verify reports: the constants of `codes` that it names."""
+    from halpipe.pipeline.verify import codes
+
+    source = PACKAGE.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8")
+    return {getattr(codes, name).id for name in re.findall(r"codes\.([A-Z_]+)", source) if hasattr(codes, name)}
+
+
+def _of(codes: list[str], naming: dict[str, list[str]]) -> list[str]:
+    return sorted({test for code in codes for test in naming.get(code, ())})
+
+
+def _tests() -> dict[str, list[str]]:
+    """Return, for each code, the tests and fixtures that name it; none where they are not installed."""
+    names = {code.id: name for name, code in _constants()}
+    naming: dict[str, list[str]] = {}
+    files = [path for path in TESTS.rglob("*") if path.name.startswith(("test_", "HAL")) and path.suffix != ".pyc"]
+    for path in sorted(file for file in files if file.is_file()):
+        text = path.read_bytes()
+        spelled = {found.decode() for found in _CODE.findall(path.name.encode() + text)}
+        words = set(re.findall(rb"\b[A-Z][A-Z_]{3,}\b", text))
+        for id in REGISTER:
+            if id in spelled or names.get(id, "?").encode() in words:
+                naming.setdefault(id, []).append(path.relative_to(TESTS.parent).as_posix())
+    return naming
+
+
+def _constants() -> Iterator[tuple[str, Any]]:
+    from halpipe.pipeline.validate import codes as validate
+    from halpipe.pipeline.verify import codes as verify
+
+    for module in (validate, verify):
+        yield from ((name, code) for name, code in vars(module).items() if getattr(code, "id", "") in REGISTER)
+
+
+def _validation(outcome: Outcome, mutants: int, seed: int) -> dict[str, Any]:
+    return {
+        "command": f"halpipe selftest --mutants {mutants} --seed {seed}",
+        "second checker": {"sha256": sha256(second.path().read_bytes())},
+        "schedules": mutants,
+        "valid": outcome.valid,
+        "not valid": outcome.broken,
+        "disagreements": outcome.differing,
+        "by fault": {
+            fault: {"not valid": broken, "valid": valid} for fault, (broken, valid) in sorted(outcome.by_fault.items())
+        },
+    }
+
+
+def _components() -> list[dict[str, Any]]:
+    """Return what halpipe needs and what that needs, as far as it is installed."""
+    found, waiting = {}, ["halpipe"]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        try:
+            found[name] = distribution(name).version
+        except PackageNotFoundError:
+            continue
+        needed = [line for line in requires(name) or () if name == "halpipe" or "extra ==" not in line]
+        waiting += [match[0].lower().replace("_", "-") for line in needed if (match := _NAME.match(line))]
+    return [{"name": name, "version": version} for name, version in sorted(found.items())]
+
+
+def _bill() -> dict[str, Any]:
+    """Return the bill of materials in CycloneDX 1.5, without the moment and the number that would make each one new."""
+    parts = [
+        {"type": "library", **part, "purl": f"pkg:pypi/{part['name']}@{part['version']}"}
+        for part in _components()
+        if part["name"] != "halpipe"
+    ]
+    subject = {"type": "application", "name": "halpipe", "version": __version__}
+    head = {"bomFormat": "CycloneDX", "specVersion": "1.5", "version": 1, "metadata": {"component": subject}}
+    return {**head, "components": parts}
+
+
+def _hashes() -> dict[str, str]:
+    """Return the SHA-256 of every file of the package, compiled ones left out."""
+    files = (path for path in sorted(PACKAGE.rglob("*")) if path.is_file() and "__pycache__" not in path.parts)
+    return {path.relative_to(PACKAGE).as_posix(): sha256(path.read_bytes()) for path in files}

@@ -1,0 +1,120 @@
+"""Mutants of valid systems go through files, and both checkers say what they think of each."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.native import format_model, format_schedule
+from halpipe.files import parse_xml
+from halpipe.importers.native import parse_model, read_model, read_schedule
+from halpipe.pipeline.checked import schedule_model, verify_schedule
+from halpipe.pipeline.generate import SetParameters, generate_with_witness
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.selftest import second
+from halpipe.selftest.mutants import OPERATORS, SCHEDULE, scaled, with_tables
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from halpipe.models import Schedule, TaskModel
+
+SYSTEMS = Path(__file__).with_name("systems")
+GENERATED = 4
+"""Systems that are made from the seed, besides those that are shipped."""
+
+MUTANTS_OF_ONE = 50
+"""Mutants of one system with one scale of its times."""
+
+
+TABLES = Fraction(1, 2)
+"""Of the systems with switches, those whose switches get a table."""
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What the checkers said; `differing` are the numbers of the mutants on which they do not agree."""
+
+    valid: int = 0
+    broken: int = 0
+    differing: list[str] = field(default_factory=list)
+    by_fault: dict[str, list[int]] = field(default_factory=dict)
+
+    def count(self, faults: str, by_verify: bool, by_second: bool, name: str) -> None:
+        """Enter one mutant."""
+        self.valid += by_verify
+        self.broken += not by_verify
+        row = self.by_fault.setdefault(faults, [0, 0])
+        row[by_verify] += 1
+        if by_verify != by_second:
+            words = {True: "valid", False: "not valid"}
+            self.differing.append(f"{name} ({faults}): verify {words[by_verify]}, second {words[by_second]}")
+
+
+def systems(seed: int) -> Iterator[tuple[str, TaskModel, Schedule]]:
+    """Yield the systems that are shipped, as the search schedules them, and some that are generated."""
+    for path in sorted(SYSTEMS.glob("*.xml")):
+        model = parse_model(path.read_bytes(), path.name)
+        yield path.stem, model, schedule_model(model, SearchOptions(seed=seed), lambda *_: True).schedule
+    for number in range(GENERATED):
+        parameters = SetParameters(
+            tasks=6, units=4, unit_types=2, precedence=Fraction(1, 2), slack=Fraction(1, 4),
+            fractional=True, gang=Fraction(1, 4), multi_version=Fraction(1, 2),
+        )  # fmt: skip
+        model, schedule = generate_with_witness(parameters, seed * 1000 + number)
+        yield f"generated-{number}", model, schedule
+
+
+def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -> Outcome:
+    """Judge that many mutants twice each; the same seed gives the same ones."""
+    from lxml import etree
+
+    outcome, known = Outcome(), _texts(seed)
+    with tempfile.TemporaryDirectory(prefix="halpipe-selftest-") as folder:
+        model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
+        for number in range(mutants):
+            rng = Random(f"{seed}:{number // MUTANTS_OF_ONE}")
+            name, *texts = known[number // MUTANTS_OF_ONE % len(known)]
+            model, schedule = (parse_xml(text, name) for text in texts)
+            schedule.attrib.pop("model-sha256", None)
+            _without_costs(schedule)
+            factor = Fraction(rng.randrange(1, 40), rng.randrange(1, 40))
+            scaled(model, factor)
+            scaled(schedule, factor)
+            if rng.random() < TABLES:
+                with_tables(schedule)
+            rng = Random(f"{seed}/{number}")
+            faults = [] if number % MUTANTS_OF_ONE == 0 else rng.choices(sorted(OPERATORS), k=rng.choice((1, 1, 1, 2)))
+            for fault in faults:
+                OPERATORS[fault](rng, model, schedule)
+            model_file.write_bytes(etree.tostring(model))
+            schedule_file.write_bytes(etree.tostring(schedule))
+            files = str(model_file), str(schedule_file)
+            outcome.count(" and ".join(faults) or "none", _verified(*files), second.accepts(*files), f"{name} {number}")
+            told(number + 1)
+    return outcome
+
+
+@cache
+def _texts(seed: int) -> list[tuple[str, bytes, bytes]]:
+    return [(name, format_model(model), format_schedule(schedule)) for name, model, schedule in systems(seed)]
+
+
+def _verified(model: str, schedule: str) -> bool:
+    try:
+        return not any(found.is_error for found in verify_schedule(read_model(model), read_schedule(schedule)))
+    except HalpipeError:
+        return False
+
+
+def _without_costs(schedule: object) -> None:
+    """Remove the figures that the second checker does not judge."""
+    for kind in ("cost", "unit-load", "resource-load"):
+        for element in list(schedule.iter(SCHEDULE + kind)):  # type: ignore[attr-defined]
+            element.getparent().remove(element)

@@ -1,0 +1,64 @@
+"""``halpipe selftest``: both checkers are asked, disagreement is told, and evidence has the same bytes each time."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+
+from halpipe.flow.formats import EXPORTERS, IMPORTERS, formats
+from halpipe.selftest import confidence, evidence, run, second
+from halpipe.selftest import run as run_package
+
+ROOT = Path(__file__).parents[2]
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_the_checkers_agree_and_both_verdicts_occur(halpipe):
+    said = halpipe("selftest", "--mutants", "60")
+    assert said.returncode == 0, said.stdout
+    assert said.stdout.endswith("the checkers disagree on 0\n")
+    outcome = run(60, 1)
+    assert min(outcome.valid, outcome.broken) >= 10
+
+
+@pytest.mark.parametrize("verdict", [True, False])
+def test_a_checker_that_is_wrong_is_told(halpipe, monkeypatch, verdict):
+    monkeypatch.setattr(second, "accepts", lambda *_: verdict)
+    said = halpipe("selftest", "--mutants", "60")
+    assert said.returncode == 1
+    assert f"second {'valid' if verdict else 'not valid'}" in said.stdout
+    assert run_package is run
+
+
+def test_evidence_is_made_again_to_the_same_bytes(halpipe, tmp_path):
+    for name in ("one", "two"):
+        assert halpipe("selftest", "--mutants", "20", "--evidence", str(tmp_path / name)).returncode == 0
+    found = contents(tmp_path / "one")
+    assert found == contents(tmp_path / "two")
+    assert str(ROOT).encode() not in b"".join(found.values())
+    sealed = json.loads(found["manifest.json"])["files"]
+    assert sealed == {name: hashlib.sha256(text).hexdigest() for name, text in found.items() if name in sealed}
+    assert sealed.keys() == found.keys() - {"manifest.json"}
+    bill = json.loads(found["sbom.cdx.json"])
+    assert bill["bomFormat"] == "CycloneDX"
+    assert "lxml" in {part["name"] for part in bill["components"]}
+    requirements = json.loads(found["requirements.json"])
+    assert len({entry["id"] for entry in requirements}) == len(requirements)
+    untested = [entry["id"] for entry in requirements if entry["codes"] and not entry["tests"]]
+    assert untested == []
+
+
+def test_every_format_has_a_row_of_its_own():
+    rows = {use.name for use in confidence.USES}
+    assert rows >= {f"import {name}" for name in formats(IMPORTERS)}
+    assert rows >= {f"export {name}" for name in formats(EXPORTERS)}
+    assert {use.level for use in confidence.USES} <= {"TCL1", "TCL2", "TCL3"}
+
+
+def test_the_hash_of_the_arguments_stands_in_the_documentation():
+    page = (ROOT / "docs" / "safety" / "evidence.md").read_text(encoding="utf-8")
+    assert evidence.argument_hash() in page, f"write {evidence.argument_hash()} into docs/safety/evidence.md"
