@@ -167,6 +167,11 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
     schedule = scheduled.schedule
     for mode in schedule.modes:
         output.inform(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, valid")
+    from halpipe.pipeline.stable import NEAR
+
+    for told in scheduled.diagnostics:
+        if told.code == NEAR.id and not output.Settings.verbose:
+            output.inform(f"{told.path}: {told.message}")
     for reached in scheduled.reached:
         output.inform(f"mode {reached.mode}: {reached}")
     for table in schedule.transitions:

@@ -1,7 +1,8 @@
 """A schedule near an earlier one: as many jobs as possible stay at their start, on their units, in their version.
 
-First all jobs stay. Where the model no longer allows that, the tasks that have changed are placed anew, then those that
-share most with them as well, twice as many each time; at last everything is.
+First all jobs stay. Where the model no longer allows that, the tasks that have changed are placed anew, then those as
+well that they meet in the best placement found, or that share most with them; at last everything is. What is free is
+tried first where it was.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from halpipe.durations import ZERO
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Mapping
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
-    from halpipe.models import Job, Schedule, Task, TaskModel
+    from halpipe.models import Access, Job, Schedule, Task, TaskModel
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(
@@ -28,8 +29,11 @@ NEAR = note(
     "same units, in the same version. The others are listed by task; `halpipe diff` shows each.",
 )
 
-BUDGET = 400
+BUDGET = 100
 """Moves per task for the tasks that are free, before more of them are."""
+
+ROUNDS = 12
+"""How often more of them are freed before everything is searched for."""
 
 MOST_NAMED = 12
 """Tasks that are named in the note."""
@@ -41,33 +45,59 @@ def schedule_near(
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
     held = options.shipped
-    for free in _growing(model, earlier, held):
+    changed = {task.name: why for task in model.tasks if (why := _changed(model, task, earlier))}
+    free = frozenset(changed) | _displaced(earlier, held)
+    for _ in range(ROUNDS):
         kept = _together(held, _without(earlier, free))
         try:
-            found = solve(replace(options, shipped=kept, near=None, budget=BUDGET))
+            found = solve(replace(options, shipped=kept, near=None, like=earlier, budget=BUDGET))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
             found = None
             break
         if found.is_complete or found.stopped:
             break
+        more = _in_the_way(model, found.schedule, free) or _nearest(model, free)
+        if not more:
+            break
+        free |= more
     if found is None or not (found.is_complete or found.stopped):
-        found = solve(replace(options, near=None))
-    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule)))
+        found = solve(replace(options, near=None, like=earlier))
+    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed)))
 
 
-def _growing(model: TaskModel, earlier: Schedule, held: Schedule | None) -> Iterator[frozenset[str]]:
-    """Yield sets of tasks to place anew: those changed, then the nearest of the others as well, more each time.
+def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
+    """Return the tasks that stay and meet one that is free, on a unit or a resource, in the best placement so far."""
+    names: set[str] = set()
+    for mode in best.modes:
+        moving = [job for job in mode.jobs if job.task in free]
+        for job in mode.jobs:
+            if job.task not in free | names and any(
+                _meet(one, job, mode.hyperperiod) or _share(model, one, job, mode.hyperperiod) for one in moving
+            ):
+                names.add(job.task)
+    return frozenset(names)
 
-    What is `held` elsewhere changes its task, and those whose place it takes.
-    """
-    changed = frozenset(task.name for task in model.tasks if _has_changed(model, task, earlier))
-    changed |= _displaced(earlier, held)
-    yield changed
-    nearest = sorted((task.name for task in model.tasks if task.name not in changed), key=_distance(model, changed))
-    count = 2
-    while count < len(nearest):
-        yield changed | frozenset(nearest[:count])
-        count *= 2
+
+def _share(model: TaskModel, one: Job, other: Job, length: Duration) -> bool:
+    """Return whether two jobs access one resource at one time, and more than all of it together."""
+    phases = [[(a, job.start + a.start) for a in _accesses(model, job)] for job in (one, other)]
+    return any(
+        first.resource == second.resource
+        and first.bound + second.bound > 1
+        and ((later - begin) % length < first.end - first.start or (begin - later) % length < second.end - second.start)
+        for first, begin in phases[0]
+        for second, later in phases[1]
+    )
+
+
+def _accesses(model: TaskModel, job: Job) -> tuple[Access, ...]:
+    return next((v.accesses for v in model.task(job.task).versions if v.name == job.version), ())
+
+
+def _nearest(model: TaskModel, free: frozenset[str]) -> frozenset[str]:
+    """Return as many tasks again, those that share most with the free ones; none once most are free."""
+    others = sorted((task.name for task in model.tasks if task.name not in free), key=_distance(model, free))
+    return frozenset(others[: max(2, len(free))]) if 2 * len(free) < len(model.tasks) else frozenset()
 
 
 def _displaced(earlier: Schedule, held: Schedule | None) -> frozenset[str]:
@@ -102,20 +132,25 @@ def _together(held: Schedule | None, kept: Schedule) -> Schedule:
     return kept.alone(tuple(modes))
 
 
-def _has_changed(model: TaskModel, task: Task, earlier: Schedule) -> bool:
-    """Return whether a task is new, or some job of it cannot be what it was: another length, other units or version."""
+def _changed(model: TaskModel, task: Task, earlier: Schedule) -> str:
+    """Return why some job of a task cannot be what it was; nothing if all can."""
     jobs = [job for mode in earlier.modes for job in mode.jobs if job.task == task.name]
-    return not jobs or any(not _can_be(model, task, job) for job in jobs)
+    if not jobs:
+        return "is new"
+    return next((why for job in jobs if (why := _hinders(model, task, job))), "")
 
 
-def _can_be(model: TaskModel, task: Task, job: Job) -> bool:
+def _hinders(model: TaskModel, task: Task, job: Job) -> str:
     version = next((v for v in task.versions if v.name == job.version), None)
     units = {unit.name: unit for unit in model.units}
-    if version is None or version.wcet is None or not set(job.units) <= set(version.units) & set(units):
-        return False
-    service = service_of(units, job.units)
+    if version is None or version.wcet is None:
+        return f'has no version "{job.version}"'
+    if not set(job.units) <= set(version.units) & set(units) or len(job.units) != version.gang:
+        return "has other units"
     work = sum((end - start for start, end in job.occupations()), ZERO)
-    return len(job.units) == version.gang and (bool(job.parts) or work == reserved_length(version.wcet, service))
+    if job.parts or work == reserved_length(version.wcet, service_of(units, job.units)):
+        return ""
+    return "has another WCET"
 
 
 def _distance(model: TaskModel, changed: frozenset[str]) -> Callable[[str], tuple[int, str]]:
@@ -143,16 +178,17 @@ def _without(earlier: Schedule, free: frozenset[str]) -> Schedule:
     return earlier.alone(tuple(modes))
 
 
-def _told(earlier: Schedule, found: Schedule) -> list[Diagnostic]:
-    """Say for each mode how many jobs stay, and which tasks have others."""
+def _told(earlier: Schedule, found: Schedule, changed: Mapping[str, str]) -> list[Diagnostic]:
+    """Say for each mode how many jobs stay, and which tasks have others, and why."""
     notes = []
     before = {mode.name: {(job.task, job.index): _place(job) for job in mode.jobs} for mode in earlier.modes}
     for mode in found.modes:
         places = before.get(mode.name, {})
         moved = [job for job in mode.jobs if places.get((job.task, job.index)) != _place(job)]
-        names = sorted({job.task for job in moved})
+        names = sorted({job.task for job in moved}, key=lambda name: (name not in changed, name))
+        reasons = [f"{name} ({changed.get(name, 'makes room')})" for name in names]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-        others = f"; of others: {', '.join(names[:MOST_NAMED])}{more}" if names else ""
+        others = f"; not those of {', '.join(reasons[:MOST_NAMED])}{more}" if names else ""
         text = f"{len(mode.jobs) - len(moved)} of {len(mode.jobs)} jobs stay where they were{others}"
         notes.append(NEAR(text, path=about(mode=mode.name), help="" if not names else "see `halpipe diff`"))
     return notes

@@ -65,7 +65,33 @@ def test_a_new_task_finds_its_place_among_the_others():
     found = scheduled(more, near=first)
     assert moved(first, found.schedule) == 1
     [note] = [d for d in found.diagnostics if d.code == NEAR.id]
-    assert note.message == "2 of 3 jobs stay where they were; of others: c"
+    assert note.message == "2 of 3 jobs stay where they were; not those of c (is new)"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("utilisation", [Fraction(3, 5), Fraction(4, 5)])
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_one_per_cent_of_one_wcet_moves_no_more_than_one_job_in_twenty(seed, utilisation):
+    owner = generate(SetParameters(tasks=60, units=6, utilisation=utilisation), seed)
+    first = scheduled(owner).schedule
+    longer = with_longer(owner, owner.tasks[seed].name, Fraction(101, 100))
+    near = scheduled(longer, near=first).schedule
+    assert moved(first, near) * 20 <= len(near.modes[0].jobs)
+
+
+def test_who_makes_room_is_told_from_who_has_changed():
+    """Three tasks fill a unit but for 1 ms, in any order; b takes 1 ms more, so that what comes after it moves."""
+    rows = (("a", 3), ("b", 4), ("c", 2))
+    owner = model(*(task(name, 10, version("v", wcet)) for name, wcet in rows))
+    first = scheduled(owner).schedule
+    found = scheduled(with_longer(owner, "b", Fraction(5, 4)), near=first)
+    [note] = [d for d in found.diagnostics if d.code == NEAR.id]
+    stay = len(rows) - moved(first, found.schedule)
+    assert note.message.startswith(f"{stay} of 3 jobs stay where they were")
+    if moved(first, found.schedule):
+        assert "not those of" in note.message
+    for name in ("a", "c"):
+        assert f"{name} (has" not in note.message
 
 
 def test_where_nothing_can_stay_everything_moves():

@@ -87,7 +87,8 @@ class SearchOptions:
     - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
     - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
     - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
-    - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can.
+    - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can. One that it should be
+      `like` is tried first.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - The objectives to `optimise` take the place of `quality`: one before the other, none worse than at first.
@@ -106,6 +107,7 @@ class SearchOptions:
     effort: float | None = DEFAULT_WORK
     shipped: Schedule | None = None
     near: Schedule | None = None
+    like: Schedule | None = None
     grid: BurstGrid | None = None
     portfolio: int = DEFAULT_PORTFOLIO
     optimise: tuple[Objective, ...] = ()
@@ -209,12 +211,19 @@ class _Modes:
         number, earlier = ready
         return _schedule_mode(self.model, self.expansions[number], self.options, number, self.on_progress, earlier)
 
-    def _start(self, number: int, found: dict[int, _Found]) -> Earlier | None:
-        """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
+    def _alike(self, expansion: Expansion) -> Earlier:
+        """Return where the schedule that is tried first has the tasks of a mode."""
         from halpipe.pipeline.solve.kernel.warmstart import Earlier
 
+        modes = () if self.options.like is None else self.options.like.modes
+        found = [job for mode in modes if mode.name == expansion.mode.name for job in mode.jobs]
+        return Earlier().and_then(expansion, [job for job in found if job.task in expansion.by_name])
+
+    def _start(self, number: int, found: dict[int, _Found]) -> Earlier | None:
+        """Return where earlier modes put the tasks of this one; None while one that matters is not finished."""
+
         jobs = {active.name: active.jobs for active in self.expansions[number].tasks}
-        earlier = Earlier()
+        earlier = self._alike(self.expansions[number])
         for before in range(number):
             expansion = self.expansions[before]
             shared = [active for active in expansion.tasks if active.name in jobs]
