@@ -1,16 +1,18 @@
 """The dispatcher really runs: no data race between its threads, and what it does about overruns."""
 
 import shutil
+import signal
 import subprocess
+import time
 from dataclasses import replace
 
 import pytest
 from test_linux_bundle import PROGRAM, needs_compiler, sourced, two_modes, write
 
-from halpipe.deploy.linux.judging import read_recording
+from halpipe.deploy.linux.judging import judge, read_recording
 from halpipe.models import Resource, Unit
 from riscv_models import moving
-from support import ms
+from support import job, model, ms, schedule, task, version
 
 SLOW = """
 #include <stdint.h>
@@ -152,3 +154,30 @@ def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
     ran, seen = played(bundle, "--seconds", "1", "--switch", "0.2=one", "--switch", "0.5=both", program="races")
     assert "ThreadSanitizer" not in ran.stderr
     assert len(seen) > 50
+
+
+# ------------------------------------------------------------------------------------------------------ order
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_jobs_keep_their_order_when_the_machine_was_away(tmp_path):
+    """The process is stopped for 30 ms, fifteen tables, again and again; late jobs begin in the order of the tables."""
+    tasks = [task(name, 2, version("v", "0.1ms", "u1")) for name in "abc"]
+    owner = model(*tasks, units="u1")
+    jobs = [job(owner, name, 0, f"{0.5 * k}ms", "u1", "v") for k, name in enumerate("abc")]
+    tables = schedule(owner, 2, *jobs)
+    bundle = built(tmp_path, owner, tables, busy=10)
+    command = [str(bundle / "build" / "dispatcher"), "--degrade", "all", "--seconds", "2.5"]
+    running = subprocess.Popen([*command, "--record", str(bundle / "run.csv")], stdout=subprocess.PIPE)
+    time.sleep(2.2)  # the tables begin at a whole second
+    for _ in range(15):
+        running.send_signal(signal.SIGSTOP)
+        time.sleep(0.03)
+        running.send_signal(signal.SIGCONT)
+        time.sleep(0.05)
+    said = running.communicate(timeout=60)[0].decode()
+    seen = read_recording((bundle / "run.csv").read_bytes())
+    assert max(r.start - r.planned for r in seen) > 20_000_000, said
+    judgement = judge(owner, tables, seen, is_timed=False)
+    assert judgement.disordered == 0
