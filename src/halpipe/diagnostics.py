@@ -220,10 +220,19 @@ class Diagnostic:
         """Whether this finding stops the work."""
         return self.severity is Severity.ERROR
 
+    def concerning(self, subjects: Iterable[Subject]) -> Diagnostic:
+        """Return the same finding, which concerns further elements."""
+        return replace(self, subjects=tuple(dict.fromkeys((*self.subjects, *subjects))))
+
     def placed(self, at: Location, path: str) -> Diagnostic:
         """Return the same finding about an element that whoever made it did not know."""
         subjects = (*(path.subjects if isinstance(path, Path) else ()), *self.subjects)
         return replace(self, at=at, path=shortened(str(path)), subjects=tuple(dict.fromkeys(subjects)))
+
+
+def tasks_named(names: Iterable[str]) -> tuple[Subject, ...]:
+    """Return tasks as subjects."""
+    return tuple(Subject("task", name) for name in names)
 
 
 class HalpipeError(Exception):

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.diagnostics import Subject
 from halpipe.durations import Duration, milliseconds
 from halpipe.models import Chain, Mode, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
@@ -260,6 +261,18 @@ def test_a_task_that_is_called_like_a_unit_is_not_taken_for_it():
     broken = [d for d in verify(system, schedule(system, "10ms", *jobs, *others)) if d.is_error]
     assert broken
     assert tasks_of(system, broken) == ("a", "b")
+
+
+def test_witnesses_and_remedies_say_which_elements_they_are_about():
+    """No two of three tasks fit on one of two units: the proof names all three, and changes what they change."""
+    findings = explain(packing()).diagnostics
+    proofs = [d for d in findings if d.is_error]
+    assert proofs
+    for proof in proofs:
+        assert {Subject("task", name) for name in "abc"} <= set(proof.subjects)
+    helping = [d for d in findings if d.code == codes.REMEDY.id]
+    assert helping
+    assert all({s.kind for s in d.subjects} & {"task", "unit", "chain"} for d in helping)
 
 
 def test_a_mode_with_too_many_parts_has_no_conflict(monkeypatch):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, about
+from halpipe.diagnostics import HalpipeError, about, tasks_named
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
@@ -241,7 +241,8 @@ def describe(mode: Mode, conflict: Conflict) -> Diagnostic:
     help = "relax one of these tasks or constraints; without any single one of them a schedule exists"
     if not conflict.is_minimal:
         help = "relax one of these tasks or constraints"
-    return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=about(mode=mode.name), help=help)
+    path, subjects = about(mode=mode.name), tasks_named(names)
+    return codes.NO_SCHEDULE_FOR(text, at=place(mode), path=path, help=help, subjects=subjects)
 
 
 def _parts(kept: Kept) -> Iterable[str]:

@@ -11,7 +11,7 @@ from fractions import Fraction
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Subject, about
+from halpipe.diagnostics import HalpipeError, Subject, about, tasks_named
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
@@ -23,7 +23,7 @@ from halpipe.pipeline.verify import verify
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Chain, ModeSchedule, Task, TaskModel
@@ -96,8 +96,10 @@ class Trials:
     def is_blocked(self, model: TaskModel, task: str) -> bool:
         """Tell whether a witness says that the task finds no gap that is long enough."""
         blocked = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
-        found = (d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics)
-        return any(d.code in blocked and Subject("task", task) in d.subjects for d in found)
+        found = (
+            d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics if d.code in blocked
+        )
+        return task in (next(s.name for s in d.subjects if s.kind == "task") for d in found)
 
     def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
         """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
@@ -143,13 +145,16 @@ def find_remedies(model: TaskModel, tasks: Sequence[str], trials: Trials) -> lis
     return found
 
 
-def _remedy(trials: Trials, what: str, smaller: TaskModel | None, steps: str = "") -> Diagnostic:
-    """Report a change; `smaller` is the next smaller one that was tried, in `steps`."""
+def _remedy(
+    trials: Trials, what: str, subjects: Iterable[Subject], smaller: TaskModel | None, steps: str = ""
+) -> Diagnostic:
+    """Report a change of some elements; `smaller` is the next smaller one that was tried, in `steps`."""
     status = f"found sufficient{f', {steps}' if steps else ''}"
     if smaller is not None:
         proven = trials.is_refuted(smaller)
         status += "; the next smaller step is proven not to suffice" if proven else "; with less, none was found"
-    return codes.REMEDY(f"{what} ({status})", path=about(mode=trials.mode), help="change the model so, if you can")
+    path, help = about(mode=trials.mode), "change the model so, if you can"
+    return codes.REMEDY(f"{what} ({status})", path=path, help=help, subjects=subjects)
 
 
 # ------------------------------------------------------------------------------------------------ kinds of changes
@@ -162,7 +167,9 @@ def _units(model: TaskModel, tasks: list[Task], trials: Trials) -> list[Diagnost
         for count in range(1, MAX_UNITS + 1):
             if trials.schedule(changes.more_units(model, like, count)) is not None:
                 smaller = changes.more_units(model, like, count - 1) if count > 1 else None
-                found.append(_remedy(trials, _count_text({like: count}, {like: what}), smaller))
+                found.append(
+                    _remedy(trials, _count_text({like: count}, {like: what}), [Subject("unit", like)], smaller)
+                )
                 break
     return found or _several_units(model, trials)
 
@@ -178,7 +185,7 @@ def _several_units(model: TaskModel, trials: Trials) -> list[Diagnostic]:
         for like in kinds:
             while added[like] and trials.schedule(_with(model, {**added, like: added[like] - 1})):
                 added[like] -= 1
-        return [_remedy(trials, _count_text(added, kinds), None)]
+        return [_remedy(trials, _count_text(added, kinds), [Subject("unit", like) for like in kinds], None)]
     return []
 
 
@@ -219,7 +226,7 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
         found = trials.smallest(loosen, trials.steps)
         if found:
             text = f"slack of {quoted(names)} >= {format_rational(Fraction(found[0], trials.steps))}"
-            yield _remedy(trials, text, loosen(found[0] - 1), f"in steps of 1/{trials.steps}")
+            yield _remedy(trials, text, tasks_named(names), loosen(found[0] - 1), f"in steps of 1/{trials.steps}")
 
 
 def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -234,7 +241,8 @@ def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Dia
         if found:
             longest = max((v.wcet or ZERO for v in task.versions), default=ZERO) / (found[0] + 1)
             smaller = cut(found[0] - 1) if found[0] > 1 else model
-            yield _remedy(trials, f'"{task.name}" cut into pieces of at most {longest} (split)', smaller)
+            text = f'"{task.name}" cut into pieces of at most {longest} (split)'
+            yield _remedy(trials, text, tasks_named([task.name]), smaller)
 
 
 def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -249,7 +257,9 @@ def _wcets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
         found = trials.smallest(shorten, trials.steps - 1)
         if found:
             text = _wcet_text(group, Fraction(trials.steps - found[0], trials.steps))
-            yield _remedy(trials, text, shorten(found[0] - 1), f"in steps of 1/{trials.steps} of it")
+            yield _remedy(
+                trials, text, tasks_named(names), shorten(found[0] - 1), f"in steps of 1/{trials.steps} of it"
+            )
 
 
 def _wcet_text(group: list[Task], factor: Fraction) -> str:
@@ -275,9 +285,9 @@ def _windows(model: TaskModel, tasks: list[Task], running: set[str], trials: Tri
 
         found = trials.smallest(widen, -(-period // unit))
         if found:
-            text = f'window of "{task}" on "{predecessor}" up to {row.max + unit * found[0]} '
-            step = f"in steps of {unit}"
-            yield _remedy(trials, text + f"instead of {row.max}", widen(found[0] - 1), step)
+            text = f'window of "{task}" on "{predecessor}" up to {row.max + unit * found[0]} instead of {row.max}'
+            named = tasks_named([task, predecessor])
+            yield _remedy(trials, text, named, widen(found[0] - 1), f"in steps of {unit}")
 
 
 def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
@@ -285,7 +295,7 @@ def _offsets(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Di
     groups = [[name] for name in names] if len(names) <= MAX_TASKS else []
     for group in (*groups, names):
         if group and trials.schedule(changes.without_offset(model, group)) is not None:
-            yield _remedy(trials, f"no fixed offset for {quoted(group)}", None)
+            yield _remedy(trials, f"no fixed offset for {quoted(group)}", tasks_named(group), None)
             return
 
 
@@ -301,7 +311,8 @@ def _limits(model: TaskModel, running: set[str], trials: Trials) -> Iterator[Dia
             found, step, below = _closest(model, chain, found, trials)
             parts = [f"{what} {limit} instead of {asked}" for what, asked, limit in _raised(chain, found)]
             text = f'limits of chain "{chain.name}" of {" and ".join(parts)}'
-            yield _remedy(trials, text, changes.with_limits(model, chain.name, *below), f"in steps of {step}")
+            smaller = changes.with_limits(model, chain.name, *below)
+            yield _remedy(trials, text, [Subject("chain", chain.name)], smaller, f"in steps of {step}")
 
 
 Limits = tuple["Duration | None", "Duration | None"]
@@ -374,4 +385,4 @@ def _deadlines(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[
         if found:
             text = f'deadline of "{task.name}" of {deadline + unit * found[0]} instead of {deadline}'
             step = f"in steps of {unit}"
-            yield _remedy(trials, text, later(found[0] - 1), step)
+            yield _remedy(trials, text, tasks_named([task.name]), later(found[0] - 1), step)

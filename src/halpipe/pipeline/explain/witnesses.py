@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import tasks_named
 from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.groups_meet import crowds
@@ -38,7 +39,7 @@ class Hopeless:
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
         """All findings, the premises first."""
-        return (*self.notes, *(witness.diagnostic for witness in self.witnesses))
+        return (*self.notes, *(found.diagnostic.concerning(tasks_named(found.tasks)) for found in self.witnesses))
 
     @property
     def tasks(self) -> tuple[str, ...]:
