@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 PARTS = (("Learn", "tutorial"), ("Do", "how-to"), ("Understand", "explanation"), ("Look up", "reference"))
 FURTHER = (
     *("README.md", "CHANGELOG.md", "tests/README.md"),
-    *("examples/roboracer/README.md", "examples/roboracer/overlay.yaml"),
+    *("examples/roboracer/README.md", "examples/roboracer/overlay.yaml", "examples/notebooks/first.ipynb"),
 )
 """Files outside docs/ that pages link to."""
 

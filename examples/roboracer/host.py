@@ -10,6 +10,7 @@ import ctypes
 import heapq
 import shutil
 import subprocess
+import tempfile
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -37,15 +38,22 @@ class Plant(Protocol):
 
 
 def compiler() -> list[str]:
-    """The C compiler: cc where there is one, else that of the package ziglang."""
+    """The C compiler: cc where there is one that works, else that of the package ziglang."""
     found = shutil.which("cc")
-    if found is not None:
+    if found is not None and _works(found):
         return [found]
     try:
         import ziglang
     except ImportError:
         raise SystemExit("no C compiler here: pip install ziglang") from None
     return [str(Path(ziglang.__file__).with_name("zig")), "cc", "-fno-sanitize=undefined"]
+
+
+def _works(found: str) -> bool:
+    """Return whether a compiler makes a library of an empty program; some machines have only its name."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [found, "-x", "c", "-shared", "-fPIC", "-o", f"{folder}/empty.so", "-"]
+        return subprocess.run(command, input=b"int empty;", capture_output=True, check=False).returncode == 0
 
 
 class Program:

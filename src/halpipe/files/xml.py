@@ -41,7 +41,7 @@ def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Ele
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as failure:
-        found = _syntax_errors(parser, failure, name)
+        found = _syntax_errors(parser, failure, name, is_xml=_begins_as_xml(data))
         is_plain = _PLAIN_ENCODING.match(data) is not None  # one in which a DOCTYPE would have been seen
         if not (long_texts and is_plain) or not any(_LONG_TEXT.search(entry.message) for entry in parser.error_log):
             raise HalpipeError(*found) from None
@@ -172,13 +172,19 @@ def _doctype(name: str, line: int) -> HalpipeError:
     return HalpipeError(HAS_DOCTYPE("declares a DOCTYPE", at=Location(name, line), help=help))
 
 
+def _begins_as_xml(data: bytes) -> bool:
+    """Return whether there is a tag where a document begins, in any encoding that a byte order mark may tell."""
+    return b"<" in data[:200].replace(b"\0", b"").removeprefix(b"\xef\xbb\xbf").lstrip()[:4]
+
+
 _ADVICE_TO_PROGRAMMERS = re.compile(r",? (?:use|try|see) xml\w+(?: option)?\.?$", re.IGNORECASE)
 
 
-def _syntax_errors(parser: Any, failure: Exception, name: str) -> list[Diagnostic]:
+def _syntax_errors(parser: Any, failure: Exception, name: str, *, is_xml: bool = True) -> list[Diagnostic]:
+    help = "repair the file" if is_xml else "this is no XML; `halpipe import` reads graphs, traces and other sources"
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [
-        BROKEN_XML(_ADVICE_TO_PROGRAMMERS.sub("", message.strip()), at=Location(name, line), help="repair the file")
+        BROKEN_XML(_ADVICE_TO_PROGRAMMERS.sub("", message.strip()), at=Location(name, line), help=help)
         for line, message in unique
     ]

@@ -64,7 +64,10 @@ def parse_yaml(data: bytes, name: str) -> Any:
 
 
 def _broken_yaml(name: str, line: int, text: str) -> HalpipeError:
-    return HalpipeError(BROKEN_YAML(text, at=Location(name, line), help="repair the file"))
+    help = "repair the file"
+    if "alias" in text and not text.startswith("nests"):
+        help = 'quote names that begin with *, as in "*core": without quotes, * refers to a part of the file'
+    return HalpipeError(BROKEN_YAML(text, at=Location(name, line), help=help))
 
 
 @cache
