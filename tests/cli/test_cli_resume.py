@@ -13,6 +13,7 @@ from halpipe.cli.searching import workers_of
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SWITCHES, SearchOptions
@@ -20,6 +21,7 @@ from halpipe.pipeline.solve.workers import Workers
 from support import access, after, chain, mode, model, task, version
 
 UNITS = "u1 u2 u3"
+AIMS = (Objective.CHAINS, Objective.JITTER, Objective.MARGIN)
 
 
 def tight_model():
@@ -63,8 +65,8 @@ def test_a_stopped_search_goes_on_to_the_same_bytes(tmp_path, monkeypatch, slice
     assert resumed.schedule == straight.schedule
 
 
-@pytest.mark.parametrize("quality", [Quality.COST, Quality.MARGIN])
-def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, quality):
+@pytest.mark.parametrize("aim", [{"quality": Quality.COST}, {"quality": Quality.MARGIN}, {"optimise": tuple(AIMS)}])
+def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
     from halpipe.pipeline.solve import goals
     from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
@@ -72,7 +74,7 @@ def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
     monkeypatch.setattr(goals, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
-    options = SearchOptions(seed=1, quality=quality)
+    options = SearchOptions(seed=1, **aim)
     straight = schedule_model(system, options, lambda *progress: True)
     assert straight.schedule != schedule_model(system, SearchOptions(seed=1), lambda *progress: True).schedule
     parts, resumed = in_parts(tmp_path, system, options, 2)

@@ -19,7 +19,9 @@ from halpipe.pipeline.solve import exact_chains, goals
 from halpipe.pipeline.solve import schedule as search
 from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.solve.optimise import value_text
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.workers import Workers
 from profiles import examples
 from support import chain, model, task, version
 
@@ -140,17 +142,38 @@ def test_bounds_hold_for_schedules_valid_by_construction(seed):
         assert lower_bound(objective, system, expansion) <= value
 
 
-def test_the_exact_engine_proves_an_optimum():
-    pytest.importorskip("ortools")
+def four_tasks():
     rows = (("a", 8, 3), ("b", 16, 4), ("c", 8, 1), ("d", 16, 2))
     tasks = [task(name, period, version("v", wcet, "u1 u2")) for name, period, wcet in rows]
     chains = [replace(chain("one", "a b c"), weight=Fraction(2)), chain("two", "d c")]
-    system = model(*tasks, units="u1 u2", chains=chains)
+    return model(*tasks, units="u1 u2", chains=chains)
+
+
+def test_the_exact_engine_proves_an_optimum():
+    pytest.importorskip("ortools")
+    system = four_tasks()
     scheduled = search.schedule_model(system, SearchOptions(optimise=(Objective.CHAINS,)), lambda *_: True)
     (reached,) = scheduled.reached
     assert str(reached).endswith("; the best possible")
     assert reached.value == reached.bound < reached.first
     assert "HAL" not in "".join(d.code for d in verify_schedule(system, scheduled.schedule) if d.is_error)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_number_of_workers_changes_nothing_that_is_optimised(seed):
+    system, aims = four_tasks(), (Objective.CHAINS, Objective.MARGIN)
+    one, two, eight = (found(system, seed=seed, optimise=aims, workers=Workers(count)) for count in (1, 2, 8))
+    assert one.schedule == two.schedule == eight.schedule
+    assert one.reached == two.reached == eight.reached
+
+
+def test_each_better_schedule_is_told():
+    """Margins are found by the search alone, so that what is told last is what is reached."""
+    system, told = four_tasks(), []
+    scheduled = found(system, optimise=(Objective.MARGIN,), on_better=lambda mode, text: told.append((mode, text)))
+    (reached,) = scheduled.reached
+    assert reached.value < reached.first
+    assert told[-1] == (system.modes[0].name, f"margin {value_text(reached.objective, reached.value)}")
 
 
 @pytest.mark.parametrize("text", ["chain", "chains,chains", "cost"])

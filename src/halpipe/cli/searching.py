@@ -40,6 +40,7 @@ class Watch:
         self._deadline = self._began + time_limit if time_limit else None
         self._progress: Progress | None = None
         self._bars: dict[str, int] = {}
+        self._better: dict[str, str] = {}
 
     def __enter__(self) -> Watch:
         return self
@@ -61,6 +62,10 @@ class Watch:
             with self._lock:
                 self._show(mode, moves, budget, best)
         return not self.interrupted and (self._deadline is None or time.monotonic() < self._deadline)
+
+    def on_better(self, mode: str, text: str) -> None:
+        """Remember how far the objectives of a mode are."""
+        self._better[mode] = text
 
     def _show(self, mode: str, moves: int, budget: int, best: int) -> None:
         from rich.console import Console
@@ -85,6 +90,7 @@ class Watch:
             state = f"{moves} of {budget} mode pairs"
         else:
             state = "constructing" if best == CONSTRUCTING else f"{moves} moves, best cost {best}"
+            state = self._better.get(mode, state)
         self._progress.update(self._bars[mode], completed=moves, state=state)  # type: ignore[arg-type]
 
 
@@ -116,7 +122,7 @@ def find_schedule(
         options = replace(options, keeper=checkpoint)
     with Watch(time_limit) as watch, _handling(watch):
         try:
-            scheduled = schedule_model(model, options, watch.on_progress)
+            scheduled = schedule_model(model, replace(options, on_better=watch.on_better), watch.on_progress)
         except HalpipeError as failure:
             if failure.exit is Exit.INTERRUPTED and not watch.interrupted:  # it was the time limit
                 failure.exit = Exit.NOT_FOUND

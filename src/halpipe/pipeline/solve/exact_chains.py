@@ -32,10 +32,14 @@ JOBS = 400
 
 @dataclass(frozen=True, slots=True)
 class Shortest:
-    """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any."""
+    """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any.
+
+    `stopped` tells that somebody wanted no more, before the effort was spent.
+    """
 
     bound: Fraction
     jobs: tuple[Job, ...] = ()
+    stopped: bool = False
 
 
 def shortest_chains(
@@ -48,11 +52,13 @@ def shortest_chains(
     for chain in least:
         alone = _solve(model, _part(expansion, chain.tasks), [chain], (), None, replace(effort, work=ALONE))
         least[chain] = max(least[chain], alone.bound / chain.weight if chain.weight else Fraction(0))
+        if alone.stopped:
+            return Shortest(_sum(least), stopped=True)
     bound = _sum(least)
     if bound >= now:
         return Shortest(bound)
     together = _solve(model, expansion, list(least), jobs, now, replace(effort, work=WORK))
-    return Shortest(max(bound, together.bound), together.jobs)
+    return Shortest(max(bound, together.bound), together.jobs, together.stopped)
 
 
 def _sum(least: dict[Chain, Fraction]) -> Fraction:
@@ -105,10 +111,10 @@ def _solve(
     parameters.num_workers, parameters.random_seed = 1, effort.seed
     parameters.max_deterministic_time = effort.work
     parameters.catch_sigint_signal, parameters.symmetry_level = False, 0
-    status, _ = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
+    status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE, cp_model.UNKNOWN):
-        return Shortest(Fraction(0))
+        return Shortest(Fraction(0), stopped=is_stopped)
     bound = unit * max(0, math.floor(solver.best_objective_bound))  # a whole number, well below 2^53
     found = program.jobs(solver) if status != cp_model.UNKNOWN else None
     is_better = found is not None and now is not None and unit * int(solver.objective_value) < now
-    return Shortest(bound, tuple(found) if found is not None and is_better else ())
+    return Shortest(bound, tuple(found) if found is not None and is_better else (), is_stopped)

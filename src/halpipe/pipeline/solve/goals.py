@@ -66,18 +66,29 @@ QUALITIES = {
 
 @dataclass(frozen=True, slots=True)
 class Polish:
-    """The goals, who judges what is found, the moves per task and step, the seed, and when the jobs are good enough."""
+    """The goals, who judges what is found, the moves per task and step, the seed, and when the jobs are good enough.
+
+    `on_better` is told what each better schedule is worth.
+    """
 
     goals: Goals
     judge: Judge
     budget: int
     seed: int
     is_enough: Callable[[tuple[Job, ...]], bool]
+    on_better: Callable[[Worth], None]
     first: list[Worth] = field(default_factory=list)
     """What the first valid schedule was worth, once there is one."""
 
 
-def polish_of(model: TaskModel, expansion: Expansion, goals: Goals, target: Fraction | None, seed: int) -> Polish:
+def polish_of(
+    model: TaskModel,
+    expansion: Expansion,
+    goals: Goals,
+    target: Fraction | None,
+    seed: int,
+    on_better: Callable[[Worth], None] = lambda worth: None,
+) -> Polish:
     """Return how to improve the first valid schedule of a mode, until its cost F is at most `target`."""
 
     def is_enough(jobs: tuple[Job, ...]) -> bool:
@@ -87,7 +98,7 @@ def polish_of(model: TaskModel, expansion: Expansion, goals: Goals, target: Frac
         return report.cost is not None and report.cost.total <= target
 
     judge = Judge(model, expansion, goals.objectives, each_chain=goals.hold)
-    return Polish(goals, judge, POLISH_BUDGET, seed, is_enough)
+    return Polish(goals, judge, POLISH_BUDGET, seed, is_enough, on_better)
 
 
 def objectives_of(text: str) -> tuple[Objective, ...]:

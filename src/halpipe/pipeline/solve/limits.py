@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, about
-from halpipe.pipeline.solve.codes import OPTIONS_CUT, TOO_LARGE
+from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
 from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem
 
 if TYPE_CHECKING:
@@ -57,3 +57,35 @@ def cut_options(problem: Problem) -> list[Diagnostic]:
         for (task, version), count in counts.items()
         if count >= MAX_OPTIONS_PER_VERSION
     ]
+
+
+def check_tick(expansion: Expansion, tick: Duration | None) -> None:
+    """Stop if a tick does not divide the periods and offsets of a mode."""
+    if tick is None:
+        return
+    wrong = [
+        TICK_DOES_NOT_DIVIDE(
+            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=about(task=task.name)
+        )
+        for task in (active.task for active in expansion.tasks)
+        for what, value in (("period", task.period), ("offset", task.offset))
+        if value is not None and value % tick
+    ]
+    if wrong:
+        raise HalpipeError(*wrong)
+
+
+def refuse_stuck(expansion: Expansion, names: list[str]) -> None:
+    """Stop if some tasks have jobs, but no way to run them."""
+    stuck = [
+        NO_OPTION(
+            f'no version available in mode "{expansion.mode.name}" can run',
+            at=active.task.at,
+            path=about(task=active.name),
+            help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
+        )
+        for active in map(expansion.by_name.__getitem__, names)
+        if active.jobs
+    ]
+    if stuck:
+        raise HalpipeError(*stuck)

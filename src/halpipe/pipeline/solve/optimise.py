@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Job
     from halpipe.pipeline.measure.objectives import Worth
-    from halpipe.pipeline.solve.goals import Polish
+    from halpipe.pipeline.solve.goals import Goals, Polish
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +56,35 @@ class Reached:
         return f"at most {format_rational(Fraction(int(percent), 10))} % above the best possible ({best} or more)"
 
     def _text(self, value: Fraction) -> str:
-        if self.objective in (Objective.CHAINS, Objective.JITTER):
-            return str(Duration(round(value)))
-        if self.objective is Objective.MARGIN:
-            return f"{format_rational(Fraction(int(-value * 1000), 10))} %"
-        return format_rational(value)
+        return value_text(self.objective, value)
+
+
+def value_text(objective: Objective, value: Fraction) -> str:
+    """Return the value of an objective in its unit."""
+    if objective in (Objective.CHAINS, Objective.JITTER):
+        return str(Duration(round(value)))
+    if objective is Objective.MARGIN:
+        return f"{format_rational(Fraction(int(-value * 1000), 10))} %"
+    return format_rational(value) if value >= 0 else f"-{format_rational(-value)}"
+
+
+def telling(goals: Goals, tell: Callable[[str], None]) -> Callable[[Worth], None]:
+    """Return what tells in a few words how far all objectives are."""
+
+    def said(worth: Worth) -> None:
+        pairs = zip(goals.objectives, worth.values, strict=True)
+        tell(", ".join(f"{objective} {value_text(objective, value)}" for objective, value in pairs))
+
+    return said
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The jobs of a mode at the end, what was reached, and whether somebody wanted no more before."""
+
+    jobs: tuple[Job, ...]
+    reached: tuple[Reached, ...] = ()
+    stopped: bool = False
 
 
 WORDS = {
@@ -72,15 +96,14 @@ WORDS = {
 }
 
 
-def finish(
-    polish: Polish, first: Worth, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool
-) -> tuple[tuple[Job, ...], tuple[Reached, ...]]:
-    """Return the jobs, better ones if the exact engine finds them, and what was reached of each objective.
+def finish(polish: Polish, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
+    """Return the jobs, better ones if the exact engine finds them, and what was reached.
 
     It is asked where shorter chains come first, and where it `is_free` to move all jobs on the grid of the model.
     """
     judge = polish.judge
-    worth = judge.worth(jobs)
+    first = polish.first[0] if polish.first else judge.worth(jobs)
+    worth, is_stopped = judge.worth(jobs), False
     bounds = [lower_bound(objective, judge.model, judge.expansion) for objective in judge.objectives]
     if judge.objectives[0] is Objective.CHAINS and is_free and bounds[0] != worth.values[0]:
         from halpipe.pipeline.solve.exact_chains import shortest_chains
@@ -88,10 +111,10 @@ def finish(
         shortest = shortest_chains(
             judge.model, judge.expansion, jobs, worth.values[0], replace(Effort(), seed=seed % 2**31, go_on=go_on)
         )
-        bounds[0] = shortest.bound
+        bounds[0], is_stopped = shortest.bound, shortest.stopped
         if shortest.jobs:
             found = judge.worth(shortest.jobs)
             if found.values < worth.values and judge.keeps(first, found):
                 jobs, worth = shortest.jobs, found
     rows = zip(judge.objectives, first.values, worth.values, bounds, strict=True)
-    return jobs, tuple(Reached(judge.expansion.mode.name, *row) for row in rows)
+    return Finished(jobs, tuple(Reached(judge.expansion.mode.name, *row) for row in rows), is_stopped)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
@@ -16,13 +17,18 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     CANNOT_STAY,
     EXACT_ABSENT,
-    NO_OPTION,
     OTHER_ANSWERED,
-    TICK_DOES_NOT_DIVIDE,
 )
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
-from halpipe.pipeline.solve.limits import DEFAULT_WORK, check_range, cut_options, too_large
-from halpipe.pipeline.solve.optimise import Reached, finish
+from halpipe.pipeline.solve.limits import (
+    DEFAULT_WORK,
+    check_range,
+    check_tick,
+    cut_options,
+    refuse_stuck,
+    too_large,
+)
+from halpipe.pipeline.solve.optimise import Finished, finish, telling
 from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 
@@ -37,6 +43,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.optimise import Reached
     from halpipe.pipeline.solve.quantise import BurstGrid
 
 DEFAULT_BUDGET = 20_000
@@ -92,6 +99,7 @@ class SearchOptions:
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
     - The objectives to `optimise` take the place of `quality`: one before the other, none worse than at first.
+    - `on_better` is told of a mode how far its objectives are, whenever a better schedule is found.
     - `keeper` saves the search on its way, or goes on with one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
     """
@@ -112,6 +120,7 @@ class SearchOptions:
     portfolio: int = DEFAULT_PORTFOLIO
     optimise: tuple[Objective, ...] = ()
     keeper: Keeper | None = field(default=None, compare=False)
+    on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
 
     @property
@@ -273,6 +282,18 @@ def _schedule_mode(
     def chained() -> Problem:
         return _problem(model, expansion, tick, every_chain=True, pinned=pinned)
 
+    def finished(jobs: tuple[Job, ...], *, is_cut: bool = False) -> Finished:
+        if polish is None or not options.optimise:
+            return Finished(jobs)
+        is_free = not shipped and tick is None and not pinned and not is_cut
+        return finish(
+            polish,
+            jobs,
+            _mode_seed(options.seed, number, options.attempt),
+            lambda: on_progress(name, 0, budget, 0),
+            is_free=is_free,
+        )
+
     def look(moves: int) -> Outcome:
         return search(
             problem,
@@ -308,22 +329,20 @@ def _schedule_mode(
     path, at = f'mode "{name}"', expansion.mode.at
     if engine:
         notes.append(OTHER_ANSWERED(f"the answer is that of: {engine}", at=at, path=path))
-        return _Found(mode_report(model, expansion, jobs, Status.VALID), notes, outcome.moves, engine=engine)
+        end = finished(jobs)
+        table = mode_report(model, expansion, end.jobs, Status.VALID)
+        return _Found(table, notes, outcome.moves, unimproved=end.stopped, engine=engine, reached=end.reached)
     if may_ask and not asks_exact and outcome.cost:
         help = "pip install 'halpipe[exact]'"
         notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
     on_progress(name, outcome.moves, budget, outcome.cost)
     status = Status.VALID if outcome.cost == 0 else Status.NOT_FOUND
-    jobs = outcome.jobs
-    reached: tuple[Reached, ...] = ()
-    if options.optimise and polish is not None and polish.first:
-        is_free = not shipped and tick is None and not pinned and not outcome.unimproved
-        seed = _mode_seed(options.seed, number, options.attempt)
-        jobs, reached = finish(
-            polish, polish.first[0], jobs, seed, lambda: on_progress(name, outcome.moves, budget, 0), is_free=is_free
-        )
-    table = mode_report(model, expansion, jobs, status)
-    return _Found(table, notes, outcome.moves, outcome.stopped, outcome.unimproved, reached=reached)
+    if outcome.cost:
+        return _Found(mode_report(model, expansion, outcome.jobs, status), notes, outcome.moves, outcome.stopped)
+    end = finished(outcome.jobs, is_cut=outcome.unimproved)
+    table = mode_report(model, expansion, end.jobs, status)
+    cut = outcome.unimproved or end.stopped
+    return _Found(table, notes, outcome.moves, outcome.stopped, cut, reached=end.reached)
 
 
 def _schedule_parts(
@@ -341,11 +360,11 @@ def _schedule_parts(
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 
     name = expansion.mode.name
-    _check_tick(expansion, options.tick)
+    check_tick(expansion, options.tick)
     mode = works_of(model, expansion, options.tick or natural_tick(expansion))
     fixed, changed = fix(mode, _shipped(expansion, options))
     mode = replace(mode, fixed=fixed)
-    _refuse_stuck(
+    refuse_stuck(
         expansion, [active.name for active, work in zip(expansion.tasks, mode.works, strict=True) if not work.ways]
     )
     tasks = max(1, len(expansion.tasks))
@@ -367,10 +386,10 @@ def _schedule_parts(
     on_progress(name, found.placed, budget, found.excess)
     table = mode_report(model, expansion, found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
     notes = _changed(expansion, changed, "number of jobs, version, units or parts")
-    reached: tuple[Reached, ...] = ()
-    if options.optimise and polish is not None and polish.first and not found.excess:
-        _, reached = finish(polish, polish.first[0], found.jobs, 0, lambda: True, is_free=False)
-    return _Found(table, notes, found.placed, found.stopped, found.unimproved, reached=reached)
+    end = Finished(found.jobs)
+    if options.optimise and polish is not None and not found.excess:
+        end = finish(polish, found.jobs, 0, lambda: True, is_free=False)
+    return _Found(table, notes, found.placed, found.stopped, found.unimproved, reached=end.reached)
 
 
 def _pinned(expansion: Expansion, earlier: Earlier) -> dict[str, tuple[str, ...]]:
@@ -421,7 +440,8 @@ def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, numb
     """Return what to improve once the mode is valid: nothing unless asked for."""
     goals = Goals.of(options.quality, options.optimise)
     seed = _mode_seed(options.seed, number, options.attempt) + 1
-    return None if goals is None else polish_of(model, expansion, goals, options.target, seed)
+    tell = partial(options.on_better, expansion.mode.name)
+    return None if goals is None else polish_of(model, expansion, goals, options.target, seed, telling(goals, tell))
 
 
 def _mode_seed(seed: int, number: int, attempt: int) -> int:
@@ -439,7 +459,7 @@ def _problem(
     pinned: Mapping[str, tuple[str, ...]],
 ) -> Problem:
     """Build the arrays, refusing what does not fit them."""
-    _check_tick(expansion, tick)
+    check_tick(expansion, tick)
     resources = [resource.name for resource in model.resources]
     try:
         problem = build_problem(
@@ -459,24 +479,9 @@ def _problem(
     return problem
 
 
-def _check_tick(expansion: Expansion, tick: Duration | None) -> None:
-    if tick is None:
-        return
-    wrong = [
-        TICK_DOES_NOT_DIVIDE(
-            f"{what} {value} is not a multiple of the tick {tick}", at=task.at, path=about(task=task.name)
-        )
-        for task in (active.task for active in expansion.tasks)
-        for what, value in (("period", task.period), ("offset", task.offset))
-        if value is not None and value % tick
-    ]
-    if wrong:
-        raise HalpipeError(*wrong)
-
-
 def _check_options(problem: Problem) -> None:
     arrays = problem.arrays
-    _refuse_stuck(
+    refuse_stuck(
         problem.expansion,
         [
             active.name
@@ -484,22 +489,6 @@ def _check_options(problem: Problem) -> None:
             if arrays.task_option[number] == arrays.task_option[number + 1]
         ],
     )
-
-
-def _refuse_stuck(expansion: Expansion, names: list[str]) -> None:
-    """Stop if some tasks have jobs, but no way to run them."""
-    stuck = [
-        NO_OPTION(
-            f'no version available in mode "{expansion.mode.name}" can run',
-            at=active.task.at,
-            path=about(task=active.name),
-            help="shorten its WCET, extend its deadline, or run its predecessors in the mode too",
-        )
-        for active in map(expansion.by_name.__getitem__, names)
-        if active.jobs
-    ]
-    if stuck:
-        raise HalpipeError(*stuck)
 
 
 def _common_tick(expansions: list[Expansion]) -> Duration | None:

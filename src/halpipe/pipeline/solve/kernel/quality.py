@@ -120,6 +120,7 @@ class _Improvement:
             return False
         best = self.best
         best.problem, best.state, best.units, best.jobs, best.worth = problem, found.state, found.units, jobs, worth
+        self.polish.on_better(worth)
         return True
 
     def _searched(self, arrays: Arrays, kept: Kept | None) -> _Step:
