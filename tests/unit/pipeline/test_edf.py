@@ -171,6 +171,23 @@ def test_more_quality_makes_no_chain_longer():
     assert all(x.reaction >= y.reaction and x.age >= y.age for x, y in zip(before, after_, strict=True))
 
 
+def test_a_window_longer_than_the_hyperperiod_is_met():
+    """b starts 37 ms after a start of a, which is two hyperperiods before it, or three."""
+    owner = model(
+        task("a", 20, split(version("v", 6, "u1"), "anywhere", max_gaps=1), slack=1, offset=6),
+        task("b", 20, split(version("v", 4, "u2", after("a", 37, 37)), "anywhere", max_gaps=1), offset=10),
+        units="u1 u2",
+    )
+    assert scheduled(owner).is_complete
+
+
+def test_a_poll_may_slip_as_far_as_its_arrivals_allow():
+    """One poll in each hyperperiod: it is never further from the one before, wherever in its slack it starts."""
+    poll = replace(task("poll", 24, split(version("v", 4, "u1"), 2), slack=1, offset=22), distance=milliseconds(25))
+    late = task("late", 24, version("v", 2, "u2", after("poll", 24, 25, "end")), offset=17)
+    assert scheduled(model(replace(poll, deadline=milliseconds(32)), late, units="u1 u2")).is_complete
+
+
 def test_the_example_is_found():
     owner = read_model(str(next(EXAMPLE.glob("*model*.xml"))))
     assert scheduled(owner).is_complete

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.solve.edf.resources import Claim
     from halpipe.pipeline.solve.edf.works import Way, Work
@@ -155,3 +157,9 @@ def last_stop(way: Way, start: int, first: int, lost: int, limit: int, executed:
         if phase.begin < where < phase.end:
             where = phase.begin
     return where if where > executed and stops_at(way, first, where) else 0
+
+
+def oldest_part(stacks: Iterable[Iterable[Job]], now: int) -> int:
+    """Return the first instant at which a part began that is running, or may go on at once."""
+    going = [job for stack in stacks for job in stack if job.is_running or job.spans[-1][1] == now]
+    return min([now, *(job.spans[-1][0] for job in going)])

@@ -97,7 +97,7 @@ class Moves:
     def _held(self, plan: Plan, task: int) -> Plan:
         """Hold the jobs of a task back, so that they meet a window, or for any time that their slack allows."""
         work = self.mode.works[task]
-        most = work.latest if work.is_cyclic else self.mode.hyperperiod
+        most = work.slip if work.is_cyclic else self.mode.hyperperiod
         if not most:
             return self._urgent(plan, task)
         targets = [0, self.draws.below(most + 1)]

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from halpipe.pipeline.solve.edf.jobs import Plan
-    from halpipe.pipeline.solve.edf.works import Mode
+    from halpipe.pipeline.solve.edf.works import Mode, Window
 
 
 def releases_of(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
@@ -35,3 +37,11 @@ def _wanted_by_fixed(mode: Mode, demander: int, number: int, task: int) -> list[
     windows = [window for window in job.way.windows if window.task == task]
     shortest = min(way.length for way in mode.works[task].ways)
     return [(job.start - w.most - (shortest if w.from_end else 0)) % mode.hyperperiod for w in windows]
+
+
+def earliest_expected(plan: Plan, releases: Sequence[Sequence[tuple[int, int]]], window: Window) -> int:
+    """Return before when no job may expect a predecessor in a window, since none has run yet."""
+    if not window.least or not releases[window.task]:
+        return 0
+    length = plan.ways[window.task].length if window.from_end else 0
+    return releases[window.task][0][0] + length + window.least

@@ -11,8 +11,18 @@ from bisect import bisect_left, bisect_right
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.edf.jobs import Job, Table, first_stop, last_stop, may_stop, reserved, stops_at, wall
-from halpipe.pipeline.solve.edf.releases import releases_of
+from halpipe.pipeline.solve.edf.jobs import (
+    Job,
+    Table,
+    first_stop,
+    last_stop,
+    may_stop,
+    oldest_part,
+    reserved,
+    stops_at,
+    wall,
+)
+from halpipe.pipeline.solve.edf.releases import earliest_expected, releases_of
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 
 if TYPE_CHECKING:
@@ -66,6 +76,10 @@ class _Simulation:
             for window in way.windows:
                 self.followers[window.task].update(way.units)
                 self.reach[window.task] = max(self.reach[window.task], window.most)
+        self.start_up = max(
+            (earliest_expected(self.plan, self.releases, window) for way in plan.ways for window in way.windows),
+            default=0,
+        )
         self.has_windows = any(way.windows for way in plan.ways)
 
     # ---- time
@@ -79,12 +93,15 @@ class _Simulation:
             for instant in {t for span in each.spans for t in span}:
                 self._at(instant % self.cycle, _FIXED, None, number)
         signature = None
-        for cycle in range(1, MOST_CYCLES + 1):
+        start_up = -(-self.start_up // self.cycle)
+        for cycle in range(1, start_up + MOST_CYCLES + 1):
             self._run_until(cycle * self.cycle)
             before, signature = signature, self._signature(cycle * self.cycle)
+            if cycle <= start_up:
+                continue
             if signature == before or (cycle == 1 and self._is_quiescent(cycle * self.cycle)):
                 return self._table(cycle, closed=True)
-        return self._table(MOST_CYCLES, closed=False)
+        return self._table(start_up + MOST_CYCLES, closed=False)
 
     def _announce(self, task: int, number: int) -> None:
         """Put the release of a job on the list of events."""
@@ -245,7 +262,7 @@ class _Simulation:
             if self._keeps_others_late(job, start, first, lost, gaps, end, waiting, now):
                 return False
         if claims and self.resources.is_crowded():
-            self.resources.forget(self._oldest(now))
+            self.resources.forget(oldest_part(self.stacks, now))
         self.resources.take(claims)
         if not begun:
             self._enter(job, now)
@@ -254,11 +271,6 @@ class _Simulation:
         job.target, job.claims, job.kept = target, claims, now
         self._run(job, end)
         return True
-
-    def _oldest(self, now: int) -> int:
-        """Return the first instant at which a part began that is running, or may go on at once."""
-        open_jobs = [job for stack in self.stacks for job in stack if job.is_running or job.spans[-1][1] == now]
-        return min([now, *(job.spans[-1][0] for job in open_jobs)])
 
     def _limit(self, job: Job, now: int) -> int | None:
         """Return until when a job may run from `now` on, before one that stays; None if for ever."""
@@ -319,6 +331,8 @@ class _Simulation:
             place = bisect_right(times, now - window.least)
             if place and times[place - 1] >= now - window.most:
                 continue
+            if now < earliest_expected(self.plan, self.releases, window):
+                continue  # what it asks for lies before the beginning of time
             if place < len(times):
                 self._at(times[place] + window.least, _WAKE, None, job.way.units[0])
             return False

@@ -27,7 +27,19 @@ def lateness(mode: Mode, table: Table, task: int) -> int:
     if len(slips) < work.jobs:
         return table.late[task]
     shift = 0 if work.phase is not None else min(start for start, _ in slips)
+    if work.arrivals is not None:
+        late = sum(max(0, start - shift - work.slip) for start, _ in slips)
+        return late + _arrival_lateness(table, task, work.arrivals, mode.hyperperiod)
     return sum(max(0, start - shift - work.latest) + max(0, end - shift - work.deadline) for start, end in slips)
+
+
+def _arrival_lateness(table: Table, task: int, arrivals: tuple[int, int], cycle: int) -> int:
+    """Return by how much jobs start and end too late after the start of the job before, round the hyperperiod."""
+    apart, answer = arrivals
+    spans = sorted((spans[0][0], spans[-1][1]) for (owner, _), spans in table.jobs.items() if owner == task)
+    before = [spans[-1][0] - cycle, *(start for start, _ in spans[:-1])]
+    pairs = zip(before, spans, strict=True)
+    return sum(max(0, start - since - apart) + max(0, end - since - answer) for since, (start, end) in pairs)
 
 
 def followed(mode: Mode, plan: Plan, table: Table) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.durations import Duration
-    from halpipe.models import TaskModel, Unit, Version
+    from halpipe.models import Task, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 
 MAX_UNIT_SETS = 256
@@ -76,8 +76,9 @@ class Way:
 class Work:
     """A task of the mode: its jobs are released `phase` + j `period`, and late after `latest` and `deadline`.
 
-    `phase` is None where it is free. For a task on demand, `demands` names for each job the task and job that demand
-    it, and which of its demands that is; then period, latest and deadline mean nothing.
+    `phase` is None where it is free. Jobs may start `slip` after their release; of a task that polls, latest and
+    deadline are what is certainly enough for its arrivals. For a task on demand, `demands` names for each job the task
+    and job that demand it, and which of its demands that is; then period, latest and deadline mean nothing.
     """
 
     active: ActiveTask
@@ -88,6 +89,9 @@ class Work:
     deadline: int
     demands: tuple[tuple[int, int, int], ...]
     ways: tuple[Way, ...]
+    slip: int = 0
+    arrivals: tuple[int, int] | None = None
+    """Of a task that polls, how far starts may be apart, and by when after a start the next job must have ended."""
 
     @property
     def name(self) -> str:
@@ -181,7 +185,14 @@ class _Builder:
             deadline=deadline,
             demands=tuple((self.task_index[d.task], d.index, d.slot) for d in active.demands),
             ways=tuple(way for version in active.versions for way in self._ways(version)),
+            slip=min(self.down(period * task.slack), self.down(period) - 1),
+            arrivals=self._arrivals(task),
         )
+
+    def _arrivals(self, task: Task) -> tuple[int, int] | None:
+        if task.distance is None:
+            return None
+        return self.down(task.distance), self.down(task.deadline or task.distance)
 
     def _ways(self, version: Version) -> Iterable[Way]:
         windows = tuple(self._windows(version))
