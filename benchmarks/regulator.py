@@ -1,5 +1,7 @@
 """Stress the bandwidth regulator: ``python benchmarks/regulator.py --configurations 60 --seeds 1 2``.
 
+With ``--faults``: how many faults put into the Verilog the simulation finds, and how many of the others the proof.
+
 Random systems (those of the tests) are exported, checked exactly, and simulated with every kind of traffic. Prints what
 was simulated and every violation; the last line is JSON. Needs Verilator, or Icarus Verilog and much time.
 """
@@ -15,9 +17,12 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 import regulator_bundles as bundles
+import regulator_mutants as mutants
 import regulator_systems as systems
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT
+from halpipe.deploy.regulator.engines import Icarus
+from halpipe.deploy.regulator.formal import missing
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import choose_engine, design_of, play
@@ -89,12 +94,34 @@ def bus_time(cycles: int = 250_000) -> dict[str, object]:
     return {"units": shape.units, "cycles": simulated, "best_s": round(min(times), 3)}
 
 
+def faults() -> dict[str, object]:
+    """Return how many faults of the Verilog the simulation finds, and how many of the others the proof."""
+    engine, count, unseen = Icarus(), 0, []
+    with tempfile.TemporaryDirectory() as folder:
+        files = bundles.export(Path(folder), *bundles.system("100ns"))
+    for name in mutants.MUTANTS:
+        if mutants.simulated(mutants.mutated(files, name), engine):
+            count += 1
+        else:
+            unseen.append(name)
+    lacking = missing()
+    refuted = [n for n in unseen if not lacking and mutants.refuted(mutants.mutated(files, n), mutants.MUTANTS[n][0])]
+    for name in sorted(set(unseen) - set(refuted)):
+        print(f"survives: {name}")
+    return {"faults": len(mutants.MUTANTS), "by_simulation": count, "by_proof": len(refuted), "not_installed": lacking}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--configurations", type=int, default=60)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--windows", type=int, default=400)
+    parser.add_argument("--faults", action="store_true", help="put faults into the Verilog instead")
     wanted = parser.parse_args()
+    if wanted.faults:
+        result = faults()
+        print(json.dumps(result))
+        sys.exit(0 if result["by_simulation"] + result["by_proof"] == result["faults"] else 1)
     begin = time.perf_counter()
     result = stress(wanted.configurations, wanted.seeds, wanted.windows)
     total = round(time.perf_counter() - begin, 1)
