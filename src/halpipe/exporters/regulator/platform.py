@@ -237,9 +237,9 @@ class _Reader:
             if rate > peak:
                 text = f"{format_bandwidth(rate)} are more than the bus carries: {p.bus} bytes x {p.clock} Hz"
                 self._contradict(key, f"{text} = {format_bandwidth(peak)}", f"state at most {format_bandwidth(peak)}")
-        if p.capacity < p.guaranteed:
+        if p.capacity < min(p.guaranteed, peak):  # what is guaranteed above the peak comes down to it
             text = f"{format_bandwidth(p.capacity)} are less than the {format_bandwidth(p.guaranteed)} guaranteed"
-            self._contradict("capacity", text, f"state at least {format_bandwidth(p.guaranteed)}")
+            self._contradict("capacity", text, f"state at least {format_bandwidth(min(p.guaranteed, peak))}")
         if p.burst > p.window_capacity:
             least = -(-p.burst * p.clock // p.capacity)
             text = f"{p.cycles} cycles carry {p.window_capacity} bytes, less than one burst of {p.burst}"

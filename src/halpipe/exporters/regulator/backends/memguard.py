@@ -142,7 +142,7 @@ Limits = dict[tuple[str, int], int]
 """Events per period by direction and core."""
 
 
-def _settings(tables: Tables, table: Table) -> list[tuple[int, Limits]]:
+def _settings(tables: Tables, table: Table, granularity: str = "") -> list[tuple[int, Limits]]:
     """Return what is set from which nanosecond of a table on: once, or (granularity: phase) as bounds change.
 
     What is written holds from the next end of a period on, which comes at any time within a period, and until that of
@@ -152,7 +152,7 @@ def _settings(tables: Tables, table: Table) -> list[tuple[int, Limits]]:
     def all_of(highest: Mapping[Row, Fraction]) -> Limits:
         return {(d, core): n for d in DIRECTIONS for core, n in enumerate(_events(tables, highest, d))}
 
-    if tables.platform.settings[MemGuard.name]["granularity"] != "phase":
+    if (granularity or tables.platform.settings[MemGuard.name]["granularity"]) != "phase":
         return [(0, all_of(peaks(table.frame)))]
     period, span = _period(tables.platform) * 1000, tables.grid.ns(table.frame.span)
     stretches = [(tables.grid.ns(segment.begin), segment.bounds) for segment in segments(table.frame)]
@@ -245,14 +245,24 @@ def _check_limits(tables: Tables, table: Table) -> Iterator[Diagnostic]:
             for (d, core), n in limits.items()
         }
 
-    repeats = table.successor == table.index
-    pairs = zip(settings, [settings[-1] if repeats else settings[0], *settings], strict=False)
-    given = max(({k: max(n, b[k]) for k, n in a.items()} for a, b in pairs), key=lambda limits: sum(limits.values()))
+    given = _worst(table, settings)
     promised: Mapping[str, Fraction] = dict.fromkeys(rates(given), Fraction(0)) | {
         f"{row.unit} {row.direction}": rate_of(tables, bound) for row, bound in highest.items()
     }
-    backs, grain = p.settings[MemGuard.name]["write-backs"], p.settings[MemGuard.name]["granularity"]
-    other = f'state "memguard: {{write-backs: ...}}", measured, which is {backs} lines written per line read'
-    other = other if grain == "phase" else f'set "memguard: {{granularity: phase}}", or {other}'
-    if sum(rates(given).values()) > limit_of(tables):
-        yield from over_limit(tables, table, rates(given), promised, other)
+    if sum(rates(given).values()) <= limit_of(tables):
+        return
+    stated, others = p.settings[MemGuard.name], ["use the back-end table or axi-realm"]
+    if _write_backs(p):
+        text = f"measured, which is {stated['write-backs']} lines written per line read"
+        others.insert(0, f'state "memguard: {{write-backs: ...}}", {text}')
+    by_phase = _worst(table, [limits for _, limits in _settings(tables, table, "phase")])
+    if stated["granularity"] != "phase" and sum(rates(by_phase).values()) <= limit_of(tables):
+        others.insert(0, 'set "memguard: {granularity: phase}"')
+    yield from over_limit(tables, table, rates(given), promised, ", or ".join(others))
+
+
+def _worst(table: Table, settings: list[Limits]) -> Limits:
+    """Return the limits that take most while one setting follows the other: a core may have that of either."""
+    first = settings[-1] if table.successor == table.index else settings[0]
+    pairs = zip(settings, [first, *settings], strict=False)
+    return max(({k: max(n, b[k]) for k, n in a.items()} for a, b in pairs), key=lambda limits: sum(limits.values()))

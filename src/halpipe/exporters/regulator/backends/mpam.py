@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
-from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, NO_MANAGER, RATE_DOES_NOT_FIT
 
 if TYPE_CHECKING:
@@ -138,4 +138,20 @@ def _check_parts(tables: Tables, table: Table) -> Iterator[Diagnostic]:
             yield RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help="lower the bound")
         else:
             yield from coarse(tables, table, unit, given[unit], promised[unit])
-    yield from over_limit(tables, table, given, promised, "use the back-end table or axi-realm")
+    shares = _shares(_parts(tables.platform), list(promised.values()))
+    yield from over_limit(tables, table, given, promised, "use the back-end table or axi-realm", shares=shares)
+
+
+MOST_PARTS = 1024
+"""That are tried one by one for the capacity at which a promise needs one part less."""
+
+
+def _shares(parts: int, rates: list[Fraction]) -> Shares:
+    """Return what these rates take of another capacity, at least one part each."""
+
+    def total(capacity: int) -> Fraction | None:
+        counts = [max(1, -int(-rate * parts // capacity)) for rate in rates]
+        return None if max(counts) > parts else Fraction(sum(counts) * capacity, parts)
+
+    tried = range(1, parts + 1, max(1, parts // MOST_PARTS))
+    return Shares(total, [rate * parts / count for rate in rates for count in tried])

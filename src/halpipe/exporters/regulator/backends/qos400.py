@@ -20,6 +20,7 @@ from halpipe.exporters.regulator.backends.base import falls_first, file_names, i
 from halpipe.exporters.regulator.backends.rates import (
     Segment,
     check_owners,
+    limit_of,
     over_limit,
     peaks,
     rate_of,
@@ -184,10 +185,17 @@ def _check_rates(tables: Tables, table: Table) -> list[Diagnostic]:
                 where = about(path, unit=row.unit)
                 found[where] = RATE_DOES_NOT_FIT(message, at=table.frame.at, path=where, help=help)
         given = {names[row]: count * step for row, count in steps.items()}
-        fault = over_limit(tables, table, given, promised, _OTHERWISE[_is_phased(tables)])
+        can_help = not _is_phased(tables) and _fits_by_phase(tables, table)
+        fault = over_limit(tables, table, given, promised, _OTHERWISE[not can_help])
         if fault:
             found.setdefault("sum", fault[0])
     return list(found.values())
+
+
+def _fits_by_phase(tables: Tables, table: Table) -> bool:
+    """Return whether the rates of every stretch of constant bounds fit together."""
+    step, limit = _step(tables.platform), limit_of(tables)
+    return all(sum(_steps(tables, s.bounds).values()) * step <= limit for s in segments(table.frame))
 
 
 _OTHERWISE = {

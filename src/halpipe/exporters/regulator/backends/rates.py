@@ -14,7 +14,7 @@ from halpipe.exporters.regulator.rounding import pieces
 from halpipe.quantities import format_bandwidth
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 
     from halpipe.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.frames import Frame, Row
@@ -66,20 +66,54 @@ def limit_of(tables: Tables) -> Fraction:
 
 
 def over_limit(
-    tables: Tables, table: Table, given: Mapping[str, Fraction], promised: Mapping[str, Fraction], other: str
+    tables: Tables,
+    table: Table,
+    given: Mapping[str, Fraction],
+    promised: Mapping[str, Fraction],
+    other: str,
+    *,
+    shares: Shares | None = None,
 ) -> list[Diagnostic]:
-    """Return a finding if the rates `given`, by owner, exceed the capacity together; `other` says what helps."""
+    """Return a finding if the rates `given`, by owner, exceed the capacity together; `other` says what helps.
+
+    Of regulators whose steps are parts of the capacity, `shares` says what they give for another one.
+    """
     limit, total = limit_of(tables), sum(given.values(), Fraction(0))
     if total <= limit:
         return []
-    capacity = tables.platform.capacity + ceil(total - limit)
     each = ", ".join(f"{name} {rate_text(rate)} for {rate_text(promised[name])}" for name, rate in given.items())
     message = (
         f"one rate per unit for the whole {table.frame.kind} comes to {rate_text(total)}, there is room for "
         f"{rate_text(limit)}: the least that can be set for what is promised is {each}"
     )
-    help = f'state "capacity: {format_bandwidth(capacity)}" if memory serves it, or {other}'
+    capacity = tables.platform.capacity + ceil(total - limit) if shares is None else _capacity(tables, shares)
+    is_possible = capacity is not None and capacity <= tables.platform.bus * tables.platform.clock
+    help = other
+    if capacity is not None and is_possible:
+        help = f'state "capacity: {format_bandwidth(capacity)}" if memory serves it, or {other}'
     return [RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)]
+
+
+@dataclass(frozen=True, slots=True)
+class Shares:
+    """Rates that are parts of the capacity: what is given in all for another capacity, and where that may change.
+
+    `total` returns None where a rate is more than the largest part.
+    """
+
+    total: Callable[[int], Fraction | None]
+    turns: Iterable[Fraction]
+
+
+def _capacity(tables: Tables, shares: Shares) -> int | None:
+    """Return the least capacity, of those at which a rate needs one part less, for which everything fits."""
+    now = tables.platform.capacity
+    reserve = now - limit_of(tables)
+    for capacity in sorted({ceil(turn) for turn in shares.turns if turn > now}):
+        total = shares.total(capacity)
+        if total is not None and total <= capacity - reserve:
+            return capacity
+    return None
 
 
 def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: Fraction) -> list[Diagnostic]:

@@ -6,13 +6,13 @@ gets the least there is. Shares are approximate and no hard bound. Source: Linux
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
-from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.quantities import format_bandwidth
 
@@ -186,4 +186,23 @@ def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
     yield from found
     if not any(d.is_error for d in found):
         other = "use a processor with finer steps, or the back-end table or axi-realm"
-        yield from over_limit(tables, table, given, promised, other)
+        shares = None if steps.kind == "amd" else _shares(steps, list(promised.values()))
+        yield from over_limit(tables, table, given, promised, other, shares=shares)
+
+
+def _shares(steps: Steps, rates: list[Fraction]) -> Shares:
+    """Return what these rates take of another capacity."""
+
+    def total(capacity: int) -> Fraction | None:
+        other, given = replace(steps, capacity=capacity), Fraction(0)
+        for rate in rates:
+            value = other.least_for(rate)
+            if value is None:
+                return None
+            given += other.given(value)
+        return given
+
+    parts = [Fraction(value, 100) for value in range(steps.least, steps.most + 1, steps.step)]
+    if steps.kind == "mpam":
+        parts = [steps.given(value) / steps.capacity for value in range(steps.least, steps.most + 1, steps.step)]
+    return Shares(total, [rate / part for rate in rates for part in parts])
