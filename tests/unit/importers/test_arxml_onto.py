@@ -19,6 +19,7 @@ from arxml_case import (
     rte,
     write,
 )
+from test_arxml_ecus import BOTH, VEHICLE
 
 from command_line import run_here
 from halpipe.diagnostics import HalpipeError
@@ -27,7 +28,8 @@ from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
-from halpipe.importers.arxml import project_codes
+from halpipe.importers.arxml import codes as arxml_codes
+from halpipe.importers.arxml import project_codes, selection_codes
 from halpipe.importers.arxml.files import sniff
 from halpipe.importers.base import ImportOptions
 from support import job, schedule
@@ -171,6 +173,32 @@ def test_a_project_that_changed_is_refused_with_both_places(tmp_path, change, sa
     assert said in told[0].message
     assert re.search(r"imported from .*system\.arxml:\d+", told[0].message)
     assert told[0].at.line
+
+
+def test_an_ecu_of_several_must_be_named_and_gets_all(tmp_path):
+    path = write(tmp_path, VEHICLE, *BOTH)
+    overlay = tmp_path / "wcet.yaml"
+    overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
+    front = ImportOptions(ecu="Front")
+    model = import_model("arxml", [str(path)], [str(overlay)], front).model
+    plan = schedule(model, 10, job(model, "p/Step", 0, "1ms", "A0"), mode_name="default")
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, plan, str(tmp_path), ImportOptions())
+    (told,) = [d for d in failure.value.diagnostics if d.is_error]
+    assert told.code == selection_codes.SEVERAL_ECUS.id
+    onto = export_onto(model, plan, str(tmp_path), front)
+    assert onto.changes
+    assert all(change.path.startswith("/E1/") for change in onto.changes)
+
+
+def test_a_project_that_contradicts_itself_is_refused_with_both_places(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    other = component("Pump", every("0.02", "Tick", "Pump/Step"), runnables="Step")
+    second = write(tmp_path, package("T", other), name="z.arxml")
+    (told,) = refused(path, model)
+    assert told.code == arxml_codes.CONFLICT.id
+    assert (told.at.file, str(path) in told.message) == (str(second), True)
 
 
 def test_tasks_that_the_model_leaves_out_are_named(tmp_path):

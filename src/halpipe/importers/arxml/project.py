@@ -80,15 +80,22 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions,
 
 def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOptions, findings: Findings) -> Built:
     """Return the model of the project at the granularity of the given one, without what that has not."""
-    wanted = {task.name for task in model.tasks}
-    best: tuple[int, str, set[str]] | None = None
+    system = read_system(tree, options.ecu)
+    tree.findings.stop_on_errors()
+    found: dict[str, set[str]] = {}
+    failures = []
     for granularity in GRANULARITIES:
-        names = _names(tree, paths, _options(options, model, granularity, is_dropping=False))
-        score = len(wanted & names)
-        if best is None or score > best[0]:
-            best = (score, granularity, names)
-    assert best is not None
-    _, granularity, names = best
+        try:
+            made = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=False))
+        except HalpipeError as failure:
+            failures.append(failure)
+        else:
+            found[granularity] = {task.name for task in made.model.tasks}
+    if not found:
+        raise failures[0]
+    wanted = {task.name for task in model.tasks}
+    granularity = max(found, key=lambda known: len(wanted & found[known]))
+    names = found[granularity]
     for task in model.tasks:
         if task.name not in names:
             findings.add(
@@ -109,20 +116,14 @@ def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOp
             )
         )
     findings.stop_on_errors()
-    return assemble(
-        tree, read_system(tree, options.ecu), paths, _options(options, model, granularity, is_dropping=True)
-    )
+    tree.findings = Findings()  # what the other granularities found does not count
+    built = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=True))
+    tree.findings.stop_on_errors()
+    return built
 
 
 def _options(options: ImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool) -> ImportOptions:
     return replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
-
-
-def _names(tree: Tree, paths: Sequence[str], options: ImportOptions) -> set[str]:
-    try:
-        return {task.name for task in assemble(tree, read_system(tree, options.ecu), paths, options).model.tasks}
-    except HalpipeError:
-        return set()
 
 
 # -------------------------------------------------------------------------------------------------- differences
