@@ -312,6 +312,15 @@ def test_what_is_near_is_searched_for_where_it_cannot_stay():
     assert scheduled(longer, near=first).is_complete
 
 
+def test_more_parts_than_are_allowed_are_refused_as_they_are_made(monkeypatch):
+    owner = short_beside_long(3, 6)
+    made = sum(max(1, len(job.parts)) for job in scheduled(owner).schedule.modes[0].jobs)
+    monkeypatch.setattr("halpipe.pipeline.solve.edf.search.MAX_PARTS", made)
+    assert scheduled(owner).is_complete
+    monkeypatch.setattr("halpipe.pipeline.solve.edf.search.MAX_PARTS", made - 1)
+    assert refused(owner) == [codes.TOO_MANY_PARTS.id]
+
+
 def test_the_exact_engine_knows_whole_jobs_only():
     assert refused(short_beside_long(3, 6), engine="exact") == [codes.EXACT_WHOLE.id]
 

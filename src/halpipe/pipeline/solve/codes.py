@@ -92,6 +92,12 @@ OTHER_ANSWERED = note(
     "The annealer had not found a schedule of the mode when another engine did: packing, or the exact engine. Where "
     "OR-Tools is missing, or of another version, the exact engine's schedule may be another one, or none is found.",
 )
+TOO_MANY_PARTS = error(
+    "HAL0428",
+    "Schedule has too many parts",
+    "The jobs of a hyperperiod were cut into more than 10 000 000 parts. Allow fewer gaps or longer parts, or choose "
+    "periods whose hyperperiod is shorter.",
+)
 GRID_WHOLE = error(
     "HAL0458",
     "Regulator grid is for whole jobs only",

@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
+from halpipe.pipeline.solve.codes import TOO_MANY_PARTS
 from halpipe.pipeline.solve.edf.keeping import Memory, State
 from halpipe.pipeline.solve.edf.moves import Draws, Moves
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.works import Mode
     from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
+
+MAX_PARTS = 10_000_000
+"""Parts of all jobs in a hyperperiod (MODEL 8.3)."""
 
 TRIES = 20
 """Draws of a plan that differs and overloads no unit, before any is taken."""
@@ -195,6 +200,7 @@ class _Search:
 
     def _evaluate(self, plan: Plan) -> _Try:
         table = simulate(self.mode, plan)
+        self._refuse_crowds(table)
         self.placed += max(1, len(table.jobs))
         missed = missed_by_fixed(self.mode, table)
         late = tuple(lateness(self.mode, table, task) + missed.get(task, 0) for task in range(len(self.mode.works)))
@@ -208,6 +214,15 @@ class _Search:
         if not self.effort.go_on(self.placed, excess):
             self.stopped = True
         return _Try(plan, table, late, excess, slow)
+
+    def _refuse_crowds(self, table: Table) -> None:
+        """Stop where jobs have more parts than a schedule may have (MODEL 8.3)."""
+        parts = sum(map(len, table.jobs.values()))
+        if parts > MAX_PARTS:
+            mode = self.mode.expansion.mode
+            help = "state max-gaps, or a longer min-part, or periods with a shorter hyperperiod"
+            text = f"its jobs have {parts} parts in a hyperperiod, {MAX_PARTS} are allowed"
+            raise HalpipeError(TOO_MANY_PARTS(text, at=mode.at, path=f'mode "{mode.name}"', help=help))
 
     def _beside_fixed(self, plan: Plan, table: Table) -> int:
         """Return what a table still costs with the jobs that stay: those may break rules by themselves."""
