@@ -10,7 +10,7 @@ import json
 import os
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -51,8 +51,7 @@ class Location:
 NOWHERE = Location()
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Subject:
+class Subject(NamedTuple):
     """An element that a diagnostic is about: its kind, such as task or unit, and its name."""
 
     kind: str
@@ -60,15 +59,22 @@ class Subject:
 
 
 class Path(str):
-    """How messages name an element, with the elements that it names: nobody has to read the text."""
+    """How messages name an element, with the elements that it names: nobody has to read the text.
 
+    Checks make the path of each element that they look at, so it has to be cheap.
+    """
+
+    __slots__ = ("subjects",)
     subjects: tuple[Subject, ...]
 
-    def __new__(cls, text: str, subjects: Iterable[Subject] = ()) -> Path:
+    def __new__(cls, text: str, subjects: tuple[Subject, ...] = ()) -> Path:
         """Make a path of its text and the elements in it."""
-        path = super().__new__(cls, text)
-        path.subjects = tuple(subjects)
+        path = str.__new__(cls, text)
+        path.subjects = subjects
         return path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path, (str(self), self.subjects)
 
 
 _WORDS = {
@@ -91,20 +97,23 @@ def about(within: str = "", **elements: str | int | tuple[str, str]) -> Path:
 
     A pair of names is an element between two others, as a transition is.
     """
-    texts = [within] if within else []
-    subjects = list(within.subjects) if isinstance(within, Path) else []
+    text, subjects = str(within), within.subjects if isinstance(within, Path) else ()
     for keyword, name in elements.items():
-        words, kind = _WORDS.get(keyword, (keyword, keyword))
-        ends = name if isinstance(name, tuple) else (str(name),)
-        shown = str(name) if isinstance(name, int) else " to ".join(f'"{end}"' for end in ends)
-        texts.append(f"{words} {shown}")
-        subjects.append(Subject(kind, "->".join(map(shortened, ends))))
-    return Path(" ".join(texts), subjects)
+        words, kind = _WORDS.get(keyword) or (keyword, keyword)
+        if type(name) is str:
+            shown = f'"{name}"'
+        elif isinstance(name, tuple):
+            shown, name = " to ".join(f'"{end}"' for end in name), "->".join(name)
+        else:
+            shown = name = str(name)
+        text = f"{text} {words} {shown}" if text else f"{words} {shown}"
+        subjects = (*subjects, Subject(kind, name))
+    return Path(text, subjects)
 
 
 def named(kind: str, name: str) -> Path:
     """Return the path of an element whose kind is that of another format, such as ``OsTask "/ecu/os/main"``."""
-    return Path(f'{kind} "{name}"', (Subject(kind, shortened(name)),))
+    return Path(f'{kind} "{name}"', (Subject(kind, name),))
 
 
 def version_of(task: str, version: str) -> Path:
@@ -159,7 +168,7 @@ class Code:
             shortened(str(path)),
             shortened(message),
             shortened(help),
-            tuple(dict.fromkeys((*named, *subjects))),
+            _unique((*named, *subjects)),
             further,
             fix,
         )
@@ -167,6 +176,10 @@ class Code:
     def instead_of(self, found: Diagnostic, help: str = "") -> Diagnostic:
         """Return a diagnostic of another code as one of this code."""
         return replace(found, code=self.id, severity=self.severity, help=help or found.help)
+
+
+def _unique(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
+    return tuple(dict.fromkeys(Subject(kind, shortened(name)) for kind, name in subjects))
 
 
 MOST_CHARACTERS = 2000
@@ -222,12 +235,12 @@ class Diagnostic:
 
     def concerning(self, subjects: Iterable[Subject]) -> Diagnostic:
         """Return the same finding, which concerns further elements."""
-        return replace(self, subjects=tuple(dict.fromkeys((*self.subjects, *subjects))))
+        return replace(self, subjects=_unique((*self.subjects, *subjects)))
 
     def placed(self, at: Location, path: str) -> Diagnostic:
         """Return the same finding about an element that whoever made it did not know."""
         subjects = (*(path.subjects if isinstance(path, Path) else ()), *self.subjects)
-        return replace(self, at=at, path=shortened(str(path)), subjects=tuple(dict.fromkeys(subjects)))
+        return replace(self, at=at, path=shortened(str(path)), subjects=_unique(subjects))
 
 
 def tasks_named(names: Iterable[str]) -> tuple[Subject, ...]:

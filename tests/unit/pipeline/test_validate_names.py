@@ -5,9 +5,10 @@ from dataclasses import replace
 import pytest
 from validate_cases import alone, codes_of, found, the
 
-from halpipe.diagnostics import Location, Subject
+from halpipe.diagnostics import Location, Subject, about
 from halpipe.models import Mode, Run, Transfer, Unit
 from halpipe.pipeline.validate import codes, validate
+from halpipe.pipeline.validate.context import task_path, version_path
 from support import access, after, chain, mode, model, task, version
 
 A = task("a", 25, version("v", 5))
@@ -150,3 +151,10 @@ def test_of_two_elements_with_one_name_both_places_are_given():
     first, second = (replace(A, at=Location("m.xml", line)) for line in (3, 8))
     found = the(model(first, second), codes.DUPLICATE_NAME)
     assert (found.at.line, [place.line for place in found.places]) == (8, [3])
+
+
+def test_the_quick_paths_of_tasks_and_versions_are_those_of_all_elements():
+    quick, slow = version_path(A, A.versions[0]), about(task="a", version="v")
+    assert (str(quick), quick.subjects) == (str(slow), slow.subjects)
+    quick, slow = task_path(A), about(task="a")
+    assert (str(quick), quick.subjects) == (str(slow), slow.subjects)

@@ -9,14 +9,14 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import NOWHERE, Fix, about
+from halpipe.diagnostics import NOWHERE, Fix, Path, Subject, about
 from halpipe.durations import ZERO, Duration, least_common_multiple
 from halpipe.suggest import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
-    from halpipe.diagnostics import Code, Diagnostic, Location, Path
+    from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
 
 Named = TypeVar("Named")
@@ -199,13 +199,14 @@ def place(*elements: Any) -> Location:
 
 
 def task_path(task: Task) -> Path:
-    """Return how messages name a task."""
-    return about(task=task.name)
+    """Return how messages name a task: as `about` does, in less time, for checks ask for that of every task."""
+    return Path(f'task "{task.name}"', (Subject("task", task.name),))
 
 
 def version_path(task: Task, version: Version) -> Path:
-    """Return how messages name a version."""
-    return about(task=task.name, version=version.name)
+    """Return how messages name a version; see `task_path`."""
+    subjects = (Subject("task", task.name), Subject("version", version.name))
+    return Path(f'task "{task.name}" version "{version.name}"', subjects)
 
 
 def quoted(names: Iterable[str], most: int = 5) -> str:
