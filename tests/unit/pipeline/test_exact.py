@@ -4,11 +4,12 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.bench.families import Rectangles
 from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
 from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
-from halpipe.pipeline.solve.exactunits import can_group
+from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
 from halpipe.pipeline.solve.kernel.arc_colouring import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, task, version
@@ -137,12 +138,30 @@ def test_the_number_of_workers_changes_nothing(work):
 def test_units_are_dealt_when_all_starts_are_known(monkeypatch):
     """Both forms find a schedule, which verify accepts; where dealing fails, the other form answers."""
     system = linked()
-    assert can_group(expand(system, system.modes[0]), [unit.name for unit in system.units])
+    assert forms_of(expand(system, system.modes[0]), [unit.name for unit in system.units]) == [Groups, Units, Line]
     by_groups = solve_exact(system, system.modes[0]).jobs
     monkeypatch.setattr(exactunits.Groups, "deal", lambda self, solver: None)
     by_units = solve_exact(system, system.modes[0]).jobs
     assert len(by_groups) == len(by_units) > 0
     assert by_groups != by_units
+
+
+def test_what_must_pass_the_end_is_not_called_infeasible_on_the_word_of_the_line(monkeypatch):
+    """63 ms in a pipeline over 25 ms pass the end of the hyperperiod; on a line there is no room for them."""
+    units = "u1 u2 u3"
+    first = task("a", "25ms", version("v", "24ms", units), offset="10ms")
+    system = model(first, task("b", "25ms", version("v", "13ms", units, after("a", "24ms", "24ms"))), units=units)
+    monkeypatch.setattr(exactunits, "forms_of", lambda *_: [Line])
+    assert answer(system, Effort(work=0.1)) is Answer.UNKNOWN
+    monkeypatch.setattr(exactunits, "forms_of", lambda *_: [Groups])
+    assert holds(system)
+
+
+def test_the_line_finds_boards_without_a_gap(monkeypatch):
+    monkeypatch.setattr(exactunits, "forms_of", lambda *_: [Line])
+    for seed in (1, 2, 3):
+        system = Rectangles(tasks=10, height=60, is_gang=False).draw(seed)
+        assert answer(system, Effort(work=3)) is Answer.FEASIBLE
 
 
 @pytest.mark.parametrize("swept", [True, False])

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from halpipe.models import Chain, Job, Mode, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.exactmodel import Program
-    from halpipe.pipeline.solve.exactunits import MakeForm
 
 FIRST_TURN, GROWTH = 0.02, 2
 """Deterministic seconds of a program in the first turn, and how many times as many it gets in the next."""
@@ -138,11 +137,9 @@ def _programs(
 ) -> Iterator[Program | None]:
     """Yield the mode in all forms, the most promising first; None where one is too large."""
     from halpipe.pipeline.solve.exactmodel import build
-    from halpipe.pipeline.solve.exactunits import Groups, Units, can_group
+    from halpipe.pipeline.solve.exactunits import forms_of
 
-    names = [unit.name for unit in model.units]
-    forms: list[MakeForm] = [Groups, Units] if can_group(expansion, names) else [Units]
-    for form in forms:
+    for form in forms_of(expansion, [unit.name for unit in model.units]):
         yield build(cp_model, expansion, model, chains, MAX_PARTS, form)
 
 
@@ -166,7 +163,7 @@ class _Turn:
             jobs = program.jobs(solver)
             if jobs is not None:
                 found = ExactResult(Answer.FEASIBLE, tuple(jobs))
-        if status == self.cp_model.INFEASIBLE:
+        if status == self.cp_model.INFEASIBLE and program.form.is_circle:
             found = ExactResult(Answer.INFEASIBLE)
         if found.is_last:
             self.answered = min(self.answered, number)

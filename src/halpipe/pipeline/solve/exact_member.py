@@ -45,7 +45,7 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
 
 def solve_after(model: TaskModel, expansion: Expansion, effort: Effort) -> tuple[Job, ...] | None:
     """Return the jobs of a valid schedule of a small mode, for which a search has found none; None if this does not."""
-    if not is_small(expansion):
+    if not (effort.work and is_small(expansion)):
         return None
     try:
         result = solve_exact(model, expansion.mode, effort)

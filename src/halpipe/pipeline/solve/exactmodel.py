@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Chain, Precedence, TaskModel, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
-    from halpipe.pipeline.solve.exactunits import MakeForm
+    from halpipe.pipeline.solve.exactunits import Form
 
 MAX_QUANTA = 10**9
 
@@ -68,7 +68,7 @@ def build(
     model: TaskModel,
     chains: Iterable[Chain],
     max_parts: int,
-    form: MakeForm,
+    form: type[Form],
 ) -> Program | None:
     """Write down the program of an expanded mode; None where it would have more than `max_parts` parts."""
     program = Program(cp_model, expansion, max_parts, form)
@@ -88,7 +88,7 @@ def build(
 class Program:
     """The variables of a mode and its constraints; one method per rule."""
 
-    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: MakeForm) -> None:
+    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: type[Form]) -> None:
         self.cp = cp_model.CpModel()
         self.form = form
         self.expansion = expansion
@@ -127,7 +127,7 @@ class Program:
 
     def state_jobs(self) -> None:
         """Every job has a start; periodic ones at their phase, their number of periods, and their delay."""
-        anchor = self._turned_to_zero()
+        anchor = self._turned_to_zero() if self.form.is_circle else None
         for active in self.expansion.tasks:
             self.phases[active.name] = self._phase(active, active is anchor)
             self.tasks[active.name] = [self._job(active, index) for index in range(active.jobs)]
@@ -165,6 +165,8 @@ class Program:
         if not lone:
             self.cp.add(sum(chosen for _, chosen in job.versions) == job.present)
         job.wcet = self._wcet(job)
+        if not self.form.is_circle:
+            self.cp.add(job.theta + job.wcet <= self.total)
         return job
 
     def lateness(self, active: ActiveTask, version: Version) -> int:
@@ -203,7 +205,7 @@ class Program:
 
         What may pass the end of the hyperperiod is there twice, a hyperperiod apart; with `always`, all is.
         """
-        passes = always or job.latest + offset + length > self.total
+        passes = self.form.is_circle and (always or job.latest + offset + length > self.total)
         starts = [job.theta + offset + shift for shift in ((0, -self.total) if passes else (0,))]
         self.spend(len(starts))
         if isinstance(literal, int):

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable
 from itertools import chain as concatenated
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
@@ -39,7 +38,9 @@ MAX_COLOURED = 50_000
 
 
 class Form(ABC):
-    """How a program says on which units its jobs run."""
+    """How a program says on which units its jobs run; without `is_circle`, it has fewer solutions than the mode."""
+
+    is_circle = True
 
     def __init__(self, program: Program, units: list[str]) -> None:
         self.program = program
@@ -64,9 +65,6 @@ class Form(ABC):
         return self.program.ticks(version.wcet or ZERO)
 
 
-MakeForm = Callable[["Program", list[str]], Form]
-
-
 def alike(expansion: Expansion, units: list[str]) -> list[list[str]]:
     """Return the units in groups that every version treats alike; those that none may use are left out."""
     users: dict[str, list[int]] = {name: [] for name in units}
@@ -81,11 +79,13 @@ def alike(expansion: Expansion, units: list[str]) -> list[list[str]]:
     return list(members.values())
 
 
-def can_group(expansion: Expansion, units: list[str]) -> bool:
-    """Tell whether some units are alike, and no gang has too many ways to be split over the groups."""
+def forms_of(expansion: Expansion, units: list[str]) -> list[type[Form]]:
+    """Return the forms in which a mode may be stated, the most promising first."""
     groups = alike(expansion, units)
     versions = (version for active in expansion.tasks for version in active.versions)
-    return any(len(group) > 1 for group in groups) and all(len(_splits(v, groups)) <= MAX_SPLITS for v in versions)
+    if any(len(_splits(version, groups)) > MAX_SPLITS for version in versions):
+        return [Units]
+    return [Groups, Units, Line] if any(len(group) > 1 for group in groups) else [Units, Line]
 
 
 def _splits(version: Version, groups: list[list[str]]) -> list[Counter[int]]:
@@ -152,6 +152,15 @@ class Groups(Form):
             for number, places in coloured.items():
                 dealt[keys[number]] += tuple(names[place] for place in places)
         return dealt
+
+
+class Line(Groups):
+    """Groups on a line: nothing passes the end of the hyperperiod. That is less than the rules allow, and no proof.
+
+    Boards of rectangles that leave nothing idle are found sooner: their pieces meet at the end.
+    """
+
+    is_circle = False
 
 
 class Units(Form):

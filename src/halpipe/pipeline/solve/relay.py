@@ -21,11 +21,11 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.kernel.search import Outcome
     from halpipe.pipeline.solve.kernel.state import State
 
-FIRST_SHARE = 16
+FIRST_SHARE = 64
 """The annealer's first turn is this part of its least budget."""
 
 FIRST_WORK = 1
-"""Deterministic seconds of the exact engine in its first turn."""
+"""Deterministic seconds of the exact engine in its first turn, which is the second of the others."""
 
 FIRST_FILLINGS = 50
 """Fillings that packing tries in its first turn."""
@@ -48,7 +48,8 @@ def turns(least: int, budget: int) -> Iterator[Turn]:
     """Yield the turns; with a budget above `least`, which is that of a time limit, they go on and on."""
     moves, number, scale = max(1, least // FIRST_SHARE), 0, 1
     while True:
-        yield Turn(number, min(moves * scale, budget), FIRST_FILLINGS * scale, FIRST_WORK * scale)
+        work = FIRST_WORK * scale // FASTER if number else 0
+        yield Turn(number, min(moves * scale, budget), FIRST_FILLINGS * scale, work)
         if moves * scale >= budget:
             return
         number, scale = number + 1, scale * FASTER
