@@ -15,6 +15,7 @@ from halpipe.importers.amalthea.own_export import is_carried
 from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
 from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
 from halpipe.models import Anchor, Origin
+from halpipe.quantities import quoted
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 _TASK_KINDS = ("Task", "ISR")
+_NO_MAPPING = ("", "_undefined_")
 _UNREAD = (
     "EventSynchronizationConstraint",
     "EventChainSynchronizationConstraint",
@@ -149,6 +151,10 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable) for earlier, later in pairs
         ]
         mapping = item.get("mappingType")
+        if mapping not in (*MAPPINGS, *_NO_MAPPING):
+            help = f"write one of {', '.join(MAPPINGS)}"
+            text = f"each target gets a source: the mapping {quoted(mapping)} is unknown"
+            forest.report(codes.REACTION, text, item, help)
         if mapping not in MAPPINGS or any(is_carried(draft.task) for draft in target.drafts):
             timing.windows += windows
         elif high is None:

@@ -98,6 +98,14 @@ def test_a_narrow_window_between_equal_periods_pairs_by_itself(tmp_path):
     assert found(imported.diagnostics, codes.REACTION) == []
 
 
+@pytest.mark.parametrize(("mapping", "is_known"), [("", True), ("_undefined_", True), ("reaction", False)])
+def test_an_unknown_mapping_is_told_and_gives_each_target_a_source(tmp_path, mapping, is_known):
+    imported = given(tmp_path, delay(mapping), ("p10", "p10"))
+    assert windows(imported, "U") == [("T", "start", "0ms", "5ms")]
+    told = found(imported.diagnostics, codes.REACTION)
+    assert [f'"{mapping}" is unknown' in d.message for d in told] == ([] if is_known else [True])
+
+
 def test_no_cycle_is_closed_where_the_source_already_comes_after_the_target(tmp_path):
     other = delay("", "Us", "Ts", high=9)
     imported = given(tmp_path, other + delay("OneToOne", low=0, high=0), ("p10", "p10"))
