@@ -6,13 +6,15 @@ DEMO := examples/roboracer
 # One worker for each core. Each begins with a part of the files as a whole, so that fixtures are made once.
 PARALLEL ?= -n auto --dist worksteal
 
-.PHONY: site demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
+.PHONY: test-pythons fuzz site demo test test-fast test-lowest endurance lock lint sanitize wheels docs clean help
 
 help:
 	@echo "make demo       set up, then run the RoboRacer example from ROS graph to verified schedule, reports and a drive"
 	@echo "make test       set up, then run the linters and all tests"
 	@echo "make test-fast  the tests without the slow ones"
 	@echo "make test-lowest  the fast tests with the oldest libraries that are allowed"
+	@echo "make test-pythons  the tests of readers and checkers with every Python from 3.11 to 3.14 that is found"
+	@echo "make fuzz       random and damaged inputs of every reader; INPUTS=1000000 for more"
 	@echo "make endurance  the worst inputs of each reader at 10 MB, within 10 s and 1 GiB each"
 	@echo "make lock       write down the newest libraries; tests and demo use them until the next time"
 	@echo "make sanitize   tests of the search with its library under the sanitizers of addresses and undefined behaviour"
@@ -83,6 +85,14 @@ test-lowest: | $(BIN)/python
 	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints/lowest.txt . pytest hypothesis
 	build/lowest/bin/python -m pytest -p no:cacheprovider -m "not slow" tests/cli tests/unit/importers tests/unit/exporters \
 	  tests/unit/test_files_xml.py tests/unit/test_files_yaml.py tests/unit/test_schemas.py
+
+# Each Python that is installed, in an environment of its own, with the wheel; the same files from all of them.
+test-pythons: $(VENV)/.test-ready
+	$(BIN)/python tests/pythons.py
+
+INPUTS ?= 100000
+fuzz: $(VENV)/.test-ready
+	cd tests && ../$(BIN)/python fuzz.py --inputs $(INPUTS)
 
 # The worst inputs of each reader, 10 MB each: some minutes.
 endurance: $(VENV)/.test-ready
