@@ -1,5 +1,6 @@
 """A small bundle for the co-simulation: three tasks on two cores, three modes, jobs that wrap round the hyperperiod."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,7 +55,7 @@ def export(tmp_path_factory):
     from halpipe.importers.native import parse_schedule
     from halpipe.pipeline.health import with_reactions
 
-    def make(sources=None, profile="vcu118", change=lambda text: text):
+    def make(sources=None, profile="vcu118", change=lambda text: text, platform=""):
         folder = tmp_path_factory.mktemp("bundle")
         for name in SOURCES:
             folder.joinpath(name).write_text((sources or {}).get(name) or HERE.joinpath(name).read_text())
@@ -64,6 +65,9 @@ def export(tmp_path_factory):
         model = parse_model(pair["model.xml"], str(folder / "model.xml"))
         schedule = parse_schedule(pair["schedule.xml"], str(folder / "schedule.xml"))
         options = RiscvOptions(profile=profile, toolchain="zig", sources=str(folder))
+        if platform:
+            folder.joinpath("platform.yaml").write_text(platform)
+            options = replace(options, regulator=str(folder / "platform.yaml"))
         path = folder / "out"
         write_directory(str(path), formats.export("riscv", model, schedule, options))
         return formats.open_target(str(path))

@@ -23,14 +23,15 @@ class RiscvDeployment:
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""
         from halpipe.deploy.riscv import check
+        from halpipe.deploy.riscv.regulated import with_tables
 
         engine = self._best(target) if options.engine == "auto" else options.engine
         if engine == "cosim":
-            return check.check_by_simulation(target, options)
+            return with_tables(target, check.check_by_simulation(target, options))
         if engine == "qemu":
             from halpipe.deploy.riscv.qemu import check_by_qemu
 
-            return check_by_qemu(target, options)
+            return with_tables(target, check_by_qemu(target, options))
         raise check.unknown_engine(options.engine, ("auto", *self.engines))
 
     def _best(self, target: Target) -> str:

@@ -10,6 +10,9 @@ from halpipe.exporters.choices import SOURCES, choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 DEFAULT_PROFILE = "vcu118"
@@ -25,7 +28,7 @@ class RiscvOptions(ExportOptions):
 
     - `profile` is a name, or a file that ends in ``.yaml``; `toolchain` is ``auto``, ``zig`` or ``gcc``.
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
-      is read.
+      is read. `regulator` is the platform of the regulators whose tables go with the programs (empty: none).
     """
 
     profile: str = choice(
@@ -33,6 +36,9 @@ class RiscvOptions(ExportOptions):
     )
     toolchain: str = choice("auto", "zig, gcc, or auto: zig where it is installed.")
     sources: str = choice("", SOURCES, metavar="FOLDER", is_path=True)
+    regulator: str = choice(
+        "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
+    )
 
 
 class RiscvExporter(PlainExporter):
@@ -68,7 +74,23 @@ class RiscvExporter(PlainExporter):
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
             model = replace(model, modes=(model.mode(options.mode),), transitions=())
-        return build(model, chosen, specific(RiscvOptions, options))
+        wanted = specific(RiscvOptions, options)
+        bundle = build(model, chosen, wanted)
+        if not wanted.regulator:
+            return bundle
+        from halpipe.exporters.riscv.regulated import with_regulators
+
+        return with_regulators(bundle, model, chosen, wanted.regulator)
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return what the report of the regulators says, where the bundle has any."""
+        from halpipe.exporters.regulator.report import findings_of
+        from halpipe.exporters.riscv.regulated import FOLDER
+
+        report = contents.get(f"{FOLDER}report.json")
+        return [] if report is None else findings_of(report)
 
 
 FORMAT = RiscvExporter()
