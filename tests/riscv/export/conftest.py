@@ -11,17 +11,17 @@ from halpipe.flow.formats import export
 from riscv_models import on_disk, single
 
 
-def _bundle(folder, system, tables, toolchain="zig", **sources):
+def _bundle(folder, system, tables, toolchain="zig", profile="vcu118", **sources):
     model, schedule = on_disk(folder, system, tables, **sources)
-    return export("riscv", model, schedule, RiscvOptions(toolchain=toolchain))
+    return export("riscv", model, schedule, RiscvOptions(toolchain=toolchain, profile=profile))
 
 
 @pytest.fixture
 def build(tmp_path):
     """Export a system with its schedule; further arguments are sources."""
 
-    def make(system, tables, toolchain="zig", **sources):
-        return _bundle(tmp_path, system, tables, toolchain, **sources)
+    def make(system, tables, toolchain="zig", profile="vcu118", **sources):
+        return _bundle(tmp_path, system, tables, toolchain, profile, **sources)
 
     return make
 

@@ -1,5 +1,6 @@
 """Jobs with gaps (MODEL 8): a function for each piece, others in the gaps, and what is refused."""
 
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -9,6 +10,7 @@ pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv.cosimulation import CoSimulation
+from halpipe.deploy.riscv.qemu import EMULATOR
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.codes import NEEDS_HOLD
 from halpipe.exporters.riscv import codes
@@ -16,7 +18,8 @@ from halpipe.exporters.riscv.phases import executions, spans
 from halpipe.exporters.riscv.splitting import check_splits
 from halpipe.files import write_directory
 from halpipe.flow.formats import open_target
-from halpipe.models import Interrupt, ModeSchedule, Part, Schedule, Split, Status
+from halpipe.models import Binding, Interrupt, ModeSchedule, Part, Schedule, Split, Status
+from halpipe.pipeline.verify import verify
 from riscv_models import deployed, moving, several
 from support import job, ms, task
 
@@ -70,8 +73,8 @@ PARTS = (part("0.5ms", "1.5ms", "0ms", "1ms"), part("3ms", "5.01ms", "1ms", "3ms
 
 @pytest.fixture
 def bundle(build, tmp_path):
-    def make(system, tables):
-        write_directory(str(tmp_path / "b"), build(system, tables, long_c=LONG, short_c=SHORT))
+    def make(system, tables, profile="vcu118"):
+        write_directory(str(tmp_path / "b"), build(system, tables, profile=profile, long_c=LONG, short_c=SHORT))
         return open_target(str(tmp_path / "b"))
 
     return make
@@ -91,6 +94,20 @@ def test_a_job_goes_on_after_others_ran_in_its_gaps(bundle):
     entered = [run.since(e.begin) for e in run.executions if e.image.site.task == "long"][:3]
     for seen, due in zip(entered, ("0.7ms", "3.01ms", "8.01ms"), strict=True):
         assert ms(due) <= seen <= ms(due) + ms("0.01ms")  # never before its instant
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which(EMULATOR) is None, reason="apt-get install qemu-system-misc")
+@pytest.mark.parametrize("engine", ["cosim", "qemu"])
+def test_a_bound_and_split_system_runs(bundle, engine):
+    """All its tasks are bound, as those of a preemptive OS are; its jobs have gaps in which others run."""
+    system = system_of(POINTS)
+    system = replace(system, tasks=tuple(replace(t, binding=Binding.SYSTEM) for t in system.tasks))
+    tables = tables_of(system, *PARTS)
+    assert [d for d in verify(system, tables) if d.is_error] == []
+    checked = DEPLOYMENT.check(bundle(system, tables, "fu540"), CheckOptions(engine=engine))
+    assert [d for d in checked.diagnostics if d.is_error] == []
+    assert "as scheduled" in checked.lines[-1]
 
 
 def test_a_version_may_name_one_function_where_no_job_has_gaps(bundle):
