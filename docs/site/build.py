@@ -48,7 +48,7 @@ def _index(source: Path) -> str:
     home = home.replace("](../", "](")
     (source / "docs" / "index.md").write_text(f"---\norphan: true\n---\n\n{text}", encoding="utf-8")
     trees = [_tree(title, f"docs/{folder}/*") for title, folder in PARTS]
-    more = ("docs/safety/README", "README", "examples/roboracer/README", "tests/README", "CHANGELOG")
+    more = ("docs/safety/*", "README", "examples/roboracer/README", "tests/README", "CHANGELOG")
     return "\n\n".join((home, *trees, _tree("More", "\n".join(more))))
 
 
