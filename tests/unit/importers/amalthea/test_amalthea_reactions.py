@@ -103,7 +103,7 @@ def test_an_unknown_mapping_is_told_and_gives_each_target_a_source(tmp_path, map
     imported = given(tmp_path, delay(mapping), ("p10", "p10"))
     assert windows(imported, "U") == [("T", "start", "0ms", "5ms")]
     told = found(imported.diagnostics, codes.REACTION)
-    assert [f'"{mapping}" is unknown' in d.message for d in told] == ([] if is_known else [True])
+    assert [mapping in d.message and "is unknown" in d.message for d in told] == ([] if is_known else [True])
 
 
 def test_no_cycle_is_closed_where_the_source_already_comes_after_the_target(tmp_path):
