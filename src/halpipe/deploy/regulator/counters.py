@@ -86,7 +86,7 @@ def compare_counters(target: Target, text: str, file: str, mode: str = "") -> Co
         raise HalpipeError(*sort_diagnostics(wrong))
     findings: list[Diagnostic] = []
     samples = list(_Reader(tables, file, mode).samples(text, findings))
-    judge = _Judge(tables, {plan.table.index: plan for plan in arithmetic.planned})
+    judge = Judge(tables, {plan.table.index: plan for plan in arithmetic.planned})
     findings += [*judge.rows(samples, file), *judge.sums(samples, file)]
     return Counted(tuple(sort_diagnostics(findings)), judge.usage)
 
@@ -180,7 +180,7 @@ def _whole(what: str, text: str) -> int:
 # ------------------------------------------------------------------------------------------------ judging
 
 
-class _Judge:
+class Judge:
     """Holds samples against the windows that they touch, exactly."""
 
     def __init__(self, tables: Tables, plans: Mapping[int, Planned]) -> None:

@@ -19,6 +19,7 @@ from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.health import Course
 from halpipe.deploy.riscv.injection import Injection, Saboteur
 from halpipe.deploy.riscv.machine import MANAGEMENT, Budget
+from halpipe.deploy.riscv.regulated import hold_transfers
 from halpipe.deploy.riscv.sequence import Played, Tour, played_tables, tables_named, tours, transition_name
 from halpipe.deploy.riscv.summary import summary_lines, trace_csv
 from halpipe.deploy.riscv.tables import wrong_operations
@@ -117,7 +118,9 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
     site = totals.outcomes[0].run.site
     lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
-    findings = tuple(sort_diagnostics([*static, *totals.findings]))
+    held, told = hold_transfers(target, totals.outcomes)
+    lines += told
+    findings = tuple(sort_diagnostics([*static, *totals.findings, *held]))
     sound = not any(found.is_error for found in findings)
     dispatches = [outcome.dispatch for outcome in totals.outcomes]
     if sound and options.inject != "none":
