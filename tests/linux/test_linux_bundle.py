@@ -16,7 +16,20 @@ from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
 from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.unrealised import unrealised
 from halpipe.files import write_directory
-from halpipe.models import Mode, ModeSchedule, Part, Run, Source, Split, Status, TransitionTable, Unit
+from halpipe.models import (
+    HealthAction,
+    HealthEvent,
+    HealthRule,
+    Mode,
+    ModeSchedule,
+    Part,
+    Run,
+    Source,
+    Split,
+    Status,
+    TransitionTable,
+    Unit,
+)
 from halpipe.pipeline.verify import verify
 from support import access, job, mode, model, ms, schedule, task, version
 
@@ -223,6 +236,19 @@ def test_what_the_dispatcher_leaves_open_is_said():
         "CPUs are numbered in the order of the units of the model",
     ]
     assert {d.code for d in unrealised(owner, tables, LinuxOptions(busy=50))} == {codes.UNREALISED.id}
+
+
+def test_health_rules_that_the_dispatcher_does_not_follow_are_said():
+    owner, tables = two_modes()
+    followed = HealthRule(task="b", event=HealthEvent.OVERRUN, mode="one")
+    for rule, is_said in [
+        (followed, False),
+        (replace(followed, event=HealthEvent.FAULT), True),
+        (replace(followed, count=2), True),
+        (HealthRule(task="b", action=HealthAction.STOP), True),
+    ]:
+        said = unrealised(replace(owner, health=(rule,)), tables, LinuxOptions(busy=50))
+        assert any("health rules" in d.message for d in said) == is_said
 
 
 def test_lengths_that_are_no_whole_nanoseconds_keep_their_rest(tmp_path):

@@ -10,7 +10,8 @@ import pytest
 from test_linux_bundle import PROGRAM, needs_compiler, sourced, two_modes, write
 
 from halpipe.deploy.linux.judging import judge, read_recording
-from halpipe.models import Resource, Unit
+from halpipe.models import HealthEvent, HealthRule, Resource, Unit
+from halpipe.pipeline.health import with_reactions
 from riscv_models import moving
 from support import job, model, ms, schedule, task, version
 
@@ -43,14 +44,26 @@ def played(bundle, *options, program="dispatcher"):
 # -------------------------------------------------------------------------------------------------- overruns
 
 
-def overrunning(folder, monkeypatch):
+def overrunning(folder, monkeypatch, *rules):
     """The job of b is over 12 ms after it began, in a table of 10 ms; so its next slot is over before it starts."""
     monkeypatch.setattr("test_linux_bundle.PROGRAM", SLOW)
     owner, tables = two_modes()
     spins = {"a": 1000, "b": 12_000_000}
     tasks = tuple(sourced(t, "spin", (f"SPIN={spins[t.name]}LL",)) for t in owner.tasks)
-    owner = replace(owner, tasks=tasks)
-    return built(folder, owner, tables)
+    owner = replace(owner, tasks=tasks, health=rules)
+    return built(folder, owner, with_reactions(owner, tables))
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_health_rule_answers_an_overrun_by_a_switch(tmp_path, monkeypatch):
+    bundle = overrunning(tmp_path, monkeypatch, HealthRule(task="b", event=HealthEvent.OVERRUN, mode="one"))
+    ran, seen = played(bundle, "--cycles", "12")
+    assert {r.table for r in seen} >= {"both", "one"}
+    assert max(r.cycle for r in seen if r.task == "b") <= 3
+    assert "1 mode switches" in ran.stdout
+    _, seen = played(bundle, "--cycles", "12", "--overrun", "log")
+    assert {r.table for r in seen} == {"both"}
 
 
 @needs_compiler

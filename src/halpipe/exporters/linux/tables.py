@@ -10,13 +10,14 @@ from halpipe.diagnostics import version_of
 from halpipe.durations import ZERO
 from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
 from halpipe.exporters.timeline import PhaseTimes
+from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.diagnostics import Findings
     from halpipe.durations import Duration
-    from halpipe.models import Job, Schedule, TaskModel, Version
+    from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,7 @@ class Worker:
     units: str
     cpu: int
     priority: int
+    refuge: int
     tables: list[list[Row]]
 
 
@@ -94,7 +96,8 @@ def tables_of(
             if key not in workers:
                 unit, levelled = job.units[0], levels[job.task]
                 tables: list[list[Row]] = [[] for _ in jobs]
-                workers[key] = Worker(job.task, unit, " ".join(job.units), cpus[unit], levelled, tables)
+                refuge = _refuge(model, schedule, job.task)
+                workers[key] = Worker(job.task, unit, " ".join(job.units), cpus[unit], levelled, refuge, tables)
             parts = held.parts(job)
             place = known.setdefault(parts, len(known))
             program = programs[job.task, job.version]
@@ -177,3 +180,15 @@ class _Programs:
 
     def _path(self, job: Job) -> str:
         return version_of(job.task, job.version)
+
+
+def is_followed(rule: HealthRule) -> bool:
+    """Whether the dispatcher does what a health rule says: a switch after a single overrun."""
+    return rule.action is HealthAction.SWITCH and rule.count == 1 and rule.event is not HealthEvent.FAULT
+
+
+def _refuge(model: TaskModel, schedule: Schedule, task: str) -> int:
+    """Return the mode that the first health rule of a task goes to after an overrun, -1 if there is none."""
+    modes = [mode.name for mode in schedule.modes]
+    rules = (rule for rule in model.health if rule.task == task and is_followed(rule) and rule.mode in modes)
+    return next((modes.index(rule.mode) for rule in rules), -1)

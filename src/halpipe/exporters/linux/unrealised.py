@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
 from halpipe.exporters.linux.codes import UNREALISED
+from halpipe.exporters.linux.tables import is_followed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,6 +46,11 @@ def sentences(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> It
         yield (
             f"programs that only take {options.busy} % of their WCET stand for: {_few(made_up)}",
             "name their sources in the model, or in an overlay",
+        )
+    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule)):
+        yield (
+            f"health rules are not followed, but for switches after one overrun: {_few(list(left))}",
+            "a program that faults ends the dispatcher; let its supervisor start it in the mode that is meant",
         )
     if options.cpus is None:
         yield "CPUs are numbered in the order of the units of the model", "state them with --cpus unit=number,..."

@@ -32,6 +32,11 @@ def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Ite
             f"{len(schedule.modes)} modes, each with executors of its own: executors do not switch between modes",
             "start the executors of one mode; switching needs a launcher that plays the transition tables",
         )
+    if ruled := dict.fromkeys(rule.task for rule in model.health):
+        yield (
+            f"health rules are written, but executors do not follow them: {_few(list(ruled))}",
+            "let a supervisor watch the callbacks, and start the executors of the mode that is meant",
+        )
     if on_demand := [task.name for task in model.tasks if task.period is None and task.name in used]:
         yield (
             f"started by timers, not by their messages: {_few(on_demand)}",

@@ -221,12 +221,18 @@ static void wait_in_order(worker_state *self, int64_t at) {
   atomic_store_explicit(&self->next, INT64_MAX, memory_order_relaxed);
 }
 
+/* Asks for the mode to go to after an overrun, as the options say, else as the health rules of the model do. */
+static void flee(const worker_state *self) {
+  const int refuge = now_.refuge == DISPATCH_BY_RULES ? plan.workers[self - workers].refuge : now_.refuge;
+  if (refuge >= 0) dispatch_request(refuge);
+}
+
 static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
   const int64_t at = turn->at + job->start;
   wait_in_order(self, at);
   const int64_t began = clock_now(now_.clock), slot = job->end - job->start;
   const int is_lost = began >= at + slot;
-  if (is_lost && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
+  if (is_lost) flee(self);
   if (is_lost && now_.policy != DISPATCH_LOG) {
     self->skipped++;
     return;
@@ -235,7 +241,7 @@ static void play(worker_state *self, const dispatch_job *job, const turn *turn) 
   run(job, turn->at);
   const int64_t over = clock_now(now_.clock);
   self->late_ends += over > at + slot;
-  if (over > at + slot && now_.policy == DISPATCH_SWITCH && now_.refuge >= 0) dispatch_request(now_.refuge);
+  if (over > at + slot) flee(self);
   if (self->n_events == now_.capacity) {
     self->unrecorded++;
     return;

@@ -30,6 +30,7 @@ typedef struct {
 typedef struct {          /* a thread: one task on one unit */
   const char *task, *unit, *units;
   int cpu, priority;      /* priority: added to that of the run */
+  int refuge;             /* the mode that a health rule goes to after an overrun, -1: none */
   const dispatch_rows *tables;
 } dispatch_worker;
 
@@ -70,10 +71,11 @@ typedef struct {
 
 extern const dispatch_plan plan;
 
+enum { DISPATCH_BY_RULES = -1, DISPATCH_NOWHERE = -2 };
 enum { DISPATCH_LOG, DISPATCH_SKIP, DISPATCH_SWITCH };  /* a job whose slot is over before it starts */
 
 typedef struct {
-  int mode, priority, clock, policy, refuge;  /* refuge: the mode to go to after an overrun, under DISPATCH_SWITCH */
+  int mode, priority, clock, policy, refuge;  /* refuge: the mode to go to after an overrun */
   int64_t origin, spin, lead;                 /* ns; origin 0: the next whole second but one */
   uint64_t cycles;                            /* tables to play, 0: until stopped */
   size_t capacity;                            /* events for each thread */

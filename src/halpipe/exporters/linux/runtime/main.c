@@ -35,7 +35,7 @@ static struct {
   timed_switch switches[MOST_SWITCHES];
   int n_switches;
 } cfg = {
-  .run = {.priority = PRIORITY, .clock = CLOCK_MONOTONIC, .refuge = -1, .lead = 300000, .capacity = 16384},
+  .run = {.priority = PRIORITY, .clock = CLOCK_MONOTONIC, .refuge = DISPATCH_BY_RULES, .lead = 300000, .capacity = 16384},
 };
 
 static const char *usage =
@@ -47,7 +47,8 @@ static const char *usage =
   "  --memory FILE       keep the buffers in this file, for other processes to map\n"
   "  --record FILE       write what ran as CSV, for `halpipe compare`\n"
   "  --events N          room for so many jobs of each thread (default 16384)\n"
-  "  --overrun WHAT      of a job whose slot is over before it starts: log (run it), skip, or switch=MODE (skip, and go there)\n"
+  "  --overrun WHAT      of a job whose slot is over before it starts: log (run it), skip, or switch=MODE (skip, and go there);\n"
+  "                      default: run it, and go where a health rule of the model says\n"
   "  --priority N        of SCHED_FIFO for the lowest thread, 1 to 98\n"
   "  --spin US           sleep until so long before each start, then poll\n"
   "  --clock NAME        monotonic, realtime or tai; the first instant is a whole second of it\n"
@@ -141,8 +142,8 @@ static void take_switch(char *text) {
 }
 
 static void take_overrun(const char *text) {
-  if (strcmp(text, "log") == 0) cfg.run.policy = DISPATCH_LOG;
-  else if (strcmp(text, "skip") == 0) cfg.run.policy = DISPATCH_SKIP;
+  if (strcmp(text, "log") == 0) cfg.run.policy = DISPATCH_LOG, cfg.run.refuge = DISPATCH_NOWHERE;
+  else if (strcmp(text, "skip") == 0) cfg.run.policy = DISPATCH_SKIP, cfg.run.refuge = DISPATCH_NOWHERE;
   else if (strncmp(text, "switch=", 7) == 0) cfg.run.policy = DISPATCH_SWITCH, cfg.run.refuge = mode_of(text + 7);
   else die(2, "--overrun is log, skip or switch=MODE", text);
 }
