@@ -1,3 +1,4 @@
+# ruff: noqa: E402, E501 - the tests it takes its faults from are found by the path; texts of C stay on one line
 """RISC-V bundles with a fault each, checked: ``python benchmarks/mutants.py --engines cosim qemu``.
 
 The faults are those of the tests, and more: in the sources of runtime and monitors (compiled anew), in the operation

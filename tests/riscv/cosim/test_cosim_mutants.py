@@ -164,14 +164,14 @@ def test_images_described_wrongly(sound, tmp_path, key):
 def test_faults_are_injected_into_every_job_and_contained(sound):
     checked = DEPLOYMENT.check(sound, CheckOptions(inject="all"))
     assert checked.diagnostics == ()
-    assert "injected: 132 faults of 12 kinds into 11 jobs" in checked.lines
+    assert "injected: 143 faults of 13 kinds into 11 jobs" in checked.lines
 
 
 def test_what_takes_too_long_to_inject_is_told(sound, monkeypatch):
     monkeypatch.setattr(check, "BRIEF", 1)
     (found,) = DEPLOYMENT.check(sound, CheckOptions()).diagnostics
     assert found.code == declared.NOT_INJECTED.id
-    assert found.message == "22 of the 24 cycles that have every fault in every job were not played"
+    assert found.message == "24 of the 26 cycles that have every fault in every job were not played"
 
 
 def spoilt_table(kind, offset, change, size=8):

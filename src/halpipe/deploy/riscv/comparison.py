@@ -222,7 +222,10 @@ class Comparison:
     def _judge_failure(self, seen: Seen, planned: PlannedExecution, execution: Execution) -> None:
         """Hold a function that was made to fail against what has to become of it."""
         unit, end = self._unit(planned.hart), self._at(planned.end)
-        if execution.outcome in planned.ends and execution.left <= end + self._tolerance:
+        in_time = execution.left <= end + self._tolerance
+        if execution.outcome is Outcome.OVERRUN:
+            in_time = in_time and execution.left >= end  # until then its time is its own
+        if execution.outcome in planned.ends and in_time:
             return
         stopped = f"it {execution.outcome} on {unit} at {self._run.since(execution.left)}"
         if execution.outcome is Outcome.OPEN:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv import codes
@@ -143,14 +144,26 @@ class Trial:
 
 
 def trials(target: Target) -> Iterator[Trial]:
-    """Yield runs in which each rule just fires, and in which it just does not, in every mode where it holds."""
-    for number, rule in enumerate(target.model.health):
-        for mode in target.schedule.modes:
-            jobs = [job for job in mode.jobs if job.task == rule.task]
-            if not jobs or (rule.action is HealthAction.SWITCH and rule.mode == mode.name):
-                continue
-            for kind, cycles in _patterns(rule, len(jobs)):
-                yield Trial(number, mode.name, kind, cycles, max(cycles, default=0) + 5)
+    """Yield runs in which each rule just fires, and in which it just does not, in every mode where it holds.
+
+    Those in which rules fire come first, for not all may be played.
+    """
+    each = [[*_trials_of(target, number, rule)] for number, rule in enumerate(target.model.health)]
+    yield from (trial for row in zip_longest(*each) for trial in row if trial is not None)
+
+
+def _trials_of(target: Target, number: int, rule: HealthRule) -> Iterator[Trial]:
+    found = []
+    for mode in target.schedule.modes:
+        jobs = [job for job in mode.jobs if job.task == rule.task]
+        if jobs and not (rule.action is HealthAction.SWITCH and rule.mode == mode.name):
+            found.append(
+                [
+                    Trial(number, mode.name, kind, cycles, max(cycles, default=0) + 5)
+                    for kind, cycles in _patterns(rule, len(jobs))
+                ]
+            )
+    yield from (trial for row in zip_longest(*found) for trial in row if trial is not None)
 
 
 def _patterns(rule: HealthRule, jobs: int) -> Iterator[tuple[Kind, tuple[int, ...]]]:

@@ -32,6 +32,7 @@ class Kind(StrEnum):
     SPIN = "a loop without end"
     DEAF_SPIN = "interrupts switched off, then a loop without end"
     TRAP = "an illegal instruction"
+    CALL = "a system call"
     WILD_STORE = "a store to main memory"
     NEIGHBOUR = "a store to another core's scratchpad"
     JUMP = "a jump into main memory"
@@ -49,7 +50,7 @@ CODES = tuple(kind for kind in Kind if kind not in (Kind.LATE_DMA, Kind.DMA_ERRO
 _HERE = 0x0000006F  # j .
 _SPIN = (*[0x00000013] * 15, 0xFC5FF06F)  # nops, and back to the first
 _CSRCI_MSTATUS, _CSRW_PMPCFG0, _CSRW_MTVEC = 0x30047073, 0x3A001073, 0x30501073
-_UNIMPLEMENTED = 0xC0001073
+_UNIMPLEMENTED, _ECALL = 0xC0001073, 0x00000073
 _T0, _SP, _ZERO = 5, 2, 0
 
 
@@ -77,6 +78,7 @@ def code_of(kind: Kind, site: Site, unit: UnitSite) -> bytes:
         Kind.SPIN: _SPIN,
         Kind.DEAF_SPIN: (_CSRCI_MSTATUS, _HERE),
         Kind.TRAP: (_UNIMPLEMENTED, _HERE),
+        Kind.CALL: (_ECALL, _HERE),
         Kind.WILD_STORE: _store(site.control + 8),
         Kind.NEIGHBOUR: _store(neighbour),
         Kind.JUMP: (*_constant(site.main.base), 0x00028067),  # jr t0
