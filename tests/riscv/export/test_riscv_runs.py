@@ -209,4 +209,4 @@ def test_faults_in_a_job_whose_image_has_two_parts(bundle):
     text = SCALE.replace("void scale", "static volatile uint32_t three = 3;\nvoid scale").replace("* 3;", "* three;")
     checked = DEPLOYMENT.check(bundle(*single(), scale_c=text), CheckOptions(inject="all"))
     assert checked.diagnostics == ()
-    assert "injected: 12 faults of 12 kinds into 1 jobs" in checked.lines
+    assert "injected: 13 faults of 13 kinds into 1 jobs" in checked.lines
