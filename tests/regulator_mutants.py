@@ -97,7 +97,6 @@ MUTANTS = {
 
 UNSEEN = {
     "what was shown may cost more than there is",
-    "reset leaves credit",
     "tables are not stopped",
     "data is taken before it passes",
     "GO of a unit is ignored",
