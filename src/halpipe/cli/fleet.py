@@ -143,7 +143,7 @@ class _Run:
 
         self.solved[variant.target] = solved
         if solved.content and solved.outcome is not Outcome.KEPT:
-            self.ledger.write(variant, solved)
+            self.ledger.keep(variant, solved)
         errors = [found for found in solved.diagnostics if found.is_error or output.Settings.verbose]
         output.report(errors)
         for remark in solved.remarks:

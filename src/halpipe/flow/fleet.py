@@ -149,7 +149,7 @@ class Ledger:
             return None
         return Solved(Outcome.KEPT, content, int(row.get("jobs", 0)), int(row.get("moves", 0)))
 
-    def write(self, variant: Variant, solved: Solved) -> None:
+    def keep(self, variant: Variant, solved: Solved) -> None:
         """Write a schedule, and then that it is there."""
         write_output(str(self._folder / variant.target), solved.content)
         if solved.outcome is Outcome.VALID:
