@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError, about, tasks_named
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
 from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
@@ -66,6 +65,8 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
         return Conflict(Answer.UNKNOWN)
     if is_small(expansion):
         return _conflict(model, mode, expansion, go_on)
+    from halpipe.pipeline.explain.coarse import coarser_grid, easier
+
     grid = coarser_grid(expansion)
     if grid is None:
         return Conflict(Answer.UNKNOWN)
@@ -78,6 +79,8 @@ def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Co
 
 def _has_schedule(model: TaskModel, mode: Mode, grid: Duration, go_on: Callable[[], bool]) -> bool:
     """Tell whether a schedule is found with times rounded so that it holds for the model, as verify confirms."""
+    from halpipe.pipeline.explain.coarse import as_stated, harder
+
     tight = harder(model, grid)
     if tight is None:
         return False

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Exit, HalpipeError, about
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.coarse import coarser_grid
 from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
 from halpipe.pipeline.explain.invalid import proves_infeasible, tasks_of
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
@@ -173,6 +172,8 @@ class _Question:
         try:
             return schedule_model(self.model, options, lambda *_: self.go_on()).schedule
         except HalpipeError as failure:
+            from halpipe.pipeline.explain.coarse import coarser_grid
+
             grid = coarser_grid(expand(self.model, self.mode))
             if grid is None or {found.code for found in failure.diagnostics} != {TOO_LARGE.id}:
                 raise

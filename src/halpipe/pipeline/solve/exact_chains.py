@@ -89,9 +89,9 @@ def _solve(
     from ortools.sat.python import cp_model
 
     from halpipe.pipeline.solve.exactmodel import TooLarge, build
-    from halpipe.pipeline.solve.exactunits import Groups, Units, can_group
+    from halpipe.pipeline.solve.exactunits import forms_of
 
-    form: Any = Groups if can_group(expansion, [unit.name for unit in model.units]) else Units
+    form: Any = next(iter(forms_of(expansion, [unit.name for unit in model.units])))
     if any(active.demands for active in expansion.tasks) and not jobs:
         return Shortest(Fraction(0))
     program = build(cp_model, expansion, model, chains, MAX_PARTS, form)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.measure.objectives import Worth
+    from halpipe.pipeline.solve.optimise import Reached
 
 POLISH_BUDGET = 300
 """Moves per task for one step of improving a valid schedule."""
@@ -79,6 +80,15 @@ class Polish:
     on_better: Callable[[Worth], None]
     first: list[Worth] = field(default_factory=list)
     """What the first valid schedule was worth, once there is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The jobs of a mode at the end, what was reached, and whether somebody wanted no more before."""
+
+    jobs: tuple[Job, ...]
+    reached: tuple[Reached, ...] = ()
+    stopped: bool = False
 
 
 def polish_of(

@@ -10,6 +10,7 @@ from halpipe.durations import Duration
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.exact import Effort
+from halpipe.pipeline.solve.goals import Finished
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
@@ -76,15 +77,6 @@ def telling(goals: Goals, tell: Callable[[str], None]) -> Callable[[Worth], None
         tell(", ".join(f"{objective} {value_text(objective, value)}" for objective, value in pairs))
 
     return said
-
-
-@dataclass(frozen=True, slots=True)
-class Finished:
-    """The jobs of a mode at the end, what was reached, and whether somebody wanted no more before."""
-
-    jobs: tuple[Job, ...]
-    reached: tuple[Reached, ...] = ()
-    stopped: bool = False
 
 
 WORDS = {

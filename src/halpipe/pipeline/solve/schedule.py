@@ -19,7 +19,7 @@ from halpipe.pipeline.solve.codes import (
     EXACT_ABSENT,
     OTHER_ANSWERED,
 )
-from halpipe.pipeline.solve.goals import POLISH_BUDGET, Goals, Quality, polish_of
+from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, Quality, polish_of
 from halpipe.pipeline.solve.limits import (
     DEFAULT_WORK,
     check_range,
@@ -28,7 +28,6 @@ from halpipe.pipeline.solve.limits import (
     refuse_stuck,
     too_large,
 )
-from halpipe.pipeline.solve.optimise import Finished, finish, telling
 from halpipe.pipeline.solve.problem import Problem, build_problem
 from halpipe.pipeline.solve.workers import Workers
 
@@ -285,6 +284,8 @@ def _schedule_mode(
     def finished(jobs: tuple[Job, ...], *, is_cut: bool = False) -> Finished:
         if polish is None or not options.optimise:
             return Finished(jobs)
+        from halpipe.pipeline.solve.optimise import finish
+
         is_free = not shipped and tick is None and not pinned and not is_cut
         return finish(
             polish,
@@ -388,6 +389,8 @@ def _schedule_parts(
     notes = _changed(expansion, changed, "number of jobs, version, units or parts")
     end = Finished(found.jobs)
     if options.optimise and polish is not None and not found.excess:
+        from halpipe.pipeline.solve.optimise import finish
+
         end = finish(polish, found.jobs, 0, lambda: True, is_free=False)
     return _Found(table, notes, found.placed, found.stopped, found.unimproved, reached=end.reached)
 
@@ -439,9 +442,13 @@ def _solve_mode(
 def _polish(model: TaskModel, expansion: Expansion, options: SearchOptions, number: int) -> Polish | None:
     """Return what to improve once the mode is valid: nothing unless asked for."""
     goals = Goals.of(options.quality, options.optimise)
+    if goals is None:
+        return None
+    from halpipe.pipeline.solve.optimise import telling
+
     seed = _mode_seed(options.seed, number, options.attempt) + 1
     tell = partial(options.on_better, expansion.mode.name)
-    return None if goals is None else polish_of(model, expansion, goals, options.target, seed, telling(goals, tell))
+    return polish_of(model, expansion, goals, options.target, seed, telling(goals, tell))
 
 
 def _mode_seed(seed: int, number: int, attempt: int) -> int:
