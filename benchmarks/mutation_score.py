@@ -22,6 +22,7 @@ VERIFY = Path("halpipe", "pipeline", "verify")
 TESTS = ("tests/unit/pipeline", "-k", "verify")
 MORE = ("tests/properties/test_verify_mutations.py", "tests/properties/test_verify_split_mutations.py")
 LAST = ("tests/unit/test_second_checker.py",)
+NEEDED = ("src", "tests", "docs", "examples", "pyproject.toml", "build_native.py", "hatch_build.py")
 PATIENCE = 120
 
 SWAPS = {
@@ -77,7 +78,7 @@ def killed(source: Path) -> bool:
         environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
         try:
             done = subprocess.run(
-                command, cwd=ROOT, env=environment, capture_output=True, timeout=PATIENCE, check=False
+                command, cwd=source.parent, env=environment, capture_output=True, timeout=PATIENCE, check=False
             )
         except subprocess.TimeoutExpired:
             return True
@@ -94,7 +95,11 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as place:
         source = Path(place, "src")
-        shutil.copytree(ROOT / "src", source, ignore=shutil.ignore_patterns("__pycache__"))
+        for name in NEEDED:  # the tests look for the package beside them
+            if (ROOT / name).is_dir():
+                shutil.copytree(ROOT / name, Path(place, name), ignore=shutil.ignore_patterns("__pycache__", "out"))
+            else:
+                shutil.copy(ROOT / name, place)
         sites = []
         for path in sorted((source / VERIFY).glob("*.py")):
             if path.name not in ("codes.py", "__init__.py"):
@@ -102,6 +107,12 @@ def main() -> int:
         print(f"{len(sites)} places", flush=True)
         if killed(source):
             sys.exit("the tests fail without a fault")
+        heart = source / VERIFY / "tables.py"
+        whole = heart.read_text()
+        heart.write_text("raise ImportError\n")
+        if not killed(source):
+            sys.exit("the tests do not see the copy that is changed")
+        heart.write_text(whole)
         chosen = random.Random(options.seed).sample(sites, min(options.mutants, len(sites)))
         survived = 0
         for count, (path, number) in enumerate(chosen, 1):
