@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.workers import Workers
 
 
+NEAR = "HAL0414"
+"""The note that says how many jobs stay; its module is loaded for --near alone."""
+
+
 class Watch:
     """Watches one search: shows its progress and stops it on Ctrl-C or at the time limit."""
 
@@ -173,10 +177,8 @@ def _summarise(scheduled: Scheduled, target: str, seconds: float) -> None:
     schedule = scheduled.schedule
     for mode in schedule.modes:
         output.inform(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, valid")
-    from halpipe.pipeline.stable import NEAR
-
     for told in scheduled.diagnostics:
-        if told.code == NEAR.id and not output.Settings.verbose:
+        if told.code == NEAR and not output.Settings.verbose:
             output.inform(f"{told.path}: {told.message}")
     for reached in scheduled.reached:
         output.inform(f"mode {reached.mode}: {reached}")
