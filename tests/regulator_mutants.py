@@ -141,6 +141,9 @@ def simulated(files, engine):
 
 
 def refuted(files, part):
-    """What the solver says of the properties of a part that it refutes."""
+    """What the solver says of the properties of a part that it refutes, or why it has no such part to look at."""
     bundle = bundles.target(files).bundle
-    return [d for proof in prove(bundle, read_tables(bundle), part) for d in proof.findings]
+    try:
+        return [d for proof in prove(bundle, read_tables(bundle), part) for d in proof.findings]
+    except HalpipeError as failure:  # a register that does nothing any more is gone
+        return list(failure.diagnostics)
