@@ -201,7 +201,7 @@ def test_a_violation_is_told_with_its_line_in_plain_words(document, line, words)
 def test_a_model_is_not_taken_for_a_schedule():
     (found,) = refusal('<task-model xmlns="urn:halpipe:task-model:1" name="m"/>')
     assert found.code == "HAL0101"
-    assert 'expected <schedule xmlns="urn:halpipe:schedule:1">' in found.help
+    assert "a schedule is expected" in found.help
 
 
 def test_numbers_of_metrics_may_be_long_and_negative():
