@@ -259,12 +259,9 @@ def _schedule_mode(
         return _solve_mode(model, expansion, options, number, on_progress)
     if any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
         return _schedule_parts(model, expansion, options, number, on_progress, earlier)
-    from halpipe.pipeline.solve.exact import Effort as ExactEffort
     from halpipe.pipeline.solve.exact import is_installed
-    from halpipe.pipeline.solve.exact_member import solve_after
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.kernel.search import Effort, search
-    from halpipe.pipeline.solve.packing import pack
     from halpipe.pipeline.solve.relay import Memory, Turn, relay
 
     name = expansion.mode.name
@@ -313,10 +310,15 @@ def _schedule_mode(
         return (_mode_seed(options.seed, number, options.attempt) + turn.number * TURN_SEED) % 2**31
 
     def ask_packing(outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
+        from halpipe.pipeline.solve.packing import pack
+
         go_on = lambda: on_progress(name, outcome.moves, budget, outcome.cost)  # noqa: E731
         return pack(model, expansion, seed_of(turn), turn.fillings, go_on)
 
     def ask_exact(outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
+        from halpipe.pipeline.solve.exact import Effort as ExactEffort
+        from halpipe.pipeline.solve.exact_member import solve_after
+
         go_on = lambda: on_progress(name, outcome.moves, budget, outcome.cost)  # noqa: E731
         effort = ExactEffort(work=turn.work, seed=seed_of(turn), go_on=go_on, workers=options.workers.count)
         return solve_after(model, expansion, effort)
