@@ -82,23 +82,24 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
     if root.tag != expected:
         uri, _, tag = str(root.tag).rpartition("}")
         found = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
-        return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=_instead(kind, tag))]
+        return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=_instead(kind, uri[1:]))]
     many = _in_bulk(root, kind) if _could_be_slow(root) else []
     return _placed(many, root, kind, name) if many else _violations(root, kind, name)
 
 
-_IMPORTED = {"AUTOSAR": "arxml", "Amalthea": "amalthea"}
+_IMPORTED = {"http://autosar.org/": "arxml", "http://app4mc.eclipse.org/": "amalthea"}
+"""How the namespaces of what is imported begin."""
 
 
-def _instead(kind: str, tag: str) -> str:
-    """Say what to do with a document of another kind, by the name of its root."""
-    if tag in _IMPORTED:
-        return f"make a model of it first: halpipe import {_IMPORTED[tag]} FILE -o model.xml"
-    if tag in (TASK_MODEL, SCHEDULE):
-        swapped = (
-            "a schedule, where a model is expected" if kind == TASK_MODEL else "a model, where a schedule is expected"
-        )
-        return f"this is {swapped}; commands take MODEL first, then SCHEDULE"
+def _instead(kind: str, uri: str) -> str:
+    """Say what to do with a document of another kind, by the namespace of its root."""
+    for begin, format in _IMPORTED.items():
+        if uri.startswith(begin):
+            return f"make a model of it first: halpipe import {format} FILE -o model.xml"
+    other = SCHEDULE if kind == TASK_MODEL else TASK_MODEL
+    if uri == namespace(other):
+        here, wanted = ("schedule", "model") if kind == TASK_MODEL else ("model", "schedule")
+        return f"this is a {here}, where a {wanted} is expected; commands take MODEL first, then SCHEDULE"
     return f'expected <{kind} xmlns="{namespace(kind)}">'
 
 

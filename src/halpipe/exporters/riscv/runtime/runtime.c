@@ -421,7 +421,10 @@ void runtime(void) {
     CONTROL->state = STATE_RUNNING;
     begin_table((CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U, base);
     play();
-    CONTROL->state = (health_stops() != 0U) ? STATE_STOPPED : STATE_FINISHED;
+    CONTROL->state = STATE_FINISHED;
+    if (health_stops() != 0U) {
+        CONTROL->state = STATE_STOPPED;
+    }
     if (CONTROL->report != 0U) {
         print_report();
     }
