@@ -94,7 +94,7 @@ def test_cost_makes_no_chain_of_split_jobs_longer_than_it_was_at_first(seed):
     check_chains(drawn(seed, split_systems))
 
 
-@examples(20)
+@examples(8)
 @given(SEEDS, st.sampled_from([Quality.COST, Quality.MARGIN]))
 def test_improving_moves_nothing_that_is_frozen(seed, quality):
     system = drawn(seed, systems)
@@ -130,7 +130,7 @@ def test_optimising_makes_no_objective_worse_and_no_bound_is_wrong(seed, order):
 
 
 @pytest.mark.slow
-@examples(20)
+@examples(8)
 @given(SEEDS, st.permutations([Objective(name) for name in OBJECTIVES]))
 def test_optimising_split_jobs_makes_no_objective_worse(seed, order):
     check_objectives(drawn(seed, split_systems), tuple(order[:2]))
