@@ -15,6 +15,7 @@ from halpipe.exporters.riscv.growth import grow
 from halpipe.exporters.riscv.operations import COPY, DONE, RUN, Operation, Program, Release, Table
 from halpipe.exporters.riscv.phases import clock_of, phases_of, stretches
 from halpipe.exporters.riscv.profile import read_profile
+from halpipe.exporters.riscv.render import DECISION
 from halpipe.models import AccessKind
 from profiles import examples
 from riscv_models import deployed, moving, single
@@ -109,6 +110,8 @@ def written_down(tables, programs, line, service):
                 heapq.heappush(due, (start + release.tick + o.at, o.key[1], len(due), (release.program, position)))
         start += tables[index].length
         heapq.heappush(due, (start, 1, len(due), None))
+        if tables[index].is_mode:  # the look at the mailbox
+            heapq.heappush(due, (start - DECISION, 3, len(due), None))
     late = {}
     now = 0
     while due:
