@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import re
 from fractions import Fraction
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _RATIONAL = re.compile(r"[0-9]+(?:\.[0-9]+)?|[0-9]+/[0-9]+")
 _MAX_LENGTH = 1000  # metrics of schedules are sums of many fractions; what people write is short
 _SHOWN = 80
+_DIGITS = 20  # as many as 2^64 has; int() takes time that grows with their square
 _SIZE = re.compile(r"(?P<number>[0-9]{1,30}(?:\.[0-9]{1,30})?)\s*(?P<unit>[kMG]?B|[KMG]iB)")
 _BYTES = {"GiB": 2**30, "GB": 10**9, "MiB": 2**20, "MB": 10**6, "KiB": 2**10, "kB": 10**3, "B": 1}
 
@@ -46,6 +51,21 @@ def format_rational(value: Fraction) -> str:
     scaled = abs(value.numerator) * 10**digits // value.denominator
     sign = "-" if value < 0 else ""
     return f"{sign}{scaled // 10**digits}.{scaled % 10**digits:0{digits}d}"
+
+
+def whole(least: int, most: int | None = None, what: str = "whole number") -> Callable[[str], int]:
+    """Return a reader of whole numbers from `least` to `most`; it calls what it reads `what` where it refuses it."""
+    bounds = f"from {least} to {most}" if most is not None else f"from {least} on"
+
+    def read(text: str) -> int:
+        digits = text.strip()
+        if digits.isascii() and digits.isdigit() and len(digits) <= _DIGITS:
+            value = int(digits)
+            if least <= value and (most is None or value <= most):
+                return value
+        raise ValueError(f"{quoted(text)} is no {what}; write a number {bounds}")
+
+    return read
 
 
 def parse_size(text: str) -> int:

@@ -15,7 +15,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.durations import Duration
-from halpipe.quantities import quoted
+from halpipe.quantities import quoted, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -137,29 +137,11 @@ def _names(text: str, read: Reader) -> dict[str, Any]:
 SOURCES = "Source files are relative to it; otherwise to the model file."
 CPUS = "Linux CPU of each unit; otherwise in the model's order."
 
-
-def cpu_number(text: str) -> int:
-    """Read the number of a CPU."""
-    digits = text.strip()
-    if not (digits.isascii() and digits.isdigit() and len(digits) <= 4):
-        raise ValueError(f"{quoted(text)} is no CPU; write its number, as in /proc/cpuinfo")
-    return int(digits)
+cpu_number = whole(0, 9999, "CPU")
+"""Read the number of a CPU, as in /proc/cpuinfo."""
 
 
 # ------------------------------------------------------------------------------------------- single values
-
-
-def whole(least: int, most: int, what: str = "number") -> Callable[[str], int]:
-    """Return a reader of whole numbers from `least` to `most`."""
-
-    def read(text: str) -> int:
-        digits = text.strip()
-        if not (digits.isascii() and digits.isdigit() and len(digits) <= 20 and least <= int(digits) <= most):
-            article = "whole number" if what == "number" else what
-            raise ValueError(f"{quoted(text)} is no {article}; write a number from {least} to {most}")
-        return int(digits)
-
-    return read
 
 
 def file_name(text: str) -> str:

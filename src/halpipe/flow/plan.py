@@ -18,7 +18,7 @@ from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
 from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.quantities import parse_rational
+from halpipe.quantities import parse_rational, whole
 from halpipe.settings import Fields
 
 if TYPE_CHECKING:
@@ -154,8 +154,8 @@ class _Reader:
 
     def _search(self, f: Fields) -> SearchOptions:
         return SearchOptions(
-            seed=f.value("seed", _whole(0), 1),
-            budget=f.value("budget", _whole(1), None),
+            seed=f.value("seed", whole(0), 1),
+            budget=f.value("budget", whole(1), None),
             tick=f.value("tick", _grid, None),
             grid=self._grid(f.value("quantise", self._path, "")),
         )
@@ -185,14 +185,3 @@ def _grid(text: str) -> Duration:
     if not tick:
         raise ValueError(f"{text} is no grid; write a duration above zero, or leave it out")
     return tick
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    """Return a reader of whole numbers from `least` on."""
-
-    def read(text: str) -> int:
-        if not (text.isascii() and text.isdigit() and len(text) <= 18 and int(text) >= least):
-            raise ValueError(f"{text[:40]!r} is not a whole number from {least} on; correct it")
-        return int(text)
-
-    return read

@@ -29,7 +29,7 @@ from halpipe.models.attributes import (
     Codec,
     attributes,
 )
-from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.quantities import parse_bandwidth, parse_rational, parse_size, whole
 from halpipe.settings import Words
 
 if TYPE_CHECKING:
@@ -87,18 +87,8 @@ def bound(text: str) -> Fraction:
     return number
 
 
-def count(text: str) -> int:
-    """Read a whole number from 1 to a million."""
-    if not (text.isascii() and text.isdigit() and len(text) <= 7 and 1 <= int(text) <= 1_000_000):
-        raise ValueError(f"{text[:80]!r} is not a count; write a whole number from 1 to 1000000")
-    return int(text)
-
-
-def times(text: str) -> int:
-    """Read a whole number from 1 to 255."""
-    if not (text.isascii() and text.isdigit() and len(text) <= 3 and 1 <= int(text) <= 255):
-        raise ValueError(f"{text[:80]!r} is not a number of times; write a whole number from 1 to 255")
-    return int(text)
+count = whole(1, 1_000_000, "count")
+times = whole(1, 255, "number of times")
 
 
 def number(text: str) -> int:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.choices import choice, positive_duration, whole
+from halpipe.exporters.choices import choice, positive_duration
+from halpipe.quantities import whole
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import choice, whole
+from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
+from halpipe.quantities import whole
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel

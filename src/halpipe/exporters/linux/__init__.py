@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import CPUS, SOURCES, Form, choice, cpu_number, whole
+from halpipe.exporters.choices import CPUS, SOURCES, Form, choice, cpu_number
 from halpipe.extent import Extent
+from halpipe.quantities import whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

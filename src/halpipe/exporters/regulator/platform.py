@@ -18,7 +18,7 @@ from halpipe.exporters.regulator.codes import (
 )
 from halpipe.exporters.regulator.words import BACKENDS
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted
+from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted, whole
 from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
@@ -194,7 +194,7 @@ class _Reader:
         owner: dict[int, str] = {}
         for name, f, at in self.top.entries("units", _UNIT, "unit"):
             f.require("manager")
-            manager = f.value("manager", _whole, -1)
+            manager = f.value("manager", _INDEX, -1)
             if manager >= 0 and owner.setdefault(manager, name) != name:
                 f.complain(
                     SHARED_MANAGER,
@@ -207,9 +207,9 @@ class _Reader:
                 manager=manager,
                 default={d: f.value(f"default-{d}", parse_size, None) for d in DIRECTIONS},
                 port=f.value("port", _name, ""),
-                core=f.value("core", _whole, None),
+                core=f.value("core", _INDEX, None),
                 group=f.value("group", _name, ""),
-                partid=f.value("partid", _whole, None),
+                partid=f.value("partid", _INDEX, None),
                 at=at,
             )
         return units
@@ -219,7 +219,7 @@ class _Reader:
         f = self.top.section(backend, tuple(known), f"platform {backend}")
         if f is None:
             return dict(known)
-        return {key: f.value(key, _SETTING_READERS.get((backend, key), _whole_text), known[key]) for key in known}
+        return {key: f.value(key, _SETTING_READERS.get((backend, key), _number_text()), known[key]) for key in known}
 
     # ---- what the numbers must be to each other
 
@@ -305,23 +305,14 @@ def _positive_bandwidth(text: str) -> int:
     return rate
 
 
-def _whole(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) <= 9):
-        raise ValueError(f"{quoted(text)} is not a whole number from 0 on; correct it")
-    return int(text)
+_MOST = 10**9 - 1
+_INDEX = whole(0, _MOST)
 
 
-def _whole_text(text: str) -> str:
-    return str(_whole(text))
-
-
-def _at_least(least: int, most: int) -> Callable[[str], str]:
-    def read(text: str) -> str:
-        if not least <= _whole(text) <= most:
-            raise ValueError(f"{quoted(text)} is out of range; write a number from {least} to {most}")
-        return text
-
-    return read
+def _number_text(least: int = 0, most: int = _MOST) -> Callable[[str], str]:
+    """Return a reader of whole numbers that keeps them as texts, as settings are kept."""
+    read = whole(least, most)
+    return lambda text: str(read(text))
 
 
 def _name(text: str) -> str:
@@ -354,7 +345,7 @@ def _ratio(text: str) -> str:
 
 def _numbers(text: str) -> str:
     """Read whole numbers with spaces between them."""
-    return " ".join(str(_whole(word)) for word in text.split())
+    return " ".join(str(_INDEX(word)) for word in text.split())
 
 
 def _size_text(text: str) -> str:
@@ -367,24 +358,24 @@ def _frequency_text(text: str) -> str:
 
 
 _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
-    ("table", "depth"): _at_least(2, 65280),  # as many as the registers have addresses for
-    ("axi-realm", "managers"): _at_least(1, 32),
-    ("axi-realm", "regions"): _at_least(1, 16),
+    ("table", "depth"): _number_text(2, 65280),  # as many as the registers have addresses for
+    ("axi-realm", "managers"): _number_text(1, 32),
+    ("axi-realm", "regions"): _number_text(1, 16),
     ("axi-realm", "base"): _address,
     ("qos400", "clock"): _frequency_text,
     ("qos400", "granularity"): Words("mode", "phase"),
     ("memguard", "granularity"): Words("mode", "phase"),
-    ("qos400", "burstiness"): _at_least(1, 2**16 - 1),
+    ("qos400", "burstiness"): _number_text(1, 2**16 - 1),
     ("memguard", "line"): _size_text,
     ("memguard", "period"): _period,
-    ("memguard", "cores"): _at_least(1, 256),
+    ("memguard", "cores"): _number_text(1, 256),
     ("memguard", "write-backs"): _ratio,
     ("resctrl", "others"): _numbers,
-    ("mpam", "width"): _at_least(1, 16),
-    ("mpam", "partids"): _at_least(1, 2**16),
+    ("mpam", "width"): _number_text(1, 16),
+    ("mpam", "partids"): _number_text(1, 2**16),
     ("mpam", "base"): _address,
     ("resctrl", "kind"): Words("intel", "amd", "mpam"),
-    ("resctrl", "min"): _at_least(1, 100),
-    ("resctrl", "step"): _at_least(1, 100),
-    ("resctrl", "width"): _at_least(1, 16),
+    ("resctrl", "min"): _number_text(1, 100),
+    ("resctrl", "step"): _number_text(1, 100),
+    ("resctrl", "width"): _number_text(1, 16),
 }

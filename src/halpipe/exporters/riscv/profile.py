@@ -17,12 +17,12 @@ from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import Duration, seconds
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
 from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.quantities import parse_bandwidth, parse_rational, parse_size, whole
 from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 FOLDER = Path(__file__).parents[2] / "profiles"
 VERSION = "1"
@@ -196,9 +196,9 @@ def _profile(name: str, f: Fields) -> Profile:
     return Profile(
         name=name,
         summary=f.value("summary", str, ""),
-        cores=f.value("cores", _whole(1, 64), 1),
-        clock=f.value("clock", _whole(1000, 10**11), 1000),
-        timebase=f.value("timebase", _whole(1000, 10**9), 1000),
+        cores=f.value("cores", whole(1, 64), 1),
+        clock=f.value("clock", whole(1000, 10**11), 1000),
+        timebase=f.value("timebase", whole(1000, 10**9), 1000),
         main=Region(main.value("base", _address, 0), main.value("size", _size, 0)) if main else Region(0, 0),
         ispm=_scratchpads(f, "ispm"),
         dspm=_scratchpads(f, "dspm"),
@@ -237,7 +237,7 @@ def _dma(f: Fields) -> Dma:
         kind=kind,
         base=section.value("base", _address, 0),
         stride=section.value("stride", _address, 4096),
-        channels=section.value("channels", _whole(1, 64), 1),
+        channels=section.value("channels", whole(1, 64), 1),
         bandwidth=section.value("bandwidth", _bandwidth, 1),
         setup=section.value("setup", Duration.parse, Duration(0)),
     )
@@ -290,12 +290,3 @@ def _bandwidth(text: str) -> int:
     if not value:
         raise ValueError(f"{text} moves nothing; write a bandwidth above zero")
     return value
-
-
-def _whole(least: int, most: int) -> Callable[[str], int]:
-    def read(text: str) -> int:
-        if not (text.isascii() and text.isdigit() and len(text) <= 18 and least <= int(text) <= most):
-            raise ValueError(f"{text[:40]!r} is not a whole number from {least} to {most}; correct it")
-        return int(text)
-
-    return read

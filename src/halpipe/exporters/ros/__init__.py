@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import CPUS, Form, choice, cpu_number, whole
+from halpipe.exporters.choices import CPUS, Form, choice, cpu_number
 from halpipe.extent import Extent
-from halpipe.quantities import quoted
+from halpipe.quantities import quoted, whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 CHAIN_STEPS = (8, 64)
 """Latencies are asked to shrink by one part in so many at a time."""
 
+TRIFLE = 1000
+"""A round of wishes that brings all latencies together down by less than one part in so many is the last."""
+
 MARGIN_STEPS = 64
 """WCET margins are tried in steps of one part in so many."""
 
@@ -271,30 +274,33 @@ def _ticks(nanoseconds: Fraction, problem: Problem) -> int:
 def _shorter_chains(best: _Best, ceiling: Arrays, weights: tuple[int, ...], least: list[list[int]]) -> Wishes:
     """Ask for less of all latencies at once, then for less of one while others give back a part of what it wins.
 
-    None is asked for that is less than the `least` that can be.
+    None is asked for that is less than the `least` that can be. Rounds go on while they bring down the
+    weighted sum by more than a trifle: chains that trade single ticks could go on for as many rounds as there are
+    ticks.
     """
+
+    def total() -> int:
+        now = _latencies(best)
+        return sum(weights[chain] * now[chain][kind] for chain, kind in every)
+
     every = [(chain, kind) for chain, pair in enumerate(_latencies(best)) for kind in (0, 1) if pair[kind] < NEVER]
-    refused: set[tuple[int, ...]] = set()
+    asked: set[tuple[int, ...]] = set()
     for parts in CHAIN_STEPS if every else ():
-        is_better = True
-        while is_better:
-            is_better = yield from _while_granted(best, partial(_all_shorter, best, least, parts), refused)
+        before = None
+        while before is None or (before - total()) * TRIFLE > before:
+            before = total()
+            yield from _while_granted(best, partial(_all_shorter, best, least, parts), asked)
             for entry in sorted(every, key=lambda at: -weights[at[0]] * _latencies(best)[at[0]][at[1]]):
                 traded = partial(_traded, best, ceiling, weights, least, entry, parts)
-                is_better |= yield from _while_granted(best, traded, refused)
+                yield from _while_granted(best, traded, asked)
 
 
-def _while_granted(
-    best: _Best, limits: Callable[[], Table | None], refused: set[tuple[int, ...]]
-) -> Generator[Arrays, bool | None, bool]:
-    """Ask again and again for such limits, but for none twice; return whether any were granted."""
-    is_granted = False
-    while (wanted := limits()) is not None and tuple(wanted.flat) not in refused:
+def _while_granted(best: _Best, limits: Callable[[], Table | None], asked: set[tuple[int, ...]]) -> Wishes:
+    """Ask again and again for such limits, but for none twice."""
+    while (wanted := limits()) is not None and tuple(wanted.flat) not in asked:
+        asked.add(tuple(wanted.flat))
         if not (yield best.arrays._replace(chain_limit=wanted)):
-            refused.add(tuple(wanted.flat))
             break
-        is_granted = True
-    return is_granted
 
 
 def _all_shorter(best: _Best, least: list[list[int]], parts: int) -> Table | None:
@@ -304,7 +310,8 @@ def _all_shorter(best: _Best, least: list[list[int]], parts: int) -> Table | Non
         [max(low, time - max(1, time // parts)) for time, low in zip(*pairs, strict=True)]
         for pairs in zip(now, least, strict=True)
     ]
-    return _limits(shorter) if shorter != now else None
+    wanted = _limits(shorter)
+    return wanted if wanted.flat != _limits(now).flat else None
 
 
 def _traded(
