@@ -82,7 +82,7 @@ test-fast: $(VENV)/.test-ready
 # With the oldest versions that pyproject.toml allows, in an environment of its own.
 test-lowest: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/lowest
-	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints/lowest.txt . pytest hypothesis
+	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints/lowest.txt . pytest pytest-timeout hypothesis
 	build/lowest/bin/python -m pytest -p no:cacheprovider -m "not slow" tests/cli tests/unit/importers tests/unit/exporters \
 	  tests/unit/test_files_xml.py tests/unit/test_files_yaml.py tests/unit/test_schemas.py
 
