@@ -180,7 +180,7 @@ def schedule(
         return wanted and (end is None or time.monotonic() < end)
 
     scheduled = schedule_model(model, options, go_on)
-    if not scheduled.is_complete and not scheduled.unimproved:
+    if not scheduled.is_complete:
         found = explain_failure(model, scheduled, interrupted=scheduled.stopped)
         raise HalpipeError(*found, exit=Exit.INTERRUPTED if scheduled.stopped else Exit.NOT_FOUND)
     return scheduled.schedule

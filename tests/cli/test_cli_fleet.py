@@ -130,13 +130,59 @@ def test_models_are_never_written_over(folder):
     assert content(folder) == {name: format_model(variant(20 + number)) for number, name in enumerate(NAMES)}
 
 
+def test_the_key_of_a_variant_is_the_same_in_every_process(folder):
+    """Hashes of texts differ between processes, and so does the order of what stands in sets."""
+    (folder / "platform.yaml").write_text(PLATFORM)
+    program = (
+        "from halpipe.flow.fleet import Variant, plain_options; from halpipe.flow.formats import burst_grid; "
+        "from halpipe.pipeline.solve.checkpoint import fingerprint; from halpipe.importers.native import read_model; "
+        "from halpipe.pipeline.solve.schedule import SearchOptions; "
+        "options = SearchOptions(grid=burst_grid('platform.yaml')); "
+        "print(Variant('m', b'', plain_options(options)).key, fingerprint(read_model('m0.xml'), options, '1'))"
+    )
+    keys = set()
+    for seed in ("1", "2", "3", "4"):
+        words, settings = [sys.executable, "-c", program], {**os.environ, "PYTHONHASHSEED": seed}
+        keys.add(subprocess.run(words, cwd=folder, env=settings, capture_output=True, check=True, timeout=60).stdout)
+    assert len(keys) == 1
+
+
+PLATFORM = """halpipe-regulator: 1
+clock: 1MHz
+bus: 64bit
+burst: 64B
+window: 1000
+guaranteed: 4MB/s
+units:
+  u1: {manager: 0}
+  u2: {manager: 1}
+  u3: {manager: 2}
+"""
+
+
+def test_out_of_time_is_not_interrupted(folder):
+    write_output(str(folder / "m1.xml"), format_model(full()))
+    finished = run_here(folder, "schedule", *NAMES[:2], "-o", "out", "--workers", 1, "--time-limit", 0.3)
+    assert finished.returncode == 3
+    assert rows(finished) == [["m0.xml", "valid"], ["m1.xml", "not"]]
+
+
+@pytest.mark.slow
+def test_processes_keep_to_the_time_limit(folder):
+    for name in NAMES[:2]:
+        write_output(str(folder / name), format_model(full()))
+    words = [sys.executable, "-m", "halpipe", "schedule", *NAMES[:2], "-o", "out", "--workers", "2", "--time-limit", "1"]
+    running = subprocess.Popen(words, cwd=folder, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    try:
+        assert running.wait(60) == 3
+    finally:
+        running.terminate()
+
+
 @pytest.mark.slow
 def test_ctrl_c_leaves_finished_files_whole(folder):
     """The third model takes the search for ever; the first two are finished, and a second run goes on after them."""
-    full = model(
-        *(task(f"t{n}", 100, version("v", f"{w}us", "u1 u2 u3")) for n, w in enumerate(LENGTHS)), units="u1 u2 u3"
-    )
-    write_output(str(folder / "m2.xml"), format_model(full))
+    write_output(str(folder / "m2.xml"), format_model(full()))
     words = [sys.executable, "-m", "halpipe", "schedule", *NAMES, "-o", "out", "--time-limit", "100"]
     running = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
@@ -150,6 +196,12 @@ def test_ctrl_c_leaves_finished_files_whole(folder):
         running.kill()
     assert sorted(name for name in os.listdir(folder / "out") if name.endswith(".xml")) == ["m0.xml", "m1.xml"]
     assert not [name for name in os.listdir(folder / "out") if name.startswith(".")]
+
+
+def full():
+    """A model that the search looks at for ever."""
+    tasks = [task(f"t{n}", 100, version("v", f"{w}us", "u1 u2 u3")) for n, w in enumerate(LENGTHS)]
+    return model(*tasks, units="u1 u2 u3")
 
 
 LENGTHS = [10007, 20011, 30011, 40009, 50021, 60013, 70001, 9929, 9998]

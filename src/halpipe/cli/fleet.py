@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections import Counter
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -24,7 +25,10 @@ if TYPE_CHECKING:
 
 
 class _Stop:
-    """Whether Ctrl-C was pressed; the variant at hand ends without a schedule, those written stay."""
+    """Whether Ctrl-C was pressed; the variant at hand ends without a schedule, those written stay.
+
+    A copy in another process, or on a cluster, has the time limit alone.
+    """
 
     def __init__(self, time_limit: float) -> None:
         self.pressed = False
@@ -88,8 +92,8 @@ def schedule_fleet(
 def _refuse_twins(sources: Sequence[str]) -> None:
     if STDIO in sources:
         raise typer.BadParameter("a folder of schedules takes files only, not standard input", param_hint="MODEL")
-    stems = [Path(source).stem for source in sources]
-    twins = sorted({source for source, stem in zip(sources, stems, strict=True) if stems.count(stem) > 1})
+    count = Counter(Path(source).stem for source in sources)
+    twins = sorted({source for source in sources if count[Path(source).stem] > 1})
     if twins:
         raise typer.BadParameter(f"their schedules would have one name: {', '.join(twins)}", param_hint="MODEL")
 
@@ -117,7 +121,6 @@ class _Run:
 
     def all(self, variants: Sequence[Variant], processes: int, cluster: str) -> None:
         """Solve what is not solved yet, in this process or elsewhere, and write each as soon as it is there."""
-        from halpipe.flow.fleet import solve
         from halpipe.pipeline.solve.run import map_tasks
 
         waiting = []
@@ -127,9 +130,7 @@ class _Run:
                 self._take(variant, kept)
             elif variant.target not in self.solved:
                 waiting.append(variant)
-        is_here = not cluster and processes <= 1
-        function = partial(_solve_here, self.stop) if is_here else solve
-        results = map_tasks(function, waiting, jobs=processes, cluster=cluster)
+        results = map_tasks(partial(_solve, self.stop), waiting, jobs=processes, cluster=cluster)
         try:
             for number, solved in results:
                 self._take(waiting[number], solved)
@@ -165,10 +166,10 @@ class _Run:
             output.inform(f"{self.total - len(rows)} of {self.total} were not begun; the same command goes on")
 
 
-def _solve_here(stop: _Stop, variant: Variant) -> Solved:
+def _solve(stop: _Stop, variant: Variant) -> Solved:
     from halpipe.flow.fleet import solve
 
-    return solve(variant, stop.clock())
+    return solve(variant, stop.clock(), lambda: stop.pressed)
 
 
 def _bar(done: int, total: int) -> str:

@@ -88,8 +88,10 @@ def plain_options(options: SearchOptions) -> dict[str, Any]:
     return {one.name: getattr(options, one.name) for one in fields(options) if one.compare}
 
 
-def solve(variant: Variant, go_on: Callable[..., bool] = lambda *_: True) -> Solved:
-    """Read, search, verify and write one variant as bytes."""
+def solve(
+    variant: Variant, go_on: Callable[..., bool] = lambda *_: True, is_interrupted: Callable[[], bool] = lambda: False
+) -> Solved:
+    """Read, search, verify and write one variant as bytes; what ends early is `is_interrupted`, or out of time."""
     from halpipe.exporters.native import format_schedule
     from halpipe.importers.native import parse_model
     from halpipe.pipeline.checked import explain_failure, schedule_model
@@ -99,8 +101,8 @@ def solve(variant: Variant, go_on: Callable[..., bool] = lambda *_: True) -> Sol
         model = parse_model(variant.content, variant.source)
         scheduled = schedule_model(model, SearchOptions(**variant.options), go_on)
         if not scheduled.is_complete:
-            found = explain_failure(model, scheduled, interrupted=scheduled.stopped)
-            outcome = Outcome.INTERRUPTED if scheduled.stopped else Outcome.NOT_FOUND
+            found = explain_failure(model, scheduled, interrupted=is_interrupted())
+            outcome = Outcome.INTERRUPTED if is_interrupted() else Outcome.NOT_FOUND
             return Solved(outcome, moves=scheduled.moves, diagnostics=tuple(found))
         content = format_schedule(scheduled.schedule)
     except HalpipeError as failure:

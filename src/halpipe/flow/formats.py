@@ -136,7 +136,7 @@ def burst_grid(platform_file: str) -> BurstGrid:
         burst=platform.burst,
         reserve=reserve_of(platform, writer),
         reserves=writer.reserves,
-        regulated=frozenset(platform.units),
+        regulated=tuple(sorted(platform.units)),
         carries=writer.carries,
         writes=platform.unspecified == WRITE,
     )

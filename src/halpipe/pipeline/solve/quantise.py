@@ -64,7 +64,7 @@ class BurstGrid:
     reserve: int
     writes: bool = False
     reserves: str = "used"
-    regulated: frozenset[str] = frozenset()
+    regulated: tuple[str, ...] = ()
     carries: bool = False
 
     def up(self, duration: Duration) -> Duration:
@@ -167,7 +167,7 @@ def _kept(model: TaskModel, grid: BurstGrid, resource: str) -> int:
     reserved = {
         "used": len(rows),
         "units": 2 * len({unit for unit, _ in rows}),
-        "all": 2 * len(grid.regulated & {unit.name for unit in model.units}),
+        "all": 2 * len({*grid.regulated} & {unit.name for unit in model.units}),
     }[grid.reserves]
     return grid.reserve * reserved + (grid.burst * len(_ending(model, grid, resource)) if grid.carries else 0)
 
