@@ -146,8 +146,9 @@ def schedule(
 
     `optimise` names objectives, the most important first: ``("chains", "jitter", "margin", "preemptions")``.
     `progress` is called with mode, moves made, moves allowed and the least cost so far, from several threads; it ends
-    the search by returning False. After `time_limit` seconds the search ends, too; then what is found depends on the
-    machine. Raise `HalpipeError` if no schedule is found, with what the best placement still breaks.
+    the search by returning False. A `time_limit` in seconds does, too; without a `budget` nothing else does, so that
+    what is found depends on the machine. Raise `HalpipeError` if no schedule is found, with what the best placement
+    still breaks.
     """
     from halpipe.diagnostics import Exit, HalpipeError
     from halpipe.durations import Duration
@@ -173,6 +174,8 @@ def schedule(
         portfolio=DEFAULT_PORTFOLIO if portfolio is None else portfolio,
         workers=Workers(workers),
     )
+    if time_limit:
+        options = options.by_the_clock()
     end = time.monotonic() + time_limit if time_limit else None
 
     def go_on(*done: Any) -> bool:

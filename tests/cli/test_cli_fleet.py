@@ -171,7 +171,19 @@ def test_out_of_time_is_not_interrupted(folder):
 def test_processes_keep_to_the_time_limit(folder):
     for name in NAMES[:2]:
         write_output(str(folder / name), format_model(full()))
-    words = [sys.executable, "-m", "halpipe", "schedule", *NAMES[:2], "-o", "out", "--workers", "2", "--time-limit", "1"]
+    words = [
+        sys.executable,
+        "-m",
+        "halpipe",
+        "schedule",
+        *NAMES[:2],
+        "-o",
+        "out",
+        "--workers",
+        "2",
+        "--time-limit",
+        "1",
+    ]
     running = subprocess.Popen(words, cwd=folder, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
     try:
         assert running.wait(60) == 3

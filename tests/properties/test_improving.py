@@ -11,7 +11,8 @@ import verify_systems as systems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.models import Chain
+from halpipe.durations import milliseconds
+from halpipe.models import Chain, Split
 from halpipe.pipeline.checked import validate_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Judge, Objective
@@ -192,6 +193,24 @@ def test_each_better_schedule_is_told():
     (reached,) = scheduled.reached
     assert reached.value < reached.first
     assert told[-1] == (system.modes[0].name, f"margin {value_text(reached.objective, reached.value)}")
+
+
+def test_each_better_schedule_of_split_jobs_is_told():
+    rows = (("a", 10, 4, 2), ("b", 20, 4, 2), ("c", 10, 1, None))
+    tasks = [
+        task(
+            n,
+            period,
+            replace(version("v", wcet, "u1 u2"), split=Split(points=(milliseconds(at),) if at else ())),
+            slack=1,
+        )
+        for n, period, wcet, at in rows
+    ]
+    system, told = model(*tasks, units="u1 u2", chains=[chain("one", "a b c"), chain("two", "c b")]), []
+    options = SearchOptions(optimise=(Objective.CHAINS,), on_better=lambda mode, text: told.append((mode, text)))
+    (reached,) = search.schedule_model(system, options, lambda *_: True).reached
+    assert reached.value < reached.first
+    assert told[-1] == (system.modes[0].name, f"chains {value_text(reached.objective, reached.value)}")
 
 
 @pytest.mark.parametrize("text", ["chain", "chains,chains", "cost"])

@@ -14,9 +14,10 @@ from halpipe.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.models import Binding, Resource, Task, Transfer, Version
 from halpipe.pipeline.generate import SetParameters, generate
+from halpipe.pipeline.solve.schedule import UNBOUNDED
 from profiles import examples
 from strategies import task_models
-from support import model, task, version
+from support import chain, mode, model, task, version
 
 
 def small():
@@ -121,6 +122,36 @@ def test_progress_ends_a_search():
     with pytest.raises(HalpipeError) as failure:
         halpipe.schedule(hopeless, progress=lambda *done: False)
     assert failure.value.exit is Exit.INTERRUPTED
+
+
+def endless():
+    """Tasks that the search looks at for ever: they are as long as three units together, but no choice fills one."""
+    lengths = (10007, 20011, 30011, 40009, 50021, 60013, 70001, 9929, 9998)
+    return [task(f"t{n}", 100, version("v", f"{length}us", "w1 w2 w3")) for n, length in enumerate(lengths)]
+
+
+def test_a_mode_that_was_not_come_to_is_no_schedule():
+    """One mode is improved when the search is stopped, the other one is still to come."""
+    rows = (("a", 8, 3), ("b", 16, 4), ("c", 8, 1), ("d", 16, 2))
+    first = [task(name, period, version("v", wcet, "u1 u2")) for name, period, wcet in rows]
+    chains = [chain("one", "a b c"), chain("two", "d c")]
+    modes = [mode("first", first), mode("second", endless())]
+    system = model(*first, *endless(), units="u1 u2 w1 w2 w3", chains=chains, modes=modes)
+    asked = []
+    with pytest.raises(HalpipeError):
+        halpipe.schedule(system, quality="cost", progress=lambda name, *_: asked.append(name) or len(asked) < 3)
+    assert asked[:3] == ["first"] * 3
+
+
+def test_with_a_time_limit_the_clock_alone_ends_a_search():
+    allowed = set()
+    with pytest.raises(HalpipeError):
+        halpipe.schedule(
+            model(*endless(), units="w1 w2 w3"),
+            time_limit=0.2,
+            progress=lambda name, made, most, best: allowed.add(most),
+        )
+    assert min(allowed) >= UNBOUNDED
 
 
 def test_an_unknown_option_of_an_import_is_named():

@@ -24,7 +24,7 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
 from halpipe.pipeline.measure.circle import Instants
 from halpipe.pipeline.solve.goals import Quality
-from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
+from halpipe.pipeline.solve.schedule import SearchOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -88,8 +88,9 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
     """Do what ``halpipe schedule`` does, and note what came of it."""
     begin = perf_counter_ns()
     deadline = begin + instance.limit * _SECOND
-    budget = UNBOUNDED if instance.budget is None and instance.limit else instance.budget
-    options = SearchOptions(seed=instance.seed, budget=budget, quality=instance.quality)
+    options = SearchOptions(seed=instance.seed, budget=instance.budget, quality=instance.quality)
+    if instance.limit:
+        options = options.by_the_clock()
     with _kernel_watch() as kernel:
         try:
             model = read_model(source)

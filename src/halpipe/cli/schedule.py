@@ -104,7 +104,7 @@ def schedule(
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.importers.native import read_model, read_schedule
     from halpipe.pipeline.solve.goals import Quality
-    from halpipe.pipeline.solve.schedule import UNBOUNDED, SearchOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)
@@ -118,7 +118,7 @@ def schedule(
     options = replace(options, optimise=_parse_objectives(optimise, options.quality))
     options = replace(options, portfolio=portfolio, workers=workers_of(workers))
     if time_limit:
-        options = replace(options, effort=None, budget=budget or UNBOUNDED)  # the clock alone ends the search
+        options = options.by_the_clock()
     if freeze:
         options = replace(options, shipped=read_schedule(freeze))
     if near:

@@ -127,6 +127,10 @@ class SearchOptions:
         """Whether no budget is stated, so that whatever helps may be tried."""
         return self.budget in (None, UNBOUNDED)
 
+    def by_the_clock(self) -> SearchOptions:
+        """Return the same for a search that a clock ends: nothing else does, unless a budget is stated."""
+        return replace(self, effort=None, budget=self.budget or UNBOUNDED)
+
     def moves(self, tasks: int) -> int:
         """Return how many moves the search of a mode with so many tasks may make."""
         if self.budget is not None:

@@ -180,6 +180,7 @@ class _Search:
             better = judge.better(named(self.mode, moved.plan, moved.table), bar, worth)
             if better is not None:
                 best, worth = moved, better
+                polish.on_better(worth)
                 enough = polish.is_enough(named(self.mode, best.plan, best.table))
         return best
 
