@@ -421,10 +421,11 @@ void runtime(void) {
     CONTROL->state = STATE_RUNNING;
     begin_table((CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U, base);
     play();
-    CONTROL->state = STATE_FINISHED;
+    uint64_t ended = STATE_FINISHED;
     if (health_stops() != 0U) {
-        CONTROL->state = STATE_STOPPED;
+        ended = STATE_STOPPED;
     }
+    CONTROL->state = ended; /* once: whoever watches takes the first state that is no running one */
     if (CONTROL->report != 0U) {
         print_report();
     }
