@@ -24,6 +24,7 @@ def main() -> NoReturn:
         os.write(2, b"interrupted\n")
         code = INTERRUPTED
     _leave_when_interrupted(code)
+    _forget_all()
     sys.exit(code)
 
 
@@ -55,6 +56,13 @@ def _leave_when_interrupted(code: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, leave)
+
+
+def _forget_all() -> None:
+    """Keep Python from looking through all objects once more, which takes up to a fifth of a short command."""
+    import gc
+
+    gc.freeze()
 
 
 def invoke(arguments: list[str]) -> int:
