@@ -16,7 +16,7 @@ from halpipe.models import Chain, Split
 from halpipe.pipeline.checked import validate_model, verify_schedule
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.objectives import Judge, Objective
-from halpipe.pipeline.solve import exact_chains, goals
+from halpipe.pipeline.solve import exact_chains, goals, one_mode
 from halpipe.pipeline.solve import schedule as search
 from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.goals import Quality
@@ -61,7 +61,7 @@ def solved(system, **options):
     """Search with small budgets; what is called valid verifies."""
     with (
         mock.patch.object(goals, "POLISH_BUDGET", 30),
-        mock.patch.object(search, "POLISH_TABLES", 4),
+        mock.patch.object(one_mode, "POLISH_TABLES", 4),
         mock.patch.object(exact_chains, "WORK", 0.05),
     ):
         scheduled = search.schedule_model(system, SearchOptions(budget=300, **options), lambda *_: True)

@@ -75,7 +75,8 @@ class Watch:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        from halpipe.pipeline.solve.schedule import CONSTRUCTING, SWITCHES, UNBOUNDED
+        from halpipe.pipeline.solve.one_mode import CONSTRUCTING
+        from halpipe.pipeline.solve.schedule import SWITCHES, UNBOUNDED
 
         if self._progress is None:
             columns = (

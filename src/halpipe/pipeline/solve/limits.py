@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, about
+from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
-from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem
+from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.durations import Duration
+    from halpipe.models import TaskModel
     from halpipe.pipeline.jobs import Expansion
 
 DEFAULT_WORK = 60
@@ -17,6 +21,37 @@ DEFAULT_WORK = 60
 
 LARGEST = 2**62
 """Costs and times stay below this."""
+
+
+def stated_problem(
+    model: TaskModel,
+    expansion: Expansion,
+    tick: Duration | None,
+    *,
+    grouped: bool = True,
+    every_chain: bool = False,
+    pinned: Mapping[str, tuple[str, ...]],
+) -> Problem:
+    """Build the arrays of a mode, refusing what does not fit them; see `build_problem`."""
+    check_tick(expansion, tick)
+    resources = [resource.name for resource in model.resources]
+    try:
+        problem = build_problem(
+            expansion,
+            model.units,
+            resources,
+            model.chains,
+            tick=tick,
+            grouped=grouped,
+            every_chain=every_chain,
+            pinned=pinned,
+        )
+    except OverflowError:
+        raise HalpipeError(too_large(expansion, tick or natural_tick(expansion))) from None
+    first = problem.arrays.task_option
+    refuse_stuck(expansion, [a.name for n, a in enumerate(expansion.tasks) if first[n] == first[n + 1]])
+    check_range(problem)
+    return problem
 
 
 def check_range(problem: Problem) -> None:

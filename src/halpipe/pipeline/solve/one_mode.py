@@ -1,0 +1,323 @@
+"""The schedule of one mode: who looks for it, what it is to keep to, and what is said of the outcome."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+from halpipe.diagnostics import about
+from halpipe.durations import greatest_common_divisor
+from halpipe.models import Binding, Status
+from halpipe.pipeline.jobs import natural_tick
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, OTHER_ANSWERED
+from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
+from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from halpipe.diagnostics import Diagnostic
+    from halpipe.durations import Duration
+    from halpipe.models import Job, ModeSchedule, TaskModel
+    from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.solve.goals import Polish
+    from halpipe.pipeline.solve.kernel.run_in_slices import Keeper, Kept
+    from halpipe.pipeline.solve.kernel.search import Outcome
+    from halpipe.pipeline.solve.kernel.warmstart import Earlier
+    from halpipe.pipeline.solve.optimise import Reached
+    from halpipe.pipeline.solve.problem import Problem
+    from halpipe.pipeline.solve.relay import Turn
+    from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
+
+ANNEAL, EXACT, PACKING = "anneal", "exact", "packing"
+"""The engines by their names in a schedule."""
+
+CONSTRUCTING = -1
+"""Stands for the best cost while there is no whole placement yet."""
+
+EXACT_JOBS = 200
+"""Jobs of a mode up to which packing and, where it is installed, the exact engine take turns with the annealer."""
+
+TURN_SEED = 1000
+"""Between the seeds of the exact engine's turns; within one, it counts on from its own."""
+
+POLISH_TABLES = 170
+"""Whole tables of split jobs that are tried at least to improve a valid one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What became of one mode."""
+
+    table: ModeSchedule
+    diagnostics: list[Diagnostic]
+    moves: int = 0
+    stopped: bool = False
+    unimproved: bool = False
+    engine: str = ANNEAL
+    reached: tuple[Reached, ...] = ()
+
+
+def schedule_mode(
+    model: TaskModel,
+    expansion: Expansion,
+    options: SearchOptions,
+    number: int,
+    on_progress: OnProgress,
+    earlier: Earlier,
+) -> Found:
+    """Search a schedule for a mode, the `number`-th of the search; `earlier` says where other modes have its tasks."""
+    of_mode: type[_Search] = _WholeJobs
+    if options.engine == EXACT:
+        of_mode = _Exact
+    elif any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
+        of_mode = _SplitJobs
+    return of_mode(model, expansion, options, number, on_progress, earlier).found()
+
+
+@dataclass(frozen=True)
+class _Search:
+    """One mode, and all that its search depends on."""
+
+    model: TaskModel
+    expansion: Expansion
+    options: SearchOptions
+    number: int
+    on_progress: OnProgress
+    earlier: Earlier
+
+    def found(self) -> Found:
+        """Search."""
+        raise NotImplementedError
+
+    @property
+    def name(self) -> str:
+        """The mode's name."""
+        return self.expansion.mode.name
+
+    @property
+    def seed(self) -> int:
+        """A seed for this mode and attempt alone."""
+        return self.options.seed + self.number * 0x5DEECE66D + self.options.attempt * 0x2545F4914F
+
+    @cached_property
+    def pinned(self) -> dict[str, tuple[str, ...]]:
+        """The units of the tasks that keep to them in all modes, where earlier modes have settled them."""
+        bound = {active.name for active in self.expansion.tasks if active.task.binding is Binding.SYSTEM}
+        return {task: units for (task, _), units in self.earlier.units.items() if task in bound}
+
+    @cached_property
+    def shipped(self) -> dict[tuple[str, int], Job]:
+        """The jobs of this mode that have shipped, by task and index; of tasks that still run here."""
+        modes = self.options.shipped.modes if self.options.shipped is not None else ()
+        jobs = (job for mode in modes if mode.name == self.name for job in mode.jobs)
+        return {(job.task, job.index): job for job in jobs if job.task in self.expansion.by_name}
+
+    @cached_property
+    def polish(self) -> Polish | None:
+        """What to improve once the mode is valid: nothing unless asked for."""
+        goals = Goals.of(self.options.quality, self.options.optimise)
+        if goals is None:
+            return None
+        from halpipe.pipeline.solve.optimise import telling
+
+        tell = partial(self.options.on_better, self.name)
+        return polish_of(self.model, self.expansion, goals, self.options.target, self.seed + 1, telling(goals, tell))
+
+    def kept(self, keeper: Keeper | None) -> Kept | None:
+        """Return the name under which a keeper has this search."""
+        from halpipe.pipeline.solve.kernel.run_in_slices import Kept
+
+        return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}")
+
+    def finished(self, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
+        """Return valid jobs with what they reach of the objectives, or better ones; see `optimise.finish`."""
+        if self.polish is None or not self.options.optimise:
+            return Finished(jobs)
+        from halpipe.pipeline.solve.optimise import finish
+
+        return finish(self.polish, jobs, seed, go_on, is_free=is_free)
+
+    def report(self, jobs: tuple[Job, ...], status: Status) -> ModeSchedule:
+        """Return the jobs with their figures."""
+        return mode_report(self.model, self.expansion, jobs, status)
+
+    def changed(self, tasks: tuple[str, ...], what: str) -> list[Diagnostic]:
+        """Say of tasks that have shipped why they cannot stay."""
+        path = about(mode=self.name)
+        text = f"cannot stay as shipped: {what} have changed; it was placed anew"
+        by_name = self.expansion.by_name
+        return [CANNOT_STAY(text, at=by_name[task].task.at, path=about(path, task=task)) for task in tasks]
+
+
+class _Exact(_Search):
+    """The exact engine alone, asked for by name."""
+
+    def found(self) -> Found:
+        from halpipe.pipeline.solve.exact import Effort
+        from halpipe.pipeline.solve.exact_member import solve_alone
+
+        effort = Effort(
+            work=self.options.effort,
+            workers=self.options.workers.count,
+            seed=self.seed % 2**31,
+            go_on=lambda: self.on_progress(self.name, 0, 1, CONSTRUCTING),
+        )
+        jobs = solve_alone(self.model, self.expansion, self.options.tick, effort)
+        return Found(self.report(jobs, Status.VALID), [], engine=EXACT)
+
+
+class _SplitJobs(_Search):
+    """A mode in which jobs may be split: by earliest deadline first over their parts (MODEL 8.3)."""
+
+    def found(self) -> Found:
+        from halpipe.pipeline.solve.edf.fixed import fix
+        from halpipe.pipeline.solve.edf.search import Effort, search
+        from halpipe.pipeline.solve.edf.works import works_of
+
+        expansion, options = self.expansion, self.options
+        check_tick(expansion, options.tick)
+        mode = works_of(self.model, expansion, options.tick or natural_tick(expansion))
+        fixed, changed = fix(mode, self.shipped)
+        mode = replace(mode, fixed=fixed)
+        refuse_stuck(expansion, [work.name for work in mode.works if not work.ways])
+        tasks = max(1, len(expansion.tasks))
+        budget = options.placements(tasks)
+        effort = Effort(
+            budget,
+            max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
+            lambda placed, excess: self.on_progress(self.name, placed, budget, excess),
+        )
+        kept = self.kept(options.keeper)
+        found = search(mode, self.model, self.seed, self.pinned, effort, self.polish, kept)
+        self.on_progress(self.name, found.placed, budget, found.excess)
+        notes = self.changed(changed, "number of jobs, version, units or parts")
+        table = self.report(found.jobs, Status.NOT_FOUND if found.excess else Status.VALID)
+        end = Finished(found.jobs)
+        if not found.excess:
+            end = self.finished(found.jobs, 0, lambda: True, is_free=False)
+        return Found(table, notes, found.placed, found.stopped, found.unimproved, reached=end.reached)
+
+
+class _WholeJobs(_Search):
+    """A mode of jobs in one piece: by the annealer, with which others take turns where the mode is small."""
+
+    @cached_property
+    def tick(self) -> Duration | None:
+        """A tick that was asked for, or one on which the shipped jobs lie; None for the natural one."""
+        if self.options.tick or not self.shipped:
+            return self.options.tick
+        return greatest_common_divisor([natural_tick(self.expansion), *(job.start for job in self.shipped.values())])
+
+    @cached_property
+    def budget(self) -> int:
+        """Moves that the annealer may make."""
+        return self.options.moves(len(self.expansion.tasks))
+
+    @cached_property
+    def may_ask(self) -> bool:
+        """Whether others than the annealer may look for a schedule, too."""
+        is_free = self.options.is_open and self.tick is None
+        return is_free and self.expansion.job_count <= EXACT_JOBS and has_whole_jobs(self.model)
+
+    @cached_property
+    def keeper(self) -> Keeper | None:
+        """Who keeps the annealer's states: between its turns, and in a file."""
+        from halpipe.pipeline.solve.relay import Memory
+
+        return Memory(self.options.keeper) if self.may_ask else self.options.keeper
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The mode in arrays."""
+        return self._stated()
+
+    def _stated(self, *, grouped: bool = True, every_chain: bool = False) -> Problem:
+        return stated_problem(
+            self.model, self.expansion, self.tick, grouped=grouped, every_chain=every_chain, pinned=self.pinned
+        )
+
+    def found(self) -> Found:
+        from halpipe.pipeline.solve.exact import is_installed
+        from halpipe.pipeline.solve.relay import relay
+
+        others: dict[str, Callable[[Outcome, Turn], tuple[Job, ...] | None]] = {}
+        engine = ""
+        answer: tuple[Job, ...] = ()
+        if self.may_ask:
+            others = {PACKING: self._pack, **({EXACT: self._solve} if is_installed() else {})}
+            least = replace(self.options, budget=None).moves(len(self.expansion.tasks))
+            outcome, engine, answer = relay(self._anneal, others, least, self.budget)
+        else:
+            outcome = self._anneal(self.budget)
+        notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, version or units")
+        path, at = about(mode=self.name), self.expansion.mode.at
+        if engine:
+            notes.append(OTHER_ANSWERED(f"the answer is that of: {engine}", at=at, path=path))
+            return self._valid(outcome, answer, notes, engine=engine)
+        if others and EXACT not in others and outcome.cost:
+            help = "pip install 'halpipe[exact]'"
+            notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
+        self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
+        if outcome.cost:
+            table = self.report(outcome.jobs, Status.NOT_FOUND)
+            return Found(table, notes, outcome.moves, outcome.stopped)
+        return self._valid(outcome, outcome.jobs, notes, is_cut=outcome.unimproved, stopped=outcome.stopped)
+
+    def _valid(
+        self,
+        outcome: Outcome,
+        jobs: tuple[Job, ...],
+        notes: list[Diagnostic],
+        *,
+        engine: str = ANNEAL,
+        is_cut: bool = False,
+        stopped: bool = False,
+    ) -> Found:
+        """Return the outcome with valid jobs, or better ones."""
+        is_free = not self.shipped and self.tick is None and not self.pinned and not is_cut
+        go_on = lambda: self.on_progress(self.name, 0, self.budget, 0)  # noqa: E731
+        end = self.finished(jobs, self.seed, go_on, is_free=is_free)
+        table = self.report(end.jobs, Status.VALID)
+        return Found(table, notes, outcome.moves, stopped, is_cut or end.stopped, engine, end.reached)
+
+    def _anneal(self, moves: int) -> Outcome:
+        """Let the annealer go on to so many moves in all."""
+        from halpipe.pipeline.solve.kernel.search import Effort, search
+
+        return search(
+            self.problem,
+            lambda: self._stated(grouped=False),
+            self.seed,
+            moves,
+            lambda made, best: self.on_progress(self.name, made, self.budget, best),
+            self.earlier,
+            None if self.polish is None else (self.polish, lambda: self._stated(every_chain=True)),
+            self.shipped,
+            self.kept(self.keeper),
+            Effort(self.options.portfolio, self.options.workers),
+        )
+
+    def _pack(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
+        """Ask packing in one of its turns."""
+        from halpipe.pipeline.solve.packing import pack
+
+        return pack(self.model, self.expansion, self._seed_of(turn), turn.fillings, self._go_on(outcome))
+
+    def _solve(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
+        """Ask the exact engine in one of its turns."""
+        from halpipe.pipeline.solve.exact import Effort
+        from halpipe.pipeline.solve.exact_member import solve_after
+
+        workers, go_on = self.options.workers.count, self._go_on(outcome)
+        effort = Effort(work=turn.work, seed=self._seed_of(turn), go_on=go_on, workers=workers)
+        return solve_after(self.model, self.expansion, effort)
+
+    def _seed_of(self, turn: Turn) -> int:
+        return (self.seed + turn.number * TURN_SEED) % 2**31
+
+    def _go_on(self, outcome: Outcome) -> Callable[[], bool]:
+        return lambda: self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
