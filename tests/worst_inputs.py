@@ -82,6 +82,7 @@ WORST = {
     "model: modes": (VALIDATE, "m.xml", lambda n: model(0, TASK, modes=times(n, "<mode name='m{i}'><run task='t0' versions='v'/></mode>\n"))),
     "model: chains": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest=f"<chains>{times(n, CHAIN)}</chains>", modes=ONE_MODE)),
     "model: one long chain": (VALIDATE, "m.xml", lambda n: model(0, TASK, rest=f"<chains><chain name='c' tasks='{'t0 ' * (n // 3)}' max-age='1ms'/></chains>", modes=ONE_MODE)),
+    "model: health rules": (VALIDATE, "m.xml", lambda n: model(n // 2, TASK, modes="<mode name='a'>" + times(n // 4, "<run task='t{i}' versions='v'/>\n") + "</mode>").replace("</task-model>", times(n // 4, "<rule task='t{i}' action='restart'/>\n", "<health>", "</health></task-model>"))),
     "model: accesses": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("BODY", times(n, ACCESS)), units=UNITS, modes=ONE_MODE)),
     "model: precedences": (VALIDATE, "m.xml", lambda n: model(n, f"<task name='t{{i}}' period='10ms'>{RUNS}<precedence task='t{{i}}0' max='1ms'/></version></task>\n")),
     "model: many precedences": (VALIDATE, "m.xml", lambda n: model(0, VERSION.replace("BODY", times(n, "<precedence task='t0' max='1ms'/>\n")), modes=ONE_MODE)),

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Subject, about, tasks_named
@@ -93,13 +92,13 @@ class Trials:
         """Tell whether a witness proves that a changed model has no schedule."""
         return bool(find_witnesses(model, [self.mode]))
 
-    def is_blocked(self, model: TaskModel, task: str) -> bool:
-        """Tell whether a witness says that the task finds no gap that is long enough."""
-        blocked = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
+    def blocked(self, model: TaskModel) -> set[str]:
+        """Return the tasks of which a witness says that they find no gap that is long enough."""
+        of_gaps = {codes.NO_GAP.id, codes.VERSION_NEVER_FITS.id}
         found = (
-            d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics if d.code in blocked
+            d for hopeless in find_witnesses(model, [self.mode]) for d in hopeless.diagnostics if d.code in of_gaps
         )
-        return task in (next(s.name for s in d.subjects if s.kind == "task") for d in found)
+        return {next(s.name for s in d.subjects if s.kind == "task") for d in found}
 
     def smallest(self, change: Change, most: int) -> tuple[int, ModeSchedule] | None:
         """Return the least number of steps from 1 to `most` with a schedule, by bisection, and that schedule."""
@@ -231,8 +230,9 @@ def _slack(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diag
 
 def _pieces(model: TaskModel, tasks: list[Task], trials: Trials) -> Iterator[Diagnostic]:
     """Split the tasks one by one, into as few pieces as possible; only those that do not fit beside another."""
-    blocked = (t for t in tasks if not any(v.split.anywhere for v in t.versions) and trials.is_blocked(model, t.name))
-    for task in islice(blocked, MAX_TASKS):
+    blocked = trials.blocked(model)
+    concerned = [t for t in tasks if t.name in blocked and not any(v.split.anywhere for v in t.versions)]
+    for task in concerned[:MAX_TASKS]:
 
         def cut(step: int, name: str = task.name) -> TaskModel:
             return changes.with_pieces(model, [name], step + 1)

@@ -81,7 +81,7 @@ class _Boundaries:
 
     @classmethod
     def of(cls, version: Version, tick: Duration) -> _Boundaries:
-        points = tuple(point // tick for point in version.split.points)
+        points = tuple(sorted(point // tick for point in version.split.points))
         phases = sorted((access.start // tick, access.end // tick) for access in version.accesses)
         merged: list[tuple[int, int]] = []
         for begin, end in phases:  # between phases that overlap there is no instant outside
@@ -94,7 +94,9 @@ class _Boundaries:
     def distance(self, bound: int) -> int:
         """Return how far a boundary lies from the nearest one that is allowed."""
         if not self.anywhere:
-            return min((abs(bound - point) for point in self.points), default=self.wcet or 1)
+            place = bisect_left(self.points, bound)
+            near = self.points[max(0, place - 1) : place + 1]
+            return min((abs(bound - point) for point in near), default=self.wcet or 1)
         if not 0 < bound < self.wcet:
             return max(1 - bound, bound + 1 - self.wcet)
         return next((min(bound - begin, end - bound) for begin, end in self.phases if begin < bound < end), 0)

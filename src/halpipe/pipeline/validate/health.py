@@ -41,18 +41,22 @@ def check_switches(context: Context) -> Iterator[Diagnostic]:
     if not context.model.health:
         return
     allowed = {(t.source, t.target) for t in context.model.allowed_transitions()}
+    running: dict[str, list[str]] = {}
+    for mode in context.model.modes:
+        for run in mode.runs:
+            running.setdefault(run.task, []).append(mode.name)
     for rule in context.model.health:
         if rule.task not in context.tasks or (rule.mode and rule.mode not in context.modes):
             continue
         target = rule.mode if rule.action is HealthAction.SWITCH else ""
-        holds = [m.name for m in context.model.modes if m.name != target and rule.task in {r.task for r in m.runs}]
+        holds = [name for name in dict.fromkeys(running.get(rule.task, ())) if name != target]
         if not holds:
             help = "remove the rule, or let its task run in other modes"
             yield codes.RULE_NEVER_HOLDS("never holds", at=place(rule), path=_path(rule), help=help)
-        for mode in holds if target else ():
-            if (mode, target) not in allowed:
-                text = f'in mode "{mode}" it leads to "{target}", but that switch is not allowed'
-                help = f'list the transition from "{mode}" to "{target}"'
+        for source in holds if target else ():
+            if (source, target) not in allowed:
+                text = f'in mode "{source}" it leads to "{target}", but that switch is not allowed'
+                help = f'list the transition from "{source}" to "{target}"'
                 yield codes.RULE_WITHOUT_SWITCH(text, at=place(rule), path=_path(rule), help=help)
 
 

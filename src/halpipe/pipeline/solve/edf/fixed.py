@@ -200,5 +200,7 @@ def _is_allowed(mode: Mode, version: Version, job: Job) -> bool:
             phase_instants(access, parts, version.split.resume, service)
     except ValueError:  # a gap inside
         return False
+    if not job.parts:
+        return True
     placement = Placement.of(mode.expansion, [job], mode.platform)
-    return not job.parts or not parts_cost(placement, placement.jobs[0])
+    return not parts_cost(placement, placement.jobs[0])

@@ -204,7 +204,7 @@ class _Search:
         self._refuse_crowds(table)
         self.placed += max(1, len(table.jobs))
         missed = missed_by_fixed(self.mode, table)
-        late = tuple(lateness(self.mode, table, task) + missed.get(task, 0) for task in range(len(self.mode.works)))
+        late = tuple(late + missed.get(task, 0) for task, late in enumerate(lateness(self.mode, table)))
         excess = sum(late)
         slow: tuple[int, ...] = ()
         if not table.closed:

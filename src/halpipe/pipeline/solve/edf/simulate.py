@@ -8,6 +8,7 @@ before all others. Jobs that have begun are a stack on each unit, so that spans 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections import Counter
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
@@ -497,8 +498,9 @@ class _Simulation:
             jobs[job.task, index] = tuple((s - begin, e - begin, a, b) for s, e, a, b in job.spans)
             releases[job.task, index] = job.release - begin
             late[job.task] += max(0, job.spans[0][0] - job.latest) + max(0, job.spans[-1][1] - job.end_by)
+        placed = Counter(task for task, _ in jobs)
         for task, times in enumerate(self.releases):
-            missing = len(times) - sum(1 for key in jobs if key[0] == task)
+            missing = len(times) - placed[task]
             late[task] += missing * self.cycle
             closed = closed and not missing
         return Table(jobs, releases, tuple(late), closed)

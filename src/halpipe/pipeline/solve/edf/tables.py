@@ -11,32 +11,33 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Job
     from halpipe.pipeline.solve.edf.jobs import Plan, Span, Table
-    from halpipe.pipeline.solve.edf.works import Mode, Way
+    from halpipe.pipeline.solve.edf.works import Mode, Way, Work
 
 
-def lateness(mode: Mode, table: Table, task: int) -> int:
-    """Return by how many ticks the jobs of a task start and end too late, all together, under their best phase."""
-    work = mode.works[task]
-    if not work.is_cyclic:
-        return table.late[task]
-    slips = [
-        (spans[0][0] - table.releases[key], spans[-1][1] - table.releases[key])
-        for key, spans in table.jobs.items()
-        if key[0] == task
+def lateness(mode: Mode, table: Table) -> list[int]:
+    """Return by how many ticks the jobs of each task start and end too late, all together, under their best phase."""
+    placed: list[list[tuple[int, int, int]]] = [[] for _ in mode.works]
+    for key, spans in table.jobs.items():
+        placed[key[0]].append((spans[0][0], spans[-1][1], table.releases[key]))
+    return [
+        _lateness(work, jobs, mode.hyperperiod) if work.is_cyclic and len(jobs) == work.jobs else late
+        for work, jobs, late in zip(mode.works, placed, table.late, strict=True)
     ]
-    if len(slips) < work.jobs:
-        return table.late[task]
+
+
+def _lateness(work: Work, jobs: list[tuple[int, int, int]], cycle: int) -> int:
+    """Return that of a task with a period, of whose jobs all start, end and release are known."""
+    slips = [(start - release, end - release) for start, end, release in jobs]
     shift = 0 if work.phase is not None else min(start for start, _ in slips)
     if work.arrivals is not None:
         late = sum(max(0, start - shift - work.slip) for start, _ in slips)
-        return late + _arrival_lateness(table, task, work.arrivals, mode.hyperperiod)
+        return late + _arrival_lateness(sorted((start, end) for start, end, _ in jobs), work.arrivals, cycle)
     return sum(max(0, start - shift - work.latest) + max(0, end - shift - work.deadline) for start, end in slips)
 
 
-def _arrival_lateness(table: Table, task: int, arrivals: tuple[int, int], cycle: int) -> int:
+def _arrival_lateness(spans: list[tuple[int, int]], arrivals: tuple[int, int], cycle: int) -> int:
     """Return by how much jobs start and end too late after the start of the job before, round the hyperperiod."""
     apart, answer = arrivals
-    spans = sorted((spans[0][0], spans[-1][1]) for (owner, _), spans in table.jobs.items() if owner == task)
     before = [spans[-1][0] - cycle, *(start for start, _ in spans[:-1])]
     pairs = zip(before, spans, strict=True)
     return sum(max(0, start - since - apart) + max(0, end - since - answer) for since, (start, end) in pairs)
