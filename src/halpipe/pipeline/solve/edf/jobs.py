@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,6 +29,63 @@ class Plan:
     urgency: tuple[int, ...]
     holds: tuple[int, ...]
     fresh: bool = True
+
+
+class Piece(NamedTuple):
+    """A part of a job that it runs, or might: from `start` on it executes what comes after `first`.
+
+    Before that `lost` goes by, and so many `gaps` lie before it.
+    """
+
+    way: Way
+    start: int
+    first: int
+    lost: int
+    gaps: int
+
+    @property
+    def may_pause(self) -> bool:
+        """Whether it may end at other instants than split points."""
+        return self.way.anywhere and self.gaps < self.way.max_gaps
+
+    def end(self, done: int) -> int:
+        """Return when it ends if it executes up to `done`."""
+        work = self.lost + done - self.first
+        return self.start + (reserved(work, self.way.service) if self.way.service else work)
+
+    def first_stop(self, now: int, executed: int) -> int:
+        """Return the least execution time at which it may end, at or after the instant `now`."""
+        way = self.way
+        least, most = max(executed, self.first + 1), way.wcet
+        while least < most:  # the least execution time that the part has reached at `now`
+            middle = (least + most) // 2
+            if self.end(middle) >= now:
+                most = middle
+            else:
+                least = middle + 1
+        where = max(least, self.first + way.min_part)
+        if way.wcet - where < way.min_part:
+            return way.wcet
+        for phase in sorted(way.phases, key=lambda p: p.begin):
+            if phase.begin < where < phase.end:
+                where = phase.end
+        return where if stops_at(way, self.first, where) else way.wcet
+
+    def last_stop(self, limit: int, executed: int) -> int:
+        """Return the last execution time beyond `executed` at which it may end before `limit`; 0 if there is none."""
+        way = self.way
+        least, most = executed, way.wcet
+        while least < most:
+            middle = (least + most + 1) // 2
+            if self.end(middle) <= limit:
+                least = middle
+            else:
+                most = middle - 1
+        where = min(least, way.wcet - way.min_part)
+        for phase in sorted(way.phases, key=lambda p: -p.end):
+            if phase.begin < where < phase.end:
+                where = phase.begin
+        return where if where > executed and stops_at(way, self.first, where) else 0
 
 
 @dataclass(slots=True)
@@ -67,6 +124,21 @@ class Job:
     def gaps(self) -> int:
         """Return how many gaps the job has so far."""
         return len(self.spans) - 1
+
+    def running(self) -> Piece:
+        """Return the part that was begun last."""
+        start, _, first, _ = self.spans[-1]
+        return Piece(self.way, start, first, self.way.resume if self.gaps else 0, self.gaps)
+
+    def piece(self, now: int) -> Piece:
+        """Return the part that goes on at `now` without a gap, or else begins then."""
+        if self.spans and self.spans[-1][1] == now:
+            return self.running()
+        return Piece(self.way, now, self.executed, self.way.resume if self.spans else 0, self.gaps + 1)
+
+    def can_wait(self, until: int) -> bool:
+        """Return whether it may start, or go on, at an instant and end in time as one part."""
+        return until + self.rest() <= self.end_by and (bool(self.spans) or until <= self.latest)
 
     def rest(self) -> int:
         """Return what is left, as one part."""
@@ -111,52 +183,6 @@ def stops_at(way: Way, first: int, where: int) -> bool:
 def may_stop(job: Job) -> bool:
     """Return whether the running part may end with what it has executed."""
     return stops_at(job.way, job.spans[-1][2], job.executed)
-
-
-def first_stop(job: Job, now: int) -> int:
-    """Return the least execution time at which the running part may end, at or after the instant `now`."""
-    start, _, first, _ = job.spans[-1]
-    lost = job.way.resume if job.gaps else 0
-    return _stop_after(job.way, start, first, lost, now, job.executed)
-
-
-def _stop_after(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
-    least, most = max(executed, first + 1), way.wcet
-    while least < most:  # the least execution time that the part has reached at `now`
-        middle = (least + most) // 2
-        if start + reserved(lost + middle - first, way.service) >= now:
-            most = middle
-        else:
-            least = middle + 1
-    where = max(least, first + way.min_part)
-    if way.wcet - where < way.min_part:
-        return way.wcet
-    for phase in sorted(way.phases, key=lambda p: p.begin):
-        if phase.begin < where < phase.end:
-            where = phase.end
-    return where if stops_at(way, first, where) else way.wcet
-
-
-def wall(way: Way, start: int, first: int, lost: int, now: int, executed: int) -> int:
-    """Return the first instant from `now` on at which a part may be interrupted."""
-    where = _stop_after(way, start, first, lost, now, executed)
-    return start + reserved(lost + where - first, way.service)
-
-
-def last_stop(way: Way, start: int, first: int, lost: int, limit: int, executed: int) -> int:
-    """Return the last execution time beyond `executed` where a part may be interrupted before `limit`; 0 if none."""
-    least, most = executed, way.wcet
-    while least < most:
-        middle = (least + most + 1) // 2
-        if start + reserved(lost + middle - first, way.service) <= limit:
-            least = middle
-        else:
-            most = middle - 1
-    where = min(least, way.wcet - way.min_part)
-    for phase in sorted(way.phases, key=lambda p: -p.end):
-        if phase.begin < where < phase.end:
-            where = phase.begin
-    return where if where > executed and stops_at(way, first, where) else 0
 
 
 def oldest_part(stacks: Iterable[Iterable[Job]], now: int) -> int:

@@ -12,17 +12,7 @@ from collections import Counter
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.edf.jobs import (
-    Job,
-    Table,
-    first_stop,
-    last_stop,
-    may_stop,
-    oldest_part,
-    reserved,
-    stops_at,
-    wall,
-)
+from halpipe.pipeline.solve.edf.jobs import Job, Table, may_stop, oldest_part, stops_at
 from halpipe.pipeline.solve.edf.releases import earliest_expected, releases_of
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 
@@ -30,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.pipeline.solve.edf.fixed import FixedJob
-    from halpipe.pipeline.solve.edf.jobs import Plan, Span
+    from halpipe.pipeline.solve.edf.jobs import Piece, Plan, Span
     from halpipe.pipeline.solve.edf.works import Mode, Window
 
 MOST_CYCLES = 8
@@ -234,25 +224,14 @@ class _Simulation:
         begun = bool(job.spans)
         if not self._is_free_for(job, now) or (not begun and not self._windows_allow(job, now)):
             return False
-        goes_on = begun and job.spans[-1][1] == now
-        start, first = (job.spans[-1][0], job.spans[-1][2]) if goes_on else (now, job.executed)
-        lost = job.way.resume if (job.gaps if goes_on else begun) else 0
-        gaps = job.gaps if goes_on else job.gaps + 1
+        piece = job.piece(now)
         limit = self._limit(job, now)
-        target = self._target(job, start, first, lost, gaps, limit)
-        end = start + reserved(lost + target - first, job.way.service)
+        target = self._target(job, piece, limit)
+        end = piece.end(target)
         if limit is not None and end > limit:
             return False
-        claims = [
-            Claim(
-                p.resource,
-                start + lost + p.begin - first,
-                start + reserved(lost + p.end - first, job.way.service),
-                p.height,
-            )
-            for p in job.way.phases
-            if job.executed <= p.begin and p.end <= target
-        ]
+        claims = _claims(job, piece, target) if job.way.phases else []
+        goes_on = piece.gaps == job.gaps
         must = goes_on and job.gaps >= job.way.max_gaps
         if not must:
             free = self.resources.collision(claims)
@@ -260,7 +239,7 @@ class _Simulation:
                 if free > now:
                     self._at(free, _WAKE, None, job.way.units[0])
                 return False
-            if self._keeps_others_late(job, start, first, lost, gaps, end, waiting, now):
+            if self._keeps_others_late(job, piece, end, waiting, now):
                 return False
         if claims and self.resources.is_crowded():
             self.resources.forget(oldest_part(self.stacks, now))
@@ -344,20 +323,20 @@ class _Simulation:
         before = self.unfinished[window.task]
         return before is not None and before.release <= job.release and (window.from_end or not before.spans)
 
-    def _target(self, job: Job, start: int, first: int, lost: int, gaps: int, limit: int | None) -> int:
+    def _target(self, job: Job, piece: Piece, limit: int | None) -> int:
         """Return up to where a job runs before the next decision: a job without gaps left runs to its end."""
         way = job.way
-        if gaps >= way.max_gaps:
+        if piece.gaps >= way.max_gaps:
             return way.wcet
         if not way.anywhere:
-            return self._next_end(job, start, first, lost, limit)
+            return self._next_end(job, piece, limit)
         edges = sorted({edge for p in way.phases for edge in (p.begin, p.end) if edge > job.executed})
-        target = next((edge for edge in edges if stops_at(way, first, edge)), way.wcet)
-        if limit is not None and start + reserved(lost + target - first, way.service) > limit:
-            return last_stop(way, start, first, lost, limit, job.executed) or target
+        target = next((edge for edge in edges if stops_at(way, piece.first, edge)), way.wcet)
+        if limit is not None and piece.end(target) > limit:
+            return piece.last_stop(limit, job.executed) or target
         return target
 
-    def _next_end(self, job: Job, start: int, first: int, lost: int, limit: int | None) -> int:
+    def _next_end(self, job: Job, piece: Piece, limit: int | None) -> int:
         """Return the next split point, or a later one where until then no job is released that could be more urgent."""
         way = job.way
         least = bisect_right(way.ends, job.executed)
@@ -365,13 +344,13 @@ class _Simulation:
             return way.ends[least]
         others = [self.next[task][0] for unit in way.units for task in self.on_unit[unit] if task != job.task]
         others += [other.last_start for unit in way.units for other in self.pending[unit]]
-        quiet = min(others, default=start) - start
+        quiet = min(others, default=piece.start)
         if limit is not None:
-            quiet = min(quiet, limit - start) if others else limit - start
+            quiet = min(quiet, limit) if others else limit
         most = len(way.ends) - 1
         while least < most:
             middle = (least + most + 1) // 2
-            if reserved(lost + way.ends[middle] - first, way.service) <= quiet:
+            if piece.end(way.ends[middle]) <= quiet:
                 least = middle
             else:
                 most = middle - 1
@@ -385,63 +364,52 @@ class _Simulation:
         urgent = self.pending[unit][0]
         if urgent.order > job.order or not self._windows_allow(urgent, now):
             return
-        where = first_stop(job, now)
+        piece = job.running()
+        where = piece.first_stop(now, job.executed)
         if where == job.executed and job.kept == now:
             return  # nobody could take its place at this instant
         if where < job.target:
             job.target = where
-            start, _, first, _ = job.spans[-1]
-            lost = way.resume if job.gaps else 0
-            end = start + reserved(lost + where - first, way.service)
+            end = piece.end(where)
             self.resources.give_back(claim for claim in job.claims if claim.begin >= end)
             self._run(job, end)
 
-    def _keeps_others_late(
-        self,
-        job: Job,
-        start: int,
-        first: int,
-        lost: int,
-        gaps: int,
-        end: int,
-        waiting: Sequence[Job],
-        now: int,
-    ) -> bool:
+    def _keeps_others_late(self, job: Job, piece: Piece, end: int, waiting: Sequence[Job], now: int) -> bool:
         """Return whether a piece until `end` would keep some job from its latest start, while this job can wait."""
-        left = job.rest()
         for unit in job.way.units:
-            for task in self.on_unit[unit]:
-                release, _ = self.next[task]
-                if task == job.task or release >= end or (self.unfinished[task] is not None):
-                    continue
-                work, way = self.mode.works[task], self.plan.ways[task]
-                if not work.is_cyclic:
-                    continue
-                free = end
-                if job.way.anywhere and gaps < job.way.max_gaps:
-                    free = min(end, wall(job.way, start, first, lost, max(release, now), job.executed))
-                latest = release - self.plan.holds[task] + min(work.latest, work.deadline - way.length)
-                can_wait = release + way.length + left <= job.end_by and (
-                    bool(job.spans) or release + way.length <= job.latest
-                )
-                if free > latest and can_wait:
-                    return True
-            for other in self.pending[unit]:
-                if other is job or other.due == _AT_ONCE or not now <= other.last_start < end:
-                    continue
-                free = end
-                if job.way.anywhere and gaps < job.way.max_gaps:
-                    free = min(end, wall(job.way, start, first, lost, other.last_start, job.executed))
-                can_wait = now + other.way.length + left <= job.end_by and (
-                    bool(job.spans) or now + other.way.length <= job.latest
-                )
-                if free > other.last_start and can_wait:
-                    self._hurry(other)
-                    return True
+            if self._keeps_next_late(job, piece, end, unit, now):
+                return True
+            if self.pending[unit] and self._keeps_pending_late(job, piece, end, unit, now):
+                return True
         for other in waiting:
             latest = other.latest if not other.spans else other.end_by
             latest = min(latest, other.end_by - other.rest())
-            if end > latest >= now and end + left <= job.end_by:
+            if end > latest >= now and end + job.rest() <= job.end_by:
+                return True
+        return False
+
+    def _keeps_next_late(self, job: Job, piece: Piece, end: int, unit: int, now: int) -> bool:
+        """Return that of jobs that are released before `end`."""
+        for task in self.on_unit[unit]:
+            release, _ = self.next[task]
+            if task == job.task or release >= end or self.unfinished[task] is not None:
+                continue
+            work, way = self.mode.works[task], self.plan.ways[task]
+            if not work.is_cyclic:
+                continue
+            latest = release - self.plan.holds[task] + min(work.latest, work.deadline - way.length)
+            if _holds_up(job, piece, end, max(release, now), latest) and job.can_wait(release + way.length):
+                return True
+        return False
+
+    def _keeps_pending_late(self, job: Job, piece: Piece, end: int, unit: int, now: int) -> bool:
+        """Return that of jobs that have been released, and put the one found before all others."""
+        for other in self.pending[unit]:
+            if other is job or other.due == _AT_ONCE or not now <= other.last_start < end:
+                continue
+            latest = other.last_start
+            if _holds_up(job, piece, end, latest, latest) and job.can_wait(now + other.way.length):
+                self._hurry(other)
                 return True
         return False
 
@@ -512,3 +480,17 @@ class _Simulation:
             if not any(job.spans and job.spans[0][0] < end for stack in self.stacks for job in stack):
                 return
             self._run_until(self.events[0][0] + 1)
+
+
+def _claims(job: Job, piece: Piece, target: int) -> list[Claim]:
+    """Return what a piece up to `target` asks of resources, beyond what the job has taken."""
+    return [
+        Claim(p.resource, piece.start + piece.lost + p.begin - piece.first, piece.end(p.end), p.height)
+        for p in job.way.phases
+        if job.executed <= p.begin and p.end <= target
+    ]
+
+
+def _holds_up(job: Job, piece: Piece, end: int, since: int, latest: int) -> bool:
+    """Return whether a piece until `end` still runs after `latest`, even if it is asked to pause from `since` on."""
+    return end > latest and not (piece.may_pause and piece.end(piece.first_stop(since, job.executed)) <= latest)
