@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import re
-import signal
-import time
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed
+from halpipe.cli.stopping import Stop
 from halpipe.diagnostics import REGISTER, Exit
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from types import FrameType
-
     from halpipe.models import TaskModel
     from halpipe.pipeline.explain.explanation import Explanation
 
@@ -51,28 +47,15 @@ def explain(
     system = read_model(subject)
     _check_mode(system, mode)
     best = read_schedule(schedule) if schedule else None
-    explanation = explain_model(
-        system, mode or None, best, use_exact=exact, remedies=remedies, seed=seed, go_on=_until(time_limit)
-    )
+    stop = Stop("stopping; what was found so far follows", time_limit)
+    with stop.listening():
+        explanation = explain_model(
+            system, mode or None, best, use_exact=exact, remedies=remedies, seed=seed, go_on=stop.clock()
+        )
     output.report(explanation.diagnostics, as_result=True)
     if output.is_text():
         _summarise(explanation)
     return explanation.exit
-
-
-def _until(seconds: float) -> Callable[[], bool]:
-    """Return what says whether to go on: until Ctrl-C, or the time limit."""
-    state = {"stopped": False}
-    deadline = time.monotonic() + seconds if seconds else None
-
-    def stop(signum: int, frame: FrameType | None) -> None:
-        if state["stopped"]:
-            raise KeyboardInterrupt
-        state["stopped"] = True
-        output.say("stopping; what was found so far follows")
-
-    signal.signal(signal.SIGINT, stop)
-    return lambda: not state["stopped"] and (deadline is None or time.monotonic() < deadline)
 
 
 def _check_mode(model: TaskModel, name: str) -> None:
@@ -96,7 +79,7 @@ def _explain_code(id: str) -> int:
 
     for module in pkgutil.walk_packages(halpipe.__path__, "halpipe."):
         # Codes are declared in modules; those of the kernel and of this command line have none and load slowly.
-        if not re.search(r"__main__|\.anneal\.|\.cli(\.|$)", module.name):
+        if not re.search(r"__main__|\.kernel\.|\.cli(\.|$)", module.name):
             importlib.import_module(module.name)
     code = REGISTER.get(id)
     if code is None:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import time
 from collections import Counter
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,47 +11,15 @@ from typing import TYPE_CHECKING
 import typer
 
 from halpipe.cli import output, streams
+from halpipe.cli.stopping import Stop
 from halpipe.diagnostics import Exit
 from halpipe.files import STDIO, read_bytes, refuse_inputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Sequence
 
     from halpipe.flow.fleet import Ledger, Solved, Variant
     from halpipe.pipeline.solve.schedule import SearchOptions
-
-
-class _Stop:
-    """Whether Ctrl-C was pressed; the variant at hand ends without a schedule, those written stay.
-
-    A copy in another process, or on a cluster, has the time limit alone.
-    """
-
-    def __init__(self, time_limit: float) -> None:
-        self.pressed = False
-        self._limit = time_limit
-
-    def press(self, *_: object) -> None:
-        """End after the variants at hand; a second time, at once."""
-        if self.pressed:
-            raise KeyboardInterrupt
-        self.pressed = True
-        output.say("stopping; finished schedules are kept")
-
-    def clock(self) -> Callable[..., bool]:
-        """Return what one search asks whether to go on."""
-        end = time.monotonic() + self._limit if self._limit else None
-        return lambda *_: not self.pressed and (end is None or time.monotonic() < end)
-
-
-@contextmanager
-def _handling(stop: _Stop) -> Iterator[None]:
-    before = [signal.signal(number, stop.press) for number in (signal.SIGINT, signal.SIGTERM)]
-    try:
-        yield
-    finally:
-        for number, handler in zip((signal.SIGINT, signal.SIGTERM), before, strict=True):
-            signal.signal(number, handler)
 
 
 def schedule_fleet(
@@ -76,9 +41,9 @@ def schedule_fleet(
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     refuse_inputs(*(str(target / variant.target) for variant in variants))
-    stop = _Stop(time_limit)
+    stop = Stop("stopping; finished schedules are kept", time_limit)
     run = _Run(Ledger(target), stop, len(variants))
-    with _handling(stop):
+    with stop.listening():
         if share:
             variants = run.share(variants)
         run.all(variants, processes, cluster)
@@ -101,7 +66,7 @@ def _refuse_twins(sources: Sequence[str]) -> None:
 class _Run:
     """What is solved so far, by the name of its file."""
 
-    def __init__(self, ledger: Ledger, stop: _Stop, total: int) -> None:
+    def __init__(self, ledger: Ledger, stop: Stop, total: int) -> None:
         self.ledger, self.stop, self.total = ledger, stop, total
         self.solved: dict[str, Solved] = {}
 
@@ -166,7 +131,7 @@ class _Run:
             output.inform(f"{self.total - len(rows)} of {self.total} were not begun; the same command goes on")
 
 
-def _solve(stop: _Stop, variant: Variant) -> Solved:
+def _solve(stop: Stop, variant: Variant) -> Solved:
     from halpipe.flow.fleet import solve
 
     return solve(variant, stop.clock(), lambda: stop.pressed)

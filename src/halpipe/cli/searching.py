@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import itertools
 import os
-import signal
 import sys
 import threading
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.cli import output, streams
+from halpipe.cli.stopping import Stop
 from halpipe.diagnostics import Exit, HalpipeError, printable
 from halpipe.files import STDIO, is_input, read_own, refuse_inputs, write_output
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import FrameType
-
     from rich.progress import Progress
 
     from halpipe.models import TaskModel
@@ -38,10 +34,9 @@ class Watch:
     """Watches one search: shows its progress and stops it on Ctrl-C or at the time limit."""
 
     def __init__(self, time_limit: float) -> None:
-        self.interrupted = False
+        self.stop = Stop("stopping; the best placement so far will be saved", time_limit)
+        self._may_go_on = self.stop.clock()
         self._lock = threading.Lock()
-        self._began = time.monotonic()
-        self._deadline = self._began + time_limit if time_limit else None
         self._progress: Progress | None = None
         self._bars: dict[str, int] = {}
         self._better: dict[str, str] = {}
@@ -53,19 +48,12 @@ class Watch:
         if self._progress is not None:
             self._progress.stop()
 
-    def interrupt(self, signum: int, frame: FrameType | None) -> None:
-        """Stop at the next slice; a second Ctrl-C stops at once."""
-        if self.interrupted:
-            raise KeyboardInterrupt
-        self.interrupted = True
-        output.say("stopping; the best placement so far will be saved")
-
     def on_progress(self, mode: str, moves: int, budget: int, best: int) -> bool:
         """Show how far the search is; return whether it may go on."""
         if not output.Settings.quiet and streams.is_terminal(sys.stderr):
             with self._lock:
                 self._show(mode, moves, budget, best)
-        return not self.interrupted and (self._deadline is None or time.monotonic() < self._deadline)
+        return self._may_go_on()
 
     def on_better(self, mode: str, text: str) -> None:
         """Remember how far the objectives of a mode are."""
@@ -99,16 +87,6 @@ class Watch:
         self._progress.update(self._bars[mode], completed=moves, state=state)  # type: ignore[arg-type]
 
 
-@contextmanager
-def _handling(watch: Watch) -> Iterator[None]:
-    before = signal.signal(signal.SIGINT, watch.interrupt), signal.signal(signal.SIGTERM, watch.interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before[0])
-        signal.signal(signal.SIGTERM, before[1])
-
-
 def find_schedule(
     model: TaskModel, options: SearchOptions, target: str, time_limit: float = 0, *, resume: bool = False
 ) -> int:
@@ -125,11 +103,11 @@ def find_schedule(
         else:
             checkpoint.claim()
         options = replace(options, keeper=checkpoint)
-    with Watch(time_limit) as watch, _handling(watch):
+    with Watch(time_limit) as watch, watch.stop.listening():
         try:
             scheduled = schedule_model(model, replace(options, on_better=watch.on_better), watch.on_progress)
         except HalpipeError as failure:
-            if failure.exit is Exit.INTERRUPTED and not watch.interrupted:  # it was the time limit
+            if failure.exit is Exit.INTERRUPTED and not watch.stop.pressed:  # it was the time limit
                 failure.exit = Exit.NOT_FOUND
             raise
     output.report(scheduled.diagnostics)
@@ -138,12 +116,12 @@ def find_schedule(
         _summarise(scheduled, target, time.monotonic() - began)
         if checkpoint is not None:
             _finish(checkpoint, unimproved=scheduled.unimproved)
-        if watch.interrupted:
+        if watch.stop.pressed:
             return Exit.INTERRUPTED
         return Exit.FINDINGS if any(d.is_error for d in scheduled.diagnostics) else Exit.OK
     if checkpoint is not None:
         checkpoint.write()
-    return _save_best(model, scheduled, target, interrupted=watch.interrupted)
+    return _save_best(model, scheduled, target, interrupted=watch.stop.pressed)
 
 
 def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkpoint | None:

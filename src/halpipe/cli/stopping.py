@@ -1,0 +1,46 @@
+"""What ends a search from outside: Ctrl-C, a request to end, or the time limit."""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from halpipe.cli import output
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+
+class Stop:
+    """Whether somebody wants no more, which is said in `words`; a second Ctrl-C ends the command at once.
+
+    A copy in another process, or on a cluster, has the time limit alone.
+    """
+
+    def __init__(self, words: str, time_limit: float = 0) -> None:
+        self.pressed = False
+        self._words = words
+        self._limit = time_limit
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Hear of Ctrl-C, and of the request to end."""
+        before = [(number, signal.signal(number, self._press)) for number in (signal.SIGINT, signal.SIGTERM)]
+        try:
+            yield
+        finally:
+            for number, handler in before:
+                signal.signal(number, handler)
+
+    def _press(self, *_: object) -> None:
+        if self.pressed:
+            raise KeyboardInterrupt
+        self.pressed = True
+        output.say(self._words)
+
+    def clock(self) -> Callable[..., bool]:
+        """Return what one search asks whether to go on; its time begins now."""
+        end = time.monotonic() + self._limit if self._limit else None
+        return lambda *_: not self.pressed and (end is None or time.monotonic() < end)
