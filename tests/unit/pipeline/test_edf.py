@@ -13,7 +13,7 @@ from halpipe.models import Binding, Interrupt, Split, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes
-from halpipe.pipeline.solve.edf.moves import Draws
+from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.goals import Quality

@@ -8,7 +8,7 @@ import pytest
 from halpipe.bench.families import PerfectFit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.solve.edf.moves import Draws
+from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.packing import fill, pack
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers

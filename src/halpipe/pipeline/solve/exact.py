@@ -154,8 +154,7 @@ class _Turn:
     def solve(self, numbered: tuple[int, Program]) -> ExactResult:
         """Let CP-SAT run on one thread; starts that cannot be dealt out to units are no answer."""
         number, program = numbered
-        solver = self.cp_model.CpSolver()
-        self._set(solver.parameters)
+        solver = solver_for(self.cp_model, self.effort)
         go_on = lambda: number < self.answered and self.effort.go_on()  # noqa: E731
         status, is_stopped = watched(lambda: solver.solve(program.cp), go_on, solver.stop_search)
         found = ExactResult(Answer.UNKNOWN, stopped=is_stopped)
@@ -169,14 +168,17 @@ class _Turn:
             self.answered = min(self.answered, number)
         return found
 
-    def _set(self, parameters: Any) -> None:
-        parameters.num_workers = 1
-        parameters.random_seed = self.effort.seed
-        parameters.max_deterministic_time = self.effort.work
-        parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
-        parameters.symmetry_level = (
-            0  # the program has its own, and the detection of OR-Tools 9.15 fails on some models
-        )
+
+def solver_for(cp_model: Any, effort: Effort) -> Any:
+    """Return CP-SAT on one thread, so that its answer depends on the program and the effort alone."""
+    solver = cp_model.CpSolver()
+    parameters = solver.parameters
+    parameters.num_workers = 1
+    parameters.random_seed = effort.seed
+    parameters.max_deterministic_time = effort.work
+    parameters.catch_sigint_signal = False  # Ctrl-C is for whoever is behind `go_on`
+    parameters.symmetry_level = 0  # programs have their own, and the detection of OR-Tools 9.15 fails on some of them
+    return solver
 
 
 def is_small(expansion: Expansion) -> bool:

@@ -11,7 +11,7 @@ from halpipe.pipeline.jobs import Expansion
 from halpipe.pipeline.measure.objectives import whole_weights
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.bounds import chain_bounds
-from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small
+from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
 from halpipe.pipeline.solve.workers import watched
 
 if TYPE_CHECKING:
@@ -106,11 +106,7 @@ def _solve(
     except TooLarge:
         return Shortest(Fraction(0))
     program.suggest(jobs)
-    solver = cp_model.CpSolver()
-    parameters: Any = solver.parameters
-    parameters.num_workers, parameters.random_seed = 1, effort.seed
-    parameters.max_deterministic_time = effort.work
-    parameters.catch_sigint_signal, parameters.symmetry_level = False, 0
+    solver = solver_for(cp_model, effort)
     status, is_stopped = watched(lambda: solver.solve(program.cp), effort.go_on, solver.stop_search)
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE, cp_model.UNKNOWN):
         return Shortest(Fraction(0), stopped=is_stopped)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO
 from halpipe.models import Job
 from halpipe.pipeline.jobs import natural_tick
-from halpipe.pipeline.solve.edf.moves import Draws
+from halpipe.pipeline.solve.draws import Draws
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -14,8 +14,9 @@ from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.codes import TOO_MANY_PARTS
+from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.keeping import Memory, State
-from halpipe.pipeline.solve.edf.moves import Draws, Moves
+from halpipe.pipeline.solve.edf.moves import Moves
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
 from halpipe.pipeline.solve.edf.simulate import simulate
 from halpipe.pipeline.solve.edf.tables import followed, lateness, missed_by_fixed, named
