@@ -57,6 +57,11 @@ RUNNABLE = (
 )
 TASK = "<task name='t{i}' period='10ms'><version name='v' wcet='1us'><units names='u'/></version></task>\n"
 
+READERS = {
+    *("model", "schedule", "arxml", "amalthea", "yaml", "overlay", "platform", "caret", "dot", "csv", "btf"),
+}
+"""What reads files that others write."""
+
 WORST = {
     # native
     "model: unknown attributes": (VALIDATE, "m.xml", lambda n: times(n, "a{i}='1' ", f"<task-model xmlns='{MODEL}' ", "/>")),
