@@ -34,6 +34,7 @@ from halpipe.files import write_directory
 from halpipe.flow import formats
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.health import with_reactions
+from one_fault import with_fault
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import Target
@@ -142,10 +143,7 @@ def build(folder: Path, runtime: tuple[str, str, str] | None = None) -> Target:
             shutil.copytree(sound, folder / "runtime")
             file, what, instead = runtime
             path = folder / "runtime" / file
-            content = path.read_text()
-            if what not in content:
-                raise SystemExit(f"{file} has no {what!r}")
-            path.write_text(content.replace(what, instead))
+            path.write_text(with_fault(path.read_text(), what, instead))
             bundle.RUNTIME = folder / "runtime"
         options = RiscvOptions(profile=PROFILE, toolchain="zig", sources=str(folder))
         write_directory(str(folder / "out"), formats.export("riscv", model, schedule, options))

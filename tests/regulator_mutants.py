@@ -9,6 +9,7 @@ from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import design_of, play
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
 from halpipe.diagnostics import HalpipeError
+from one_fault import with_fault
 
 PARTS = {"gate": "_gate", "player": "_player", "unit": "_unit", "frame": "", "axil": "_axil"}
 """Parts, as the proof calls them, and their files."""
@@ -117,10 +118,7 @@ def mutated(files, name):
     """The files of a bundle with the mutant `name` in them."""
     part, old, new = MUTANTS[name]
     file = f"table/rtl/halpipe_regulator{PARTS[part]}.v"
-    text = files[file].decode()
-    if text.count(old) != 1:
-        raise ValueError(f'mutant "{name}": {text.count(old)} places in {file} for {old}')
-    return {**files, file: text.replace(old, new).encode()}
+    return {**files, file: with_fault(files[file].decode(), old, new).encode()}
 
 
 def simulated(files, engine):

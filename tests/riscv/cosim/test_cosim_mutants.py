@@ -13,6 +13,7 @@ from halpipe.deploy.riscv import codes as declared
 from halpipe.deploy.riscv.machine import Timing
 from halpipe.deploy.riscv.sequence import tours
 from halpipe.exporters.riscv import bundle
+from one_fault import with_fault
 
 # file, what stands there, what stands there instead; the code that the check must find
 CONTAINMENT = {
@@ -83,9 +84,7 @@ def mutant(export, monkeypatch, tmp_path):
     def make(file, what, instead, **options):
         shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
         path = tmp_path / "runtime" / file
-        text = path.read_text()
-        assert what in text
-        path.write_text(text.replace(what, instead))
+        path.write_text(with_fault(path.read_text(), what, instead))
         monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
         return export(**options)
 
