@@ -1,0 +1,35 @@
+"""What ends a search from outside: once politely, twice at once; afterwards all is as it was."""
+
+import pickle
+import signal
+
+import pytest
+
+from halpipe.cli.stopping import Stop
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_the_first_stops_politely_and_the_second_at_once(number, capsys):
+    stop, before = Stop("stopping"), [signal.getsignal(each) for each in SIGNALS]
+    go_on = stop.clock()
+    with stop.listening():
+        assert go_on()
+        signal.raise_signal(number)
+        assert not go_on("mode", 1, 2, 3)
+        assert "stopping" in capsys.readouterr().err
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(number)
+    assert [signal.getsignal(each) for each in SIGNALS] == before
+
+
+def test_each_search_has_the_whole_time_limit_also_elsewhere(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("halpipe.cli.stopping.time.monotonic", lambda: now[0])
+    stop = pickle.loads(pickle.dumps(Stop("", 2)))
+    first = stop.clock()
+    now[0] += 1.5
+    second = stop.clock()
+    now[0] += 1
+    assert (first(), second()) == (False, True)
