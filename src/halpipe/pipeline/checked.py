@@ -6,6 +6,7 @@ Order matters: nothing is searched for that does not validate, and nothing leave
 from __future__ import annotations
 
 from dataclasses import replace
+from threading import Lock
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
@@ -29,6 +30,8 @@ ATTEMPTS = 32
 """Placements of the modes that are tried for switches between all allowed pairs, within the budget of moves."""
 ATTEMPTED_JOBS = 20_000
 """Jobs, times placements, that are tried for them: large systems get fewer placements."""
+PATIENCE = 16
+"""Reports of progress of a search before a proof is looked for that it is in vain."""
 
 
 def validate_model(model: TaskModel) -> list[Diagnostic]:
@@ -41,20 +44,60 @@ def validate_model(model: TaskModel) -> list[Diagnostic]:
 def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
     """Validate, search and verify; a schedule that leaves here as valid has passed the independent check.
 
-    A mode that provably has no schedule is not searched for one: raise `HalpipeError` with the proof.
+    The search for a mode that provably has no schedule is soon given up: raise `HalpipeError` with the proof.
     """
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
-    refuse_hopeless(model, options.modes)
+    doubt = _Doubt(model, options.modes, on_progress)
+    try:
+        best = _schedule_validated(model, options, doubt.on_progress)
+    except HalpipeError:
+        doubt.settle()
+        raise
+    if not best.is_complete:
+        doubt.settle()
+    return replace(best, diagnostics=(*findings.items, *best.diagnostics))
+
+
+class _Doubt:
+    """Asks, once a search has not soon succeeded, whether it can: most searches are over before that takes effect."""
+
+    def __init__(self, model: TaskModel, modes: Sequence[str], on_progress: OnProgress) -> None:
+        self._model, self._modes, self._tell = model, modes, on_progress
+        self._reports = 0
+        self._lock = Lock()
+        self._proofs: tuple[Diagnostic, ...] | None = None
+
+    def on_progress(self, mode: str, moves: int, allowed: int, cost: int) -> bool:
+        """Pass a report on; False also if the search is in vain."""
+        self._reports += 1
+        if self._reports > PATIENCE and self._found():
+            return False
+        return self._tell(mode, moves, allowed, cost)
+
+    def settle(self) -> None:
+        """Raise with the proofs that some mode has no schedule, if there are any."""
+        if proofs := self._found():
+            raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
+
+    def _found(self) -> tuple[Diagnostic, ...]:
+        from halpipe.pipeline.explain.witnesses import find_witnesses
+
+        with self._lock:  # reports come from several threads
+            if self._proofs is None:
+                hopeless = find_witnesses(self._model, self._modes)
+                self._proofs = tuple(proof for each in hopeless for proof in each.diagnostics)
+            return self._proofs
+
+
+def _schedule_validated(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
     if options.grid is not None:
         return _schedule_on_grid(model, options, options.grid, on_progress)
     if options.near is not None:
         from halpipe.pipeline.stable import schedule_near
 
-        best = schedule_near(model, options, options.near, lambda chosen: _search(model, chosen, on_progress))
-    else:
-        best = _search(model, options, on_progress)
-    return replace(best, diagnostics=(*findings.items, *best.diagnostics))
+        return schedule_near(model, options, options.near, lambda chosen: _search(model, chosen, on_progress))
+    return _search(model, options, on_progress)
 
 
 def _search(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:
@@ -123,15 +166,6 @@ def _schedule_on_grid(model: TaskModel, options: SearchOptions, grid: BurstGrid,
             breaks = GRID_BREAKS(f"verify finds {len(broken)} violations", at=model.at, path=path, help=help)
             raise HalpipeError(breaks, *broken, exit=Exit.NOT_FOUND)
     return replace(scheduled, schedule=schedule)
-
-
-def refuse_hopeless(model: TaskModel, modes: Sequence[str]) -> None:
-    """Stop with the witnesses if some mode (of those named, or all) certainly has no schedule; takes an instant."""
-    from halpipe.pipeline.explain.witnesses import find_witnesses
-
-    proofs = [found for hopeless in find_witnesses(model, modes) for found in hopeless.diagnostics]
-    if proofs:
-        raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
 
 
 def _switched(
