@@ -13,6 +13,7 @@ from halpipe.models import Binding, Interrupt, Split, Unit
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes
+from halpipe.pipeline.solve import schedule as solve
 from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.resources import Claim, Resources
 from halpipe.pipeline.solve.edf.works import works_of
@@ -186,6 +187,17 @@ def test_a_poll_may_slip_as_far_as_its_arrivals_allow():
     poll = replace(task("poll", 24, split(version("v", 4, "u1"), 2), slack=1, offset=22), distance=milliseconds(25))
     late = task("late", 24, version("v", 2, "u2", after("poll", 24, 25, "end")), offset=17)
     assert scheduled(model(replace(poll, deadline=milliseconds(32)), late, units="u1 u2")).is_complete
+
+
+def test_a_job_that_had_to_wait_for_the_one_before_it_is_not_begun_in_the_past():
+    """Both jobs of `often` want to start within 1 ms of each other, and there is one unit."""
+    owner = model(
+        task("rare", 20, version("v", 1, "b"), offset=0),
+        task("often", 10, split(version("v", 2, "a", after("rare", 1, 2, "end")), 1), deadline=15, slack=1),
+        units="a b",
+    )
+    found = solve.schedule_model(owner, SearchOptions(budget=300), lambda *_: True)
+    assert not found.is_complete, [d.message for d in verify(owner, found.schedule)]
 
 
 def test_the_example_is_found():

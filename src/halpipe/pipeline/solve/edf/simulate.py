@@ -123,11 +123,11 @@ class _Simulation:
                 self._dispatch(unit, now)
 
     def _release(self, task: int) -> tuple[int, ...]:
-        time, number = self.next[task]
+        now, number = self.next[task]
         self._announce(task, number + 1)
         work, way = self.mode.works[task], self.plan.ways[task]
         far = self.cycle * MOST_CYCLES
-        time -= self.plan.holds[task]
+        time = now - self.plan.holds[task]
         job = Job(
             work=work,
             task=task,
@@ -139,17 +139,18 @@ class _Simulation:
             way=way,
         )
         if self.unfinished[task] is None:
-            self._offer(job)
+            self._offer(job, now)
         else:
             self.released[task].append(job)
         return way.units
 
-    def _offer(self, job: Job) -> None:
+    def _offer(self, job: Job, now: int) -> None:
+        """Let a job wait for its units, from its release on or, if the one before it ends later, from then on."""
         self.unfinished[job.task] = job
         for unit in job.way.units:
             waiting = self.pending[unit]
             waiting.insert(bisect_left([other.order for other in waiting], job.order), job)
-        if job.last_start > job.release:
+        if job.last_start > now:
             self._at(job.last_start, _WAKE, None, job.way.units[0])
 
     def _hurry(self, job: Job) -> None:
@@ -175,7 +176,7 @@ class _Simulation:
         self.ends[job.task].append(now)
         self.unfinished[job.task] = None
         if self.released[job.task]:
-            self._offer(self.released[job.task].pop(0))
+            self._offer(self.released[job.task].pop(0), now)
         return touched | self.followers[job.task]
 
     def _pass(self, fixed: FixedJob, number: int, now: int) -> set[int]:
