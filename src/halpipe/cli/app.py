@@ -6,6 +6,7 @@ of them do.
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,12 +29,20 @@ HELP = ("-h", "--help")
 GROUPS = ("export", "deploy")
 """Verbs that have commands of their own."""
 
+COMPLETION = "_HALPIPE_COMPLETE"
+"""Set by a shell that asks how a command line may go on."""
+
 
 def app_for(arguments: list[str]) -> typer.Typer:
-    """Return the command line that can answer these arguments: of one verb, else of all."""
-    if not arguments or arguments[0] in HELP:
-        return build(VERBS, overview=True)
-    return build(arguments[:1] if arguments[0] in VERBS else VERBS)
+    """Return the command line that can answer these arguments: of one verb, else an overview of all."""
+    asked = _words_to_complete() if COMPLETION in os.environ else arguments
+    return build(asked[:1]) if asked and asked[0] in VERBS else build(VERBS, overview=True)
+
+
+def _words_to_complete() -> list[str]:
+    """Return what stands on the command line so far, as the completion of the user's shell says."""
+    words = os.environ.get("_TYPER_COMPLETE_ARGS") or os.environ.get("COMP_WORDS", "")
+    return words.split()[1:]
 
 
 def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
