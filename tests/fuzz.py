@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import math
 import os
 import random
 import sys
@@ -19,10 +20,12 @@ from pathlib import Path
 
 import halpipe
 from command_line import run_here
+from growth import TRIES, seconds
 from worst_inputs import WORST
 
 PACKAGE = str(Path(halpipe.__file__).parent)
-SLOW = 10.0
+SECONDS, MULTIPLE = 10.0, 2000
+"""Processor time that an input may take; on slow machines, so many times what a command takes that reads little."""
 LONGEST = 20_000
 TRACED = 300
 """One in so many inputs is run with its lines noted: that takes several times as long."""
@@ -121,8 +124,14 @@ class Lines:
         return self.trace
 
 
-def tried(place: Path, command: list[str], file: str, data: bytes) -> str:
-    """Run one input; return what is wrong with how it ended, else nothing."""
+def patience(place: Path) -> float:
+    """Return the seconds of processor time after which an input counts as a hang, on this machine."""
+    take = min(seconds(lambda: run_here(place, "validate", "model.xml")) for _ in range(TRIES))
+    return max(SECONDS, MULTIPLE * take)
+
+
+def tried(place: Path, command: list[str], file: str, data: bytes, most: float) -> str:
+    """Run one input; return what is wrong with how it ended, else nothing. It may take `most` seconds."""
     (place / file).write_bytes(data)
     before = set(os.listdir(place))
     begin = time.process_time()
@@ -140,7 +149,7 @@ def tried(place: Path, command: list[str], file: str, data: bytes) -> str:
         return run.stderr[-300:]
     if any((ord(c) < 32 and c not in "\n\t") or 0x80 <= ord(c) < 0xA0 for c in run.stdout + run.stderr):
         return "a control character was printed"
-    return f"took {spent:.1f} s" if spent > SLOW else f"left {sorted(left)}" if left else ""
+    return f"took {spent:.1f} s" if spent > most else f"left {sorted(left)}" if left else ""
 
 
 def main() -> int:
@@ -161,7 +170,7 @@ def main() -> int:
         if run_here(place, "schedule", "model.xml", "-o", "s.xml", "-q").returncode:
             sys.exit("the schedule that inputs are held against was not made")
         kept = {name: (place / name).read_bytes() for name in ("model.xml", "tiny.dot", "s.xml")}
-        names = sorted(known)
+        names, most = sorted(known), patience(place)
         for number in range(options.inputs):
             name = names[number % len(names)]
             command, file, inputs = known[name]
@@ -170,7 +179,7 @@ def main() -> int:
             lines.new = 0
             if is_traced:
                 sys.settrace(lines.trace)
-            found = tried(place, command, file, data)
+            found = tried(place, command, file, data, math.inf if is_traced else most)
             sys.settrace(None)
             if is_traced and lines.new:
                 inputs.append(data)

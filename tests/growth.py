@@ -1,23 +1,37 @@
 """How cost grows with size: a ratio of two times from the same run, so that slow and busy machines do not matter."""
 
+import gc
 import time
 
 TRIES = 3
-"""The best of so many counts, since other programs disturb."""
+"""The best of so many counts, since other programs disturb. Small and large take turns, and so share what disturbs."""
 
 
 def growth(prepare, small, large):
     """Return how many times longer the work that `prepare` returns for `large` takes than the one for `small`.
 
-    Counted is processor time. Allow a multiple of the linear ratio that is far below the quadratic one.
+    Counted is processor time. Hold it against `half_way`.
     """
-    return _seconds(prepare(large)) / _seconds(prepare(small))
+    one, other = prepare(small), prepare(large)
+    tries = [(seconds(one), seconds(other)) for _ in range(TRIES)]
+    return min(large for _, large in tries) / min(small for small, _ in tries)
 
 
-def _seconds(work):
-    tries = []
-    for _ in range(TRIES):
-        begin = time.process_time()
-        work()
-        tries.append(time.process_time() - begin)
-    return min(tries)
+def half_way(factor):
+    """Return the growth half-way, in factors, between that of linear work and of quadratic work for so many times more.
+
+    What disturbs has to be as far from either: for eight times the size linear work takes 8 times as long, quadratic
+    work 64, and the bound is 22.
+    """
+    return factor**1.5
+
+
+def seconds(work):
+    """Return the processor time of a work, without looking again at what was left before."""
+    gc.collect()
+    gc.freeze()
+    begin = time.process_time()
+    work()
+    spent = time.process_time() - begin
+    gc.unfreeze()
+    return spent

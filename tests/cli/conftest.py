@@ -11,7 +11,7 @@ from command_line import run_here
 from halpipe.exporters.native import format_model
 from support import hopeless_model, small_model
 
-PATIENCE = 120
+PATIENCE = 300
 """Seconds after which a process hangs, on however busy a machine."""
 
 

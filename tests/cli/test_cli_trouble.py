@@ -1,7 +1,6 @@
 """Trouble: bad files, full devices, closed pipes, Ctrl-C, bugs. Never a traceback, never a damaged output."""
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -119,13 +118,11 @@ def test_no_colour_without_a_terminal(halpipe, folder):
 
 
 def test_help_is_quick_and_loads_nothing_heavy():
-    """The goal is 0.2 s; what makes it slow is one heavy import, so that is what is tested, and the time loosely."""
+    """The goal is 0.2 s; what makes it slow is one heavy import, so that is what is tested, and no clock."""
     heavy = ("lxml", "yaml", "xmlschema", "numpy", "jinja2", "graphviz", "rich.console")
     program = (
         "import sys, halpipe.cli; code = halpipe.cli.invoke(['--help']); "
         f"print(code, [m for m in {heavy} if m in sys.modules], file=sys.stderr)"
     )
-    began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stderr.strip() == "0 []"
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 2  # of the processor, busy or not

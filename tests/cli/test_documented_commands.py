@@ -73,7 +73,7 @@ def run(command, capfd):
         capfd.readouterr()
         code = halpipe.cli.invoke(words[1:])
         return code, "".join(capfd.readouterr())
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=300)
     return done.returncode, done.stdout + done.stderr
 
 

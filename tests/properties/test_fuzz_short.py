@@ -25,14 +25,14 @@ def test_what_goes_wrong_is_told(tmp_path, monkeypatch):
         returncode, stdout, stderr = 70, "", "internal error"
 
     monkeypatch.setattr(fuzz, "run_here", lambda *_: Ended)
-    assert "exit code 70" in fuzz.tried(tmp_path, ["validate", "FILE"], "m.xml", b"<a/>")
+    assert "exit code 70" in fuzz.tried(tmp_path, ["validate", "FILE"], "m.xml", b"<a/>", 10)
 
     def leaves(place, *_):
         (place / "left").write_text("")
         return type("Fine", (), {"returncode": 1, "stdout": "", "stderr": ""})
 
     monkeypatch.setattr(fuzz, "run_here", leaves)
-    assert fuzz.tried(tmp_path, ["validate", "FILE"], "m.xml", b"<a/>") == "left ['left']"
+    assert fuzz.tried(tmp_path, ["validate", "FILE"], "m.xml", b"<a/>", 10) == "left ['left']"
 
 
 def test_every_reader_has_seeds():

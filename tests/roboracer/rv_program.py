@@ -30,7 +30,7 @@ class RiscvProgram:
         files = [*(str(folder / f) for f in source.files), str(library)]
         defines = [f"-D{d}" for d in source.defines]
         place = [f"-Wl,-e,{source.entry}"]
-        subprocess.run([zig, "cc", *FLAGS, *SAFE, *defines, *place, "-o", str(elf), *files], check=True, timeout=120)
+        subprocess.run([zig, "cc", *FLAGS, *SAFE, *defines, *place, "-o", str(elf), *files], check=True, timeout=300)
         with elf.open("rb") as stream:
             program = ELFFile(stream)
             self.symbols = {s.name: s["st_value"] for s in program.get_section_by_name(".symtab").iter_symbols()}

@@ -319,7 +319,7 @@ def test_the_registers_are_reached_through_axi4_lite(tmp_path):
     sources = [str(path) for path in (Path(__file__).parent / "axil_bench.v", *sorted(RTL.glob("*.v")))]
     built = tmp_path / "axil.vvp"
     subprocess.run(["iverilog", "-g2005-sv", "-s", "axil_bench", "-o", str(built), *sources], check=True)
-    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=60).stdout
+    said = subprocess.run(["vvp", "-n", str(built)], check=True, capture_output=True, text=True, timeout=300).stdout
     assert [line for line in said.splitlines() if "finish" not in line] == [
         "read 0000000 48425746",
         "write 0200014 0",

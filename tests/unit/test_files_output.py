@@ -181,7 +181,7 @@ def test_a_pipe_is_written_through(tmp_path):
     reader = threading.Thread(target=lambda: received.append(pipe.read_bytes()))
     reader.start()
     write_output(pipe, b"through")
-    reader.join(timeout=10)
+    reader.join(timeout=300)
     assert received == [b"through"]
     assert stat.S_ISFIFO(pipe.stat().st_mode)
     assert names(tmp_path) == ["pipe"]

@@ -6,7 +6,7 @@ import sys
 import pytest
 from arxml_case import assembly, component, composition, every, in_port, out_port, package, runnable, write
 
-from growth import growth
+from growth import growth, half_way
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.base import ImportOptions
 
@@ -59,4 +59,4 @@ def test_the_time_of_an_import_grows_with_the_extract_and_not_with_its_square(tm
         path = extract(folder, components)
         return lambda: FORMAT.read([str(path)], ImportOptions())
 
-    assert growth(prepare, 100, 2_000) < 3 * 20  # linear: 20, quadratic: 400
+    assert growth(prepare, 100, 2_000) < half_way(20)

@@ -5,15 +5,12 @@ from dataclasses import replace
 import pytest
 from validate_cases import found
 
-from growth import growth
+from growth import growth, half_way
 from halpipe.pipeline.validate import codes, validate
 from support import access, after, model, task, version
 
 TASKS = 10_000
 FEW = 500
-
-MOST = 3 * TASKS / FEW
-"""Linear work grows by 20 and quadratic work by 400."""
 
 
 def large(predecessor, tasks=TASKS):
@@ -49,7 +46,7 @@ def test_work_grows_with_the_model_and_not_with_its_square(build):
         system = build(count)
         return lambda: validate(system)
 
-    assert growth(prepare, FEW, TASKS) < MOST
+    assert growth(prepare, FEW, TASKS) < half_way(TASKS / FEW)
 
 
 @pytest.mark.slow

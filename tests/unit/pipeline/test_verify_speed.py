@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from growth import growth
+from growth import growth, half_way
 from halpipe.models import Interrupt, Job, Part, Split
 from halpipe.pipeline.verify import codes, verify
 from support import access, chain, model, ms, schedule, task, version
@@ -59,4 +59,4 @@ def test_verify_is_linear_in_the_parts():
         system, plan = many_parts(cores)
         return lambda: verify(system, plan)
 
-    assert growth(prepare, 1, 12) < 36
+    assert growth(prepare, 1, 12) < half_way(12)

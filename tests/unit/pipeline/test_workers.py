@@ -45,7 +45,7 @@ def test_the_failure_of_the_first_item_that_fails_is_raised(count):
 
 
 def test_a_failure_after_one_that_was_enough_does_not_count():
-    both = threading.Barrier(2, timeout=10)
+    both = threading.Barrier(2, timeout=300)
 
     def work(number):
         both.wait()
@@ -101,7 +101,7 @@ def test_watched_work_ends_by_itself(impatient):
 
 def test_watched_work_is_stopped_once_nobody_wants_more(impatient):
     over = threading.Event()
-    assert watched(lambda: over.wait(10), lambda: False, over.set) == (True, True)
+    assert watched(lambda: over.wait(300), lambda: False, over.set) == (True, True)
 
 
 def test_an_interrupt_stops_watched_work_and_passes_on(impatient):
@@ -111,5 +111,5 @@ def test_an_interrupt_stops_watched_work_and_passes_on(impatient):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        watched(lambda: over.wait(10), interrupt, over.set)
+        watched(lambda: over.wait(300), interrupt, over.set)
     assert over.is_set()

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import pytest
 
-from growth import growth
+from growth import growth, half_way
 from halpipe.exporters.regulator import FORMAT, RegulatorOptions
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import access, job, mode, model, ms, task, version
@@ -66,4 +66,4 @@ def test_the_time_of_an_export_grows_with_the_modes_and_switches(tmp_path, round
         system, schedule = large(modes)
         return lambda: FORMAT.write(system, schedule, options)
 
-    assert growth(prepare, 1, 4) < 3 * 16  # one table against four and those of twelve switches
+    assert growth(prepare, 1, 4) < half_way(16)  # one table against four and those of twelve switches
