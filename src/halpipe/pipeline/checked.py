@@ -6,7 +6,6 @@ Order matters: nothing is searched for that does not validate, and nothing leave
 from __future__ import annotations
 
 from dataclasses import replace
-from threading import Lock
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
@@ -63,10 +62,11 @@ class _Doubt:
     """Asks, once a search has not soon succeeded, whether it can: most searches are over before that takes effect."""
 
     def __init__(self, model: TaskModel, modes: Sequence[str], on_progress: OnProgress) -> None:
+        from halpipe.pipeline.solve.workers import once
+
         self._model, self._modes, self._tell = model, modes, on_progress
         self._reports = 0
-        self._lock = Lock()
-        self._proofs: tuple[Diagnostic, ...] | None = None
+        self._found = once(self._look)  # reports come from several threads
 
     def on_progress(self, mode: str, moves: int, allowed: int, cost: int) -> bool:
         """Pass a report on; False also if the search is in vain."""
@@ -80,14 +80,11 @@ class _Doubt:
         if proofs := self._found():
             raise HalpipeError(*proofs, exit=Exit.INFEASIBLE)
 
-    def _found(self) -> tuple[Diagnostic, ...]:
+    def _look(self) -> tuple[Diagnostic, ...]:
         from halpipe.pipeline.explain.witnesses import find_witnesses
 
-        with self._lock:  # reports come from several threads
-            if self._proofs is None:
-                hopeless = find_witnesses(self._model, self._modes)
-                self._proofs = tuple(proof for each in hopeless for proof in each.diagnostics)
-            return self._proofs
+        hopeless = find_witnesses(self._model, self._modes)
+        return tuple(proof for each in hopeless for proof in each.diagnostics)
 
 
 def _schedule_validated(model: TaskModel, options: SearchOptions, on_progress: OnProgress) -> Scheduled:

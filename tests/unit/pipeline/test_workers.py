@@ -6,7 +6,7 @@ import time
 import pytest
 
 from halpipe.pipeline.solve import workers as module
-from halpipe.pipeline.solve.workers import Workers, watched
+from halpipe.pipeline.solve.workers import Workers, watched, once
 
 
 def square(number):
@@ -113,3 +113,17 @@ def test_an_interrupt_stops_watched_work_and_passes_on(impatient):
     with pytest.raises(KeyboardInterrupt):
         watched(lambda: over.wait(300), interrupt, over.set)
     assert over.is_set()
+
+
+def test_a_value_is_computed_once_whichever_thread_asks():
+    asked = []
+
+    def value():
+        time.sleep(0.02)
+        asked.append(7)
+        return len(asked)
+
+    ask = once(value)
+    assert asked == []
+    assert Workers(4).each(lambda _: ask(), range(8)) == [1] * 8
+    assert asked == [7]

@@ -19,6 +19,19 @@ ASK_SECONDS = 0.1
 """How often somebody is asked whether to go on."""
 
 
+def once(function: Callable[[], _Result]) -> Callable[[], _Result]:
+    """Return a function that computes a value when it is first asked for, in one thread while others wait."""
+    lock, found = threading.Lock(), list[_Result]()
+
+    def ask() -> _Result:
+        with lock:
+            if not found:
+                found.append(function())
+            return found[0]
+
+    return ask
+
+
 class Workers:
     """`count` threads that share work, the caller's among them.
 
