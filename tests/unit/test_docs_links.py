@@ -34,3 +34,17 @@ def test_every_page_is_reached_from_the_index():
         ahead += [(page.parent / target).resolve() for target, _ in LINK.findall(page.read_text()) if target]
     lost = {page for page in PAGES if (ROOT / "docs") in page.parents} - reached
     assert not lost, f"no way leads from docs/index.md to {sorted(p.name for p in lost)}"
+
+
+def test_rules_that_the_code_cites_stand_on_the_page():
+    """By number: *MODEL 8.2*."""
+    page = (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
+    listed = set(re.findall(r"^\| (\d) \|", page, re.MULTILINE)) | set(
+        re.findall(r"\b\d\.\d\b", page.rpartition("## ")[2])
+    )
+    sources = [path for kind in ("*.py", "*.h") for path in (ROOT / "src").rglob(kind)]
+    cited = {
+        number for path in sources for number in re.findall(r"MODEL (\d(?:\.\d)?)", path.read_text(encoding="utf-8"))
+    }
+    assert cited
+    assert cited <= listed
