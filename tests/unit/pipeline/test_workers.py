@@ -6,7 +6,7 @@ import time
 import pytest
 
 from halpipe.pipeline.solve import workers as module
-from halpipe.pipeline.solve.workers import Workers, watched, once
+from halpipe.pipeline.solve.workers import Workers, once, watched
 
 
 def square(number):
