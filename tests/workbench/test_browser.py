@@ -17,7 +17,8 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import WebDriverWait
+from selenium.webdriver.support import expected_conditions as expected
+from selenium.webdriver.support.ui import Select, WebDriverWait
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
@@ -157,6 +158,39 @@ def test_chains_search_and_modes(page):
     assert len(page.find_elements(By.CSS_SELECTOR, "#tasks tbody tr")) == 1
     page.find_element(By.CSS_SELECTOR, "#mode option:nth-child(2)").click()
     assert page.execute_script("return viewer.mode.name") == "limp"
+
+
+def answer(browser, text):
+    """Write into the question that the page asks, and confirm."""
+    asked = WebDriverWait(browser, PATIENCE).until(expected.alert_is_present())
+    asked.send_keys(text)
+    asked.accept()
+
+
+def test_a_variant_is_compared_and_shown_again(page):
+    page.find_element(By.ID, "keep").click()
+    answer(page, "first")
+    WebDriverWait(page, PATIENCE).until(lambda _: state(page)["variants"] == ["first"])
+    change(page, "camera full wcet", "7ms")
+    WebDriverWait(page, PATIENCE).until(lambda _: state(page)["what"].endswith("7ms"))
+    choose = Select(page.find_element(By.ID, "variants"))
+    WebDriverWait(page, PATIENCE).until(lambda _: len(choose.options) == 2)
+    choose.select_by_visible_text("first")
+    compare = page.find_element(By.ID, "beside")
+    compare.click()
+    WebDriverWait(page, PATIENCE).until(lambda _: compare.get_attribute("aria-pressed") == "true")
+    page.find_element(By.ID, "take").click()
+    WebDriverWait(page, PATIENCE).until(lambda _: "first" in state(page)["what"])
+    assert field(page, "camera full wcet").get_attribute("value") == "6ms"
+
+
+def test_edits_are_saved_as_an_overlay(page, tmp_path):
+    change(page, "camera full wcet", "7ms")
+    WebDriverWait(page, PATIENCE).until(lambda _: state(page)["what"].endswith("7ms"))
+    page.find_element(By.ID, "save").click()
+    answer(page, "edits.yaml")
+    verdict(page, "edits.yaml: written")
+    assert "wcet: 7ms" in (tmp_path / "edits.yaml").read_text()
 
 
 def test_nothing_goes_wrong_in_the_console(page):

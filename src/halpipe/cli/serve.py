@@ -18,6 +18,9 @@ NO_SERVER = error(
 )
 PORT_TAKEN = error("HAL0959", "Port cannot be used", "Another program has it, or the system does not give it.")
 
+PARTING_SECONDS = 2
+"""How long Ctrl-C waits for browsers that keep their connection open."""
+
 
 def serve(
     model: Annotated[str, typer.Argument(metavar="MODEL", help="Task model XML.")],
@@ -57,7 +60,9 @@ def serve(
         _open(address)
     threading.Thread(target=session.begin, daemon=True).start()
     app = application(session, token, number)
-    config = uvicorn.Config(app, log_level="warning", server_header=False, lifespan="off")
+    config = uvicorn.Config(
+        app, log_level="warning", server_header=False, lifespan="off", timeout_graceful_shutdown=PARTING_SECONDS
+    )
     uvicorn.Server(config).run(sockets=[listening])
     return Exit.OK
 

@@ -16,6 +16,7 @@ from halpipe.pipeline.checked import schedule_model, validate_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.workbench.edits import edited
+from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -99,7 +100,8 @@ class Session:
         self._on_disk = sha256(content)
         self._past: list[State] = []
         self._future: list[State] = []
-        self.state = State(parse_model(content, path))
+        self.opened = parse_model(content, path)
+        self.state = State(self.opened)
 
     def begin(self) -> None:
         """Find the first schedule."""
@@ -154,9 +156,10 @@ class Session:
         self._show(replace(kept, what=f'variant "{name}"'))
 
     def save(self, path: str, *, force: bool = False) -> str:
-        """Write the model; over the file that was opened only if that is asked for, and the file is what it was."""
+        """Write the model, or into a YAML file the edits as an overlay; over a file that is there only if asked for."""
         target = path or self.path
-        content = format_model(self.state.model)
+        is_overlay = os.path.splitext(target)[1].lower() in SUFFIXES
+        content = overlay_of(self.opened, self.state.model) if is_overlay else format_model(self.state.model)
         is_source = os.path.realpath(target) == os.path.realpath(self.path)
         if not force and (os.path.lexists(target) or is_source):
             text = "was changed since it was read" if is_source and self.changed_on_disk() else "is there already"

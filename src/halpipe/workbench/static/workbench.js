@@ -56,7 +56,7 @@ function show(told, quiet) {
   $("title").textContent = `${told.model}`;
   options($("mode"), told.modes.map(mode => mode.name), $("mode").value);
   options($("chain"), told.chains.map(chain => chain.name), $("chain").value, "no chain");
-  options($("variants"), told.variants, "", "variants…");
+  options($("variants"), told.variants, $("variants").value, "variants…");
   viewer.pinned = new Set(told.pins.map(([mode, task, index]) => `${mode} ${told.tasks.findIndex(t => t.name === task)} ${index}`));
   const chain = told.chains.find(each => each.name === $("chain").value);
   viewer.chain = chain ? chain.tasks : null;
@@ -69,12 +69,21 @@ function show(told, quiet) {
   else say("no schedule for this model yet: the chart shows the last one that was valid", "bad");
   findings([...(told.refused || []), ...told.findings]);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
+  tools();
   if (!quiet) { taskTable(); chainTable(); }
 }
 
 function options(select, names, chosen, first) {
   select.replaceChildren(...(first ? [element("option", first, {value: ""})] : []), ...names.map(name => element("option", name, {value: name})));
   if (names.includes(chosen)) select.value = chosen;
+}
+
+function drop() { viewer.beside = null; viewer.draw(); }
+
+function tools() {
+  $("take").disabled = $("beside").disabled = !$("variants").value;
+  $("beside").setAttribute("aria-pressed", String(Boolean(viewer.beside)));
+  $("margins").setAttribute("aria-pressed", String(Boolean(viewer.heat)));
 }
 
 function findings(found, more = false) {
@@ -157,25 +166,25 @@ $("why").addEventListener("click", async () => {
   if (told && told.said) findings(told.said);
 });
 $("margins").addEventListener("click", async () => {
-  if (viewer.heat) { viewer.heat = null; viewer.draw(); return; }
+  if (viewer.heat) { viewer.heat = null; viewer.draw(); tools(); return; }
   const told = await order("sensitivity", {}, true);
-  if (told && told.said) { viewer.heat = told.said; viewer.draw(); }
+  if (told && told.said) { viewer.heat = told.said; viewer.draw(); tools(); }
 });
 $("save").addEventListener("click", async () => {
-  const path = prompt("Save the model as", state.path);
+  const path = prompt("Save the model (.xml), or what was changed as an overlay (.yaml), as", state.path);
   if (path === null) return;
-  const over = path === state.path;
-  if (over && !confirm(`Overwrite ${path}?`)) return;
-  const told = await order("save", {path, force: over && !state.changed_on_disk}, true);
+  let told = await order("save", {path}, true);
+  const there = told && told.refused && told.refused[0].code === "HAL0953";
+  if (there && confirm(`${told.refused[0].message}. Overwrite it?`)) told = await order("save", {path, force: true}, true);
   if (told && told.said) say(told.said, "good");
 });
 $("keep").addEventListener("click", () => { const name = prompt("Name of the variant"); if (name) order("keep", {name}); });
-$("variants").addEventListener("change", async event => {
-  const name = event.target.value;
-  if (!name) { viewer.beside = null; viewer.draw(); return; }
-  if (confirm(`Show variant "${name}"? Cancel compares it with what is shown.`)) { viewer.beside = null; order("take", {name}); return; }
-  const told = await order("compare", {name}, true);
-  if (told && told.said) { viewer.beside = told.said; viewer.draw(); }
+$("variants").addEventListener("change", () => { drop(); tools(); });
+$("take").addEventListener("click", () => { const name = $("variants").value; drop(); order("take", {name}); });
+$("beside").addEventListener("click", async () => {
+  if (viewer.beside) { drop(); tools(); return; }
+  const told = await order("compare", {name: $("variants").value}, true);
+  if (told && told.said) { viewer.beside = told.said; viewer.draw(); tools(); }
 });
 $("export").addEventListener("change", async event => {
   const format = event.target.value; event.target.value = "";
