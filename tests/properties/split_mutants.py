@@ -202,6 +202,25 @@ def job_put_into_a_gap_or_across(rng, system, plan):
 
 
 @operator
+def job_onto_the_one_before(rng, system, plan):
+    """A job of a task with several begins while the one before it is under way, or just when it ends."""
+    jobs = plan.modes[0].jobs
+    pairs = [(k, j) for k, own in enumerate(jobs) for j in jobs if j.task == own.task and j is not own]
+    if not pairs:
+        return None
+    place, before = rng.choice(pairs)
+    total, end = plan.modes[0].hyperperiod, max(before.end, before.start + TICK)
+    begin = before.start + rng.randrange(int((end - before.start) / TICK) + 1) * TICK
+    start = begin - total * (begin // total)
+
+    def rewrite(found):
+        found[place] = replace(at(found[place], start), units=before.units)
+        return found
+
+    return system, change_jobs(plan, rewrite)
+
+
+@operator
 def units_of_one_job_changed(rng, system, plan):
     """A task on two units: allowed unless it is bound."""
     which = rng.randrange(len(plan.modes))

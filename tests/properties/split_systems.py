@@ -41,14 +41,13 @@ class SplitBuilder(Builder):
         period = self.total // (rng.choice((1, 1, 2, 3)) if self.tasks else 1)
         if self.total % period:
             return
-        slack = rng.choice((Fraction(0), Fraction(1, 2), Fraction(1), Fraction(1)))
+        slack = self.slack()
         gang = rng.choice((1, 1, 1, 2))
         wcet = rng.randint(1, max(1, period // 3))
         split = self.split(wcet)
         phase = rng.randrange(self.total)
         kept = {unit: set(cells) for unit, cells in self.held.items()}, list(self.placed)
-        home = rng.sample(UNITS, gang) if rng.random() < 0.6 else None
-        home = list(UNITS[:gang]) if rng.random() < 0.5 else home
+        home = self.home(gang)
         found = []
         for index in range(self.total // period):
             release = phase + index * period
@@ -59,6 +58,14 @@ class SplitBuilder(Builder):
                 return
             found.append(made)
         self.adopt(name, period, slack, phase, wcet, split, gang, found)
+
+    def slack(self):
+        return self.rng.choice((Fraction(0), Fraction(1, 2), Fraction(1), Fraction(1)))
+
+    def home(self, gang):
+        """Return the units of all jobs of a task; None if each may have others."""
+        home = self.rng.sample(UNITS, gang) if self.rng.random() < 0.6 else None
+        return list(UNITS[:gang]) if self.rng.random() < 0.5 else home
 
     def split(self, wcet):
         rng = self.rng
@@ -183,6 +190,16 @@ class SplitBuilder(Builder):
         """None here: `verify_systems` has them."""
 
 
+class CrowdedBuilder(SplitBuilder):
+    """Few units, and slack of a period: jobs of one task follow each other closely, with deadlines beyond periods."""
+
+    def slack(self):
+        return Fraction(1)
+
+    def home(self, gang):
+        return list(UNITS[:gang])
+
+
 def job_of(name, index, units, spans):
     parts = tuple(
         Part(start=milliseconds(s), end=milliseconds(t), executed_from=milliseconds(a), executed_to=milliseconds(b))
@@ -209,10 +226,10 @@ def polled(rng, owner, spans, total):
     return replace(owner, distance=milliseconds(distance), deadline=deadline)
 
 
-def valid_system(rng):
+def valid_system(rng, kind=SplitBuilder):
     """A model with one mode and a schedule that is valid by construction."""
     while True:
-        builder = SplitBuilder(rng)
+        builder = kind(rng)
         tasks, jobs, chains = builder.build()
         if tasks and max(oracle.ticks(t.period) for t in tasks) == builder.total:
             break
@@ -225,6 +242,11 @@ def valid_system(rng):
         modes=(mode("one", tasks),),
     ).read_from("0" * 64)
     return system, one_mode(system, jobs, builder.total)
+
+
+def crowded_system(rng):
+    """The same with several jobs of a task on one unit, many of them with deadlines beyond their periods."""
+    return valid_system(rng, CrowdedBuilder)
 
 
 def switching_system(rng):

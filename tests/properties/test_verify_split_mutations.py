@@ -64,6 +64,20 @@ def test_no_witness_against_what_has_a_schedule(rng):
     assert not found, told(found)
 
 
+@examples(60)
+@given(RANDOMS)
+def test_jobs_of_a_task_with_a_late_deadline_may_follow_closely_but_not_meet(rng):
+    system, plan = systems.crowded_system(rng)
+    assert oracle.broken(system, plan) == set()
+    assert not errors(system, plan), told(errors(system, plan))
+    late = [t.name for t in system.tasks if t.deadline is not None and t.deadline > t.period]
+    jobs = [j for j in plan.modes[0].jobs if j.task in late]
+    assume(len({j.task for j in jobs}) < len(jobs))
+    moved = split_mutants.job_onto_the_one_before(rng, system, plan)
+    assume(moved is not None)
+    agrees(moved, "onto the job before")
+
+
 def test_the_systems_have_all_that_there_is():
     """Gaps, gangs with gaps, gaps in gaps, interrupts, bound and polled tasks, phases behind a gap."""
     seen = Counter()
@@ -86,7 +100,8 @@ def test_the_systems_have_all_that_there_is():
 
 
 def mutant_of(name, rng):
-    make = systems.switching_system if "switch" in name or rng.random() < 0.3 else systems.valid_system
+    makes = systems.valid_system, systems.crowded_system, systems.switching_system
+    make = systems.switching_system if "switch" in name else rng.choices(makes, (5, 2, 3))[0]
     return OPERATORS[name](rng, *make(rng))
 
 
