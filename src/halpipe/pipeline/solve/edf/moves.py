@@ -51,9 +51,9 @@ class Moves:
         return self._held(plan, task)
 
     def _neighbour(self, plan: Plan, task: int) -> int:
-        """Return a task that shares a unit with `task`, or has a window in common with it."""
-        units = set(plan.ways[task].units)
-        others = [number for number, way in enumerate(plan.ways) if units & set(way.units)]
+        """Return a task that shares a unit or a resource with `task`, or has a window in common with it."""
+        units, resources = set(plan.ways[task].units), _resources(plan.ways[task])
+        others = [n for n, way in enumerate(plan.ways) if units & set(way.units) or resources & _resources(way)]
         others += [window.task for window in plan.ways[task].windows]
         others = [other for other in others if other not in self.mode.fixed.tasks] or [task]
         return others[self.draws.below(len(others))]
@@ -144,3 +144,7 @@ class Moves:
     def _onto(self, plan: Plan, task: int, units: tuple[int, ...]) -> Plan:
         way = next((way for way in self.allowed[task] if way.units == units), None)
         return plan if way is None else replace(plan, ways=with_item(plan.ways, task, way))
+
+
+def _resources(way: Way) -> set[int]:
+    return {phase.resource for phase in way.phases}

@@ -276,7 +276,10 @@ class _Simulation:
         return now + job.way.length + sum(others) > end
 
     def _enter(self, job: Job, now: int) -> None:
+        """Begin a job; one that had to begin now, but need not end in one piece, is no more urgent from now on."""
         self.starts[job.task].append(now)
+        if job.due == _AT_ONCE and now + job.way.length < job.end_by:
+            job.due = job.release + self.plan.urgency[job.task]
         for unit in job.way.units:
             self.pending[unit].remove(job)
             self.stacks[unit].append(job)
