@@ -199,7 +199,7 @@ def _compare(stated: dict[str, Any]) -> Any:
 
     def beside(session: Session) -> Any:
         kept = session.variant(name)
-        return scene(kept.model, kept.schedule)
+        return scene(kept.model, kept.schedule, is_valid=kept.is_valid)
 
     return beside
 

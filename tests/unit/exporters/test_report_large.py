@@ -5,9 +5,12 @@ import re
 
 import pytest
 
+import halpipe
 from halpipe.exporters.report import ReportOptions
 from halpipe.exporters.report.page import LARGE, format_page
 from halpipe.exporters.report.scene import embedded, figures, scene
+from halpipe.importers.native import parse_model
+from halpipe.starters import first_model
 from support import job, mode, model, ms, schedule, task, version
 
 
@@ -79,3 +82,21 @@ def test_response_and_jitter_count_from_the_release(starts, offset, response, ji
 def test_a_scene_without_a_schedule_has_the_model():
     drawn = scene(system(2), None)
     assert (len(drawn["tasks"]), drawn["modes"]) == (2, [])
+
+
+def test_meters_have_the_peaks_and_means_that_the_schedule_states():
+    made = parse_model(first_model()["model.xml"], "model.xml")
+    found = halpipe.schedule(made)
+    for table, drawn in zip(found.modes, scene(made, found)["modes"], strict=True):
+        for load in table.resource_loads:
+            steps = next((m["steps"] for m in drawn["meters"] if m["name"] == load.resource), [[0, 0]])
+            ends = [*(instant for instant, _ in steps[1:]), drawn["length"]]
+            area = sum(level * (end - begin) for (begin, level), end in zip(steps, ends, strict=True))
+            assert max(level for _, level in steps) == pytest.approx(float(load.peak))
+            assert area / drawn["length"] == pytest.approx(float(load.mean))
+    assert any(mode["meters"] for mode in scene(made, found)["modes"])
+
+
+def test_a_schedule_of_another_state_of_the_model_has_no_meters():
+    made = parse_model(first_model()["model.xml"], "model.xml")
+    assert all(mode["meters"] == [] for mode in scene(made, halpipe.schedule(made), is_valid=False)["modes"])

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from halpipe.durations import ZERO
 from halpipe.exporters.palette import FILLS, tone
+from halpipe.exporters.timeline import Window, resource_steps, unroll
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,8 +18,8 @@ if TYPE_CHECKING:
 Plain = dict[str, Any]
 
 
-def scene(model: TaskModel, schedule: Schedule | None) -> Plain:
-    """Return a model and its schedule, as the viewer takes them."""
+def scene(model: TaskModel, schedule: Schedule | None, *, is_valid: bool = True) -> Plain:
+    """Return a model and its schedule, as the viewer takes them; what resources bear only of one that is valid."""
     order = {task.name: number for number, task in enumerate(model.tasks)}
     modes = [(jobs_by_task(mode), mode.hyperperiod) for mode in schedule.modes] if schedule else []
     return {
@@ -25,7 +27,7 @@ def scene(model: TaskModel, schedule: Schedule | None) -> Plain:
         "units": [unit.name for unit in model.units],
         "tasks": [_task(task, tone(number), modes) for number, task in enumerate(model.tasks)],
         "chains": [_chain(chain, order, schedule) for chain in model.chains],
-        "modes": [_mode(model, mode, order) for mode in schedule.modes] if schedule else [],
+        "modes": [_mode(model, mode, order, is_valid=is_valid) for mode in schedule.modes] if schedule else [],
         "switches": _switches(schedule) if schedule else [],
     }
 
@@ -108,7 +110,7 @@ def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Pl
     }
 
 
-def _mode(model: TaskModel, mode: ModeSchedule, order: dict[str, int]) -> Plain:
+def _mode(model: TaskModel, mode: ModeSchedule, order: dict[str, int], *, is_valid: bool) -> Plain:
     lanes = {unit.name: number for number, unit in enumerate(model.units)}
     return {
         "name": mode.name,
@@ -116,7 +118,18 @@ def _mode(model: TaskModel, mode: ModeSchedule, order: dict[str, int]) -> Plain:
         "length_text": str(mode.hyperperiod),
         "loads": {load.unit: _percent(load.share) for load in mode.unit_loads},
         "jobs": [_job(job, order, lanes) for job in mode.jobs if job.task in order],
+        "meters": _meters(model, mode) if is_valid else [],
     }
+
+
+def _meters(model: TaskModel, mode: ModeSchedule) -> list[Plain]:
+    """Return for every resource that is used the sum of the bounds in force, from each instant of a change on."""
+    steps = resource_steps(model, unroll(mode), Window(ZERO, mode.hyperperiod)) if model.resources else {}
+    return [
+        {"name": name, "steps": [[_ms(instant), float(level)] for instant, level in found]}
+        for name, found in steps.items()
+        if any(level for _, level in found)
+    ]
 
 
 def _job(job: Job, order: dict[str, int], lanes: dict[str, int]) -> list[Any]:

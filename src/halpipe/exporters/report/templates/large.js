@@ -12,8 +12,8 @@ for (const canvas of document.querySelectorAll("canvas.viewer")) {
     moved() {},
   });
   viewer.fixed = true;
-  canvas.style.height = `${Math.max(240, Math.min(20000, 40 + 14 * SCENE.units.length))}px`;
   viewer.show(SCENE, canvas.dataset.mode);
+  canvas.style.height = `${Math.max(240, Math.min(20000, 40 + 14 * SCENE.units.length)) + METER * viewer.meters.length}px`;
   viewers.set(canvas.dataset.mode, viewer);
 }
 

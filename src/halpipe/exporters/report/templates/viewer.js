@@ -1,6 +1,8 @@
 "use strict";
-// One chart of one mode on a canvas: lanes are units, boxes are jobs. Zoom with the wheel or + and -, pan by dragging,
+// One chart of one mode on a canvas: lanes are units, boxes are jobs; below them, what units and resources bear. Zoom with the wheel or + and -, pan by dragging,
 // choose with a click or the arrow keys. Dragging a job, or Alt with an arrow, asks the owner to move it.
+const METER = 30; // pixels
+
 class Viewer {
   constructor(canvas, owner) {
     this.canvas = canvas;
@@ -31,6 +33,7 @@ class Viewer {
       startText: row[6], endText: row[7], parts: row[8].length ? row[8] : [[row[4], row[5]]], gaps: row[8].length > 1,
       name: scene.tasks[row[0]].name, colour: scene.tasks[row[0]].colour,
     }));
+    this.meters = [{name: "busy units", steps: busyUnits(this.jobs, this.mode.length, scene.units.length)}, ...(this.mode.meters || [])];
     this.byLane = scene.units.map((_, lane) => this.jobs.filter(job => job.lanes.includes(lane)).sort((a, b) => a.start - b.start));
     if (this.selected) this.selected = this.jobs.find(job => job.name === this.selected.name && job.index === this.selected.index) || null;
     this.draw();
@@ -53,7 +56,8 @@ class Viewer {
     this.width = box.width; this.height = box.height;
     this.left = 90; this.top = 24;
     this.seen = [-box.top, window.innerHeight - box.top]; // what of the canvas is in sight
-    this.lane = Math.max(8, (this.height - this.top - 6) / Math.max(1, this.scene.units.length));
+    const below = METER * (this.meters ? this.meters.length : 0) + 6;
+    this.lane = Math.max(8, (this.height - this.top - below) / Math.max(1, this.scene.units.length));
   }
 
   x(time) { return this.left + (time - this.from) / (this.to - this.from) * (this.width - this.left); }
@@ -69,6 +73,7 @@ class Viewer {
     this.paintAxis(pen, tone);
     pen.save(); pen.beginPath(); pen.rect(this.left, 0, this.width - this.left, this.height); pen.clip();
     this.byLane.forEach((jobs, lane) => this.paintJobs(pen, tone, jobs, lane));
+    this.meters.forEach((meter, row) => this.paintMeter(pen, tone, meter, row));
     if (this.beside) this.paintBeside(pen, tone);
     if (this.chain) this.paintChain(pen, tone);
     pen.restore();
@@ -82,6 +87,30 @@ class Viewer {
       pen.fillStyle = tone.ink;
       if (this.lane >= 12) pen.fillText(unit.slice(0, 12), 6, y + this.lane / 2);
     });
+    pen.fillStyle = tone.faint;
+    this.meters.forEach((meter, row) => pen.fillText(meter.name.slice(0, 12), 6, this.base(row) - METER / 2 + 4));
+  }
+
+  base(row) { return this.top + this.scene.units.length * this.lane + (row + 1) * METER; }
+
+  paintMeter(pen, tone, meter, row) { // the most in each column of pixels; what is above the capacity in another colour
+    const base = this.base(row), full = METER - 6, columns = new Float32Array(Math.ceil(this.width) + 1), steps = meter.steps;
+    for (let n = 0; n < steps.length; n++) {
+      const begin = this.x(steps[n][0]), end = this.x(n + 1 < steps.length ? steps[n + 1][0] : this.mode.length);
+      if (!steps[n][1] || end < this.left || begin > this.width) continue;
+      const last = Math.min(this.width, Math.max(begin + 1, end));
+      for (let x = Math.max(0, Math.round(begin)); x < last; x++) columns[x] = Math.max(columns[x], steps[n][1]);
+    }
+    for (let x = 0, end; x < columns.length; x = end) {
+      for (end = x + 1; end < columns.length && columns[end] === columns[x];) end++;
+      const high = full * Math.min(1, columns[x]);
+      if (!high) continue;
+      pen.fillStyle = columns[x] > 1 + 1e-9 ? tone.bad : tone.accent; pen.globalAlpha = .45;
+      pen.fillRect(x, base - high, end - x, high); pen.globalAlpha = 1;
+    }
+    pen.strokeStyle = tone.line; pen.lineWidth = 1; pen.beginPath();
+    for (const y of [base, base - full]) { pen.moveTo(this.left, Math.round(y) + .5); pen.lineTo(this.width, Math.round(y) + .5); }
+    pen.stroke();
   }
 
   paintAxis(pen, tone) {
@@ -254,4 +283,17 @@ class Viewer {
     this.select(next);
   }
 }
+function busyUnits(jobs, length, units) { // the share of units that are taken, from each instant of a change on
+  const changes = new Map(), add = (time, by) => changes.set(time, (changes.get(time) || 0) + by);
+  add(0, 0);
+  for (const job of jobs) {
+    for (const [start, end] of job.parts) {
+      add(start, job.lanes.length); add(Math.min(end, length), -job.lanes.length);
+      if (end > length) { add(0, job.lanes.length); add(end - length, -job.lanes.length); }
+    }
+  }
+  let level = 0;
+  return [...changes].sort((a, b) => a[0] - b[0]).map(([time, by]) => { level += by; return [time, level / units]; });
+}
+
 window.Viewer = Viewer;
