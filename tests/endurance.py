@@ -13,7 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from worst_inputs import WORST
+from worst_inputs import BESIDE, WORST
 
 SECONDS, MEBIBYTES = 10, 1024
 PATIENCE = 60
@@ -42,7 +42,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="halpipe-endurance-") as place:
         folder = Path(place)
         (folder / "model.xml").write_text(MODEL)
-        (folder / "tiny.dot").write_text("digraph { a -> b; }")
+        for name, text in BESIDE.items():
+            (folder / name).write_text(text)
         if run(folder, "schedule", "model.xml", "-o", "s.xml", "-q")[0]:
             sys.exit("the schedule that inputs are held against was not made")
         for kind, (command, file, make) in WORST.items():

@@ -20,13 +20,16 @@ from pathlib import Path
 
 import halpipe
 from command_line import run_here
+from ctf_writer import ros_trace
 from growth import TRIES, seconds
-from worst_inputs import WORST
+from worst_inputs import BESIDE, CALIBRATE, IMPORT, WORST
 
 PACKAGE = str(Path(halpipe.__file__).parent)
 SECONDS, MULTIPLE = 10.0, 2000
 """Processor time that an input may take; on slow machines, so many times what a command takes that reads little."""
 LONGEST = 20_000
+TRACE = "trace"
+PROFILE = ["export", "riscv", "model.xml", "s.xml", "--profile", "FILE", "--sources", ".", "-o", "out"]
 TRACED = 300
 """One in so many inputs is run with its lines noted: that takes several times as long."""
 
@@ -70,10 +73,14 @@ def seeds() -> dict[str, tuple[list[str], str, list[bytes]]]:
         reader = f"{kind.partition(':')[0]} {command[0]}"
         _, _, inputs = found.setdefault(reader, (command, file, []))
         inputs.append(make(600).encode()[:LONGEST])
-    corpus = Path(__file__).with_name("fixtures") / "fuzz"
-    for path in sorted(corpus.glob("*/*")):
-        if path.parent.name in found:
-            found[path.parent.name][2].append(path.read_bytes())
+    profiles = sorted(Path(PACKAGE, "profiles").glob("*.yaml"))
+    found["profile export"] = (PROFILE, "profile.yaml", [path.read_bytes() for path in profiles])
+    tresos = Path(__file__).with_name("fixtures") / "fuzz" / "os.xdm"
+    found["xdm import"] = (IMPORT["arxml"], "os.xdm", [tresos.read_bytes()])
+    trace = [TRACE if word == "FILE" else word for word in CALIBRATE]
+    with tempfile.TemporaryDirectory() as folder:
+        for path in sorted(ros_trace(3).write(Path(folder, TRACE)).iterdir()):
+            found[f"ctf-{path.stem} import"] = (trace, f"{TRACE}/{path.name}", [path.read_bytes()])
     return found
 
 
@@ -166,10 +173,12 @@ def main() -> int:
         from endurance import MODEL
 
         (place / "model.xml").write_text(MODEL)
-        (place / "tiny.dot").write_text("digraph { a -> b; }")
+        for name, text in BESIDE.items():
+            (place / name).write_text(text)
         if run_here(place, "schedule", "model.xml", "-o", "s.xml", "-q").returncode:
             sys.exit("the schedule that inputs are held against was not made")
-        kept = {name: (place / name).read_bytes() for name in ("model.xml", "tiny.dot", "s.xml")}
+        ros_trace(3).write(place / TRACE)
+        kept = {path: path.read_bytes() for path in sorted(place.rglob("*")) if path.is_file()}
         names, most = sorted(known), patience(place)
         for number in range(options.inputs):
             name = names[number % len(names)]
@@ -184,13 +193,15 @@ def main() -> int:
             if is_traced and lines.new:
                 inputs.append(data)
             counts[name] += 1
-            if any((place / other).read_bytes() != text for other, text in kept.items()):
+            if place / file in kept:
+                (place / file).write_bytes(kept[place / file])
+            if any(other.read_bytes() != text for other, text in kept.items()):
                 found = "an input was changed"
             if found:
                 failures[found[:80]] += 1
                 if failures[found[:80]] <= 3:
                     Path("fuzz-failures").mkdir(exist_ok=True)
-                    kept_as = Path("fuzz-failures", f"{hashlib.sha256(data).hexdigest()[:12]}-{file}")
+                    kept_as = Path("fuzz-failures", f"{hashlib.sha256(data).hexdigest()[:12]}-{Path(file).name}")
                     kept_as.write_bytes(data)
                     print(f"{name}: {found}: {kept_as}", flush=True)
             if (number + 1) % 5000 == 0:

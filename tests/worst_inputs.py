@@ -41,7 +41,13 @@ IMPORT = {kind: ["import", kind, "FILE", "-o", "out.xml"] for kind in ("arxml", 
 OVERLAY = ["import", "ros", "tiny.dot", "--overlay", "FILE", "-o", "out.xml"]
 RUN, COMPARE = ["run", "FILE"], ["compare", "s.xml", "FILE"]
 PLATFORM = ["export", "regulator", "model.xml", "s.xml", "--platform", "FILE", "-o", "out"]
-CALIBRATE = ["import", "ros", "tiny.dot", "--calibrate", "FILE", "-o", "out.xml"]
+CALIBRATE = ["import", "ros", "graph.dot", "--overlay", "graph.yaml", "--calibrate", "FILE", "-o", "out.xml"]
+BESIDE = {
+    "tiny.dot": "digraph { a -> b; }",
+    "graph.dot": 'digraph { "/source" [shape=ellipse]; "/a" [shape=box]; "/source" -> "/a" -> "/sink"; }',
+    "graph.yaml": 'halpipe-overlay: 1\nsources: {"/a": {period: 10ms}}\n',
+}
+"""What commands read besides: as good as can be, so that the input in question is read."""
 VERIFY = ["verify", "model.xml", "FILE"]
 CARET = "named_paths: []\nexecutors: []\nnodes:\n- node_name: /n\n"
 ONE_MODE = "<mode name='a'><run task='t0' versions='v'/></mode>"

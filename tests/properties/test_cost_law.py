@@ -14,7 +14,7 @@ from growth import TRIES, growth, half_way, seconds
 from halpipe.exporters.native import format_model
 from halpipe.suggest import COMPARISONS, bounded_suggestions, nearest
 from support import model, task, version
-from worst_inputs import READERS, WORST
+from worst_inputs import BESIDE, READERS, WORST
 
 SMALL, LARGE = 20_000, 160_000
 MOST = 100
@@ -25,7 +25,8 @@ SOUND = "model: tasks"
 @pytest.fixture
 def place(tmp_path):
     (tmp_path / "model.xml").write_bytes(format_model(model(task("a", "10ms", version("v", "1ms", "u")), units="u")))
-    (tmp_path / "tiny.dot").write_text("digraph { a -> b; }")
+    for name, text in BESIDE.items():
+        (tmp_path / name).write_text(text)
     assert run_here(tmp_path, "schedule", "model.xml", "-o", "s.xml", "-q").returncode == 0
     return tmp_path
 

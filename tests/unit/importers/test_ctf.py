@@ -94,6 +94,25 @@ def test_declarations_that_are_none(text):
         parse(text)
 
 
+@pytest.mark.parametrize(
+    ("sound", "damaged"),
+    [
+        ("freq = 1000000000", "freq = 1=0"),
+        ("offset = 1000000", "offset = often"),
+        ("stream_id = 0", "stream_id = 0=0"),
+        ("compact", "compost"),
+        ("packet.header := struct", "packet.header := 7; x := struct"),
+    ],
+)
+def test_numbers_and_names_that_are_none(tmp_path, sound, damaged):
+    folder = ros_trace(3).write(tmp_path)
+    text = (folder / "metadata").read_text()
+    assert sound in text
+    (folder / "metadata").write_text(text.replace(sound, damaged))
+    with pytest.raises(CtfError):
+        list(events([str(folder)], Damage()))
+
+
 @examples(60)
 @given(st.binary(max_size=200), st.integers(0, 4000))
 def test_damaged_traces_are_read_as_far_as_they_go_or_refused(tmp_path_factory, junk, at):

@@ -71,3 +71,9 @@ def test_whole_rates_cut_to_nanoseconds_come_back_or_stay_close(rate):
     cut = Duration(10**9 // rate)
     snapped = snap(cut, STATED)
     assert abs((snapped - seconds(1) / rate).fraction) <= STATED.of(cut).fraction + 1
+
+
+@pytest.mark.parametrize("ns", [0, -1, -(10**9)])
+@pytest.mark.parametrize("tolerance", [STATED, MEASURED])
+def test_what_is_no_period_is_left_alone(ns, tolerance):
+    assert snap(Duration(ns), tolerance) == Duration(ns)

@@ -43,7 +43,9 @@ MEASURED = Tolerance(Fraction(1, 50), Duration(0), rates_first=True)
 
 
 def snap(period: Duration, tolerance: Tolerance) -> Duration:
-    """Return the roundest period within `tolerance` of `period`, or `period` itself."""
+    """Return the roundest period within `tolerance` of `period`, or `period` itself; it may be 0 or less."""
+    if period <= Duration(0):
+        return period
     limit = tolerance.of(period)
     for candidate in _candidates(period, tolerance.rates_first):
         deviation = candidate - period if candidate > period else period - candidate

@@ -26,6 +26,8 @@ MAGIC = 0xC1FC1FC1
 _MAGICS = (METADATA_MAGIC.to_bytes(4, "little"), METADATA_MAGIC.to_bytes(4, "big"))
 METADATA = "metadata"
 _LARGEST_HEAD = 4096
+_MALFORMED = (CtfError, struct.error, ValueError, IndexError, KeyError, TypeError, AttributeError, OverflowError)
+"""What comes of declarations, and of packets, that contradict themselves."""
 
 
 class Event(NamedTuple):
@@ -115,6 +117,14 @@ class _Trace:
         self._folder = folder
         self._damage = damage
         meta = parse(text_of(read_bytes(os.path.join(folder, METADATA))))
+        try:
+            self._take(meta)
+        except CtfError:
+            raise
+        except _MALFORMED:
+            raise CtfError("what the metadata declares cannot be read: a number, a size or a name is none") from None
+
+    def _take(self, meta: Metadata) -> None:
         clock = meta.clocks[0] if meta.clocks else {}
         self._frequency = int(clock.get("freq", 10**9)) or 10**9
         self._offset = int(clock.get("offset_s", 0)) * 10**9
@@ -135,11 +145,11 @@ class _Trace:
                     stream, context, start, end, size = self._packet(data, at)
                     packet = data[at : at + size]
                     yield from self._events(stream, context, packet, start, end)
-                except (CtfError, struct.error, ValueError, IndexError, KeyError, TypeError) as failure:
+                    lost = int(context.get("events_discarded", 0))
+                except _MALFORMED as failure:
                     known = str(failure) if isinstance(failure, CtfError) else "a packet is malformed"
                     self._damage.broken.append(f"{os.path.basename(path)} from byte {at} on: {known}")
                     return
-                lost = int(context.get("events_discarded", 0))
                 self._damage.discarded += max(0, lost - discarded)
                 discarded = max(lost, discarded)
                 at += size
