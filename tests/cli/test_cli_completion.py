@@ -7,9 +7,10 @@ import sys
 import pytest
 
 from halpipe.cli.app import VERBS
+from halpipe.starters import first_model
 
 
-def completed(line):
+def completed(line, folder=None):
     words = line.split(" ")
     asked = {"_HALPIPE_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
     done = subprocess.run(
@@ -19,6 +20,7 @@ def completed(line):
         text=True,
         timeout=60,
         check=False,
+        cwd=folder,
     )
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout.split()
@@ -40,3 +42,17 @@ def test_verbs():
 )
 def test_what_a_verb_takes(line, said):
     assert completed(line) == said
+
+
+@pytest.mark.parametrize("verb", ["schedule", "explain", "size", "export report", "show"])
+def test_modes_of_the_model_on_the_line(verb, tmp_path):
+    (tmp_path / "model.xml").write_bytes(first_model()["model.xml"])
+    assert completed(f"halpipe {verb} model.xml --mode ", tmp_path) == ["drive", "limp"]
+    assert completed(f"halpipe {verb} model.xml --mode l", tmp_path) == ["limp"]
+
+
+@pytest.mark.parametrize("content", [b"", b"<a", b"<!DOCTYPE a><a/>", b"<a/>"])
+def test_a_file_that_is_no_model_completes_nothing_and_says_nothing(content, tmp_path):
+    (tmp_path / "model.xml").write_bytes(content)
+    assert completed("halpipe schedule model.xml --mode ", tmp_path) == []
+    assert completed("halpipe schedule gone.xml --mode ", tmp_path) == []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
 from halpipe.diagnostics import Exit
 
@@ -28,7 +29,9 @@ def compare(
             metavar="TRACE", help="CSV, BTF or Trace Event JSON; of regulators a CSV of bytes. - is standard input."
         ),
     ],
-    mode: Annotated[str, typer.Option(help="The mode that ran, where the trace does not say.")] = "",
+    mode: Annotated[
+        str, typer.Option(help="The mode that ran, where the trace does not say.", autocompletion=modes)
+    ] = "",
     tolerance: Annotated[str, typer.Option(help="Lateness that is forgiven, such as 10us.")] = "0ms",
     origin: Annotated[
         str, typer.Option(help="Instant of the trace at which the schedule starts; auto: no job is early.")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed
 from halpipe.cli.stopping import Stop
 from halpipe.diagnostics import REGISTER, Exit
@@ -24,7 +25,7 @@ def explain(
         str,
         typer.Option(metavar="FILE", help="Best placement of a failed search, to explain instead of a new one."),
     ] = "",
-    mode: Annotated[str, typer.Option(help="Explain this mode only.")] = "",
+    mode: Annotated[str, typer.Option(help="Explain this mode only.", autocompletion=modes)] = "",
     exact: Annotated[
         bool, typer.Option(help="Look for a minimal conflict with the exact engine, if installed.")
     ] = True,

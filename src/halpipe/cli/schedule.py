@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed, Verbose, WorkerCount
 from halpipe.suggest import did_you_mean
 
@@ -56,7 +57,9 @@ def schedule(
         typer.Option(min=0, help="Seconds before it gives up (0: none); the outcome then depends on the machine."),
     ] = 0,
     tick: Annotated[str, typer.Option(help="Grid of the start times; otherwise the largest that loses nothing.")] = "",
-    mode: Annotated[list[str] | None, typer.Option(help="Schedule this mode only; repeatable.")] = None,
+    mode: Annotated[
+        list[str] | None, typer.Option(help="Schedule this mode only; repeatable.", autocompletion=modes)
+    ] = None,
     engine: Annotated[
         Engine,
         typer.Option(help="anneal; or exact, for small systems: CP-SAT."),

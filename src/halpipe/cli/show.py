@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.completing import modes
 from halpipe.cli.parameters import Quiet, ScheduleFile, Verbose
 from halpipe.diagnostics import Exit
 
@@ -30,7 +31,9 @@ class Form(StrEnum):
 
 def show(
     schedule: ScheduleFile,
-    mode: Annotated[str, typer.Option(help="This mode only; otherwise all, and the switches.")] = "",
+    mode: Annotated[
+        str, typer.Option(help="This mode only; otherwise all, and the switches.", autocompletion=modes)
+    ] = "",
     jobs: Annotated[bool, typer.Option(help=f"List every job, also where there are more than {MOST_JOBS}.")] = False,
     format: Annotated[
         Form, typer.Option(help="text; json: jobs, loads, latencies, switches; csv: a row for each part of a job.")

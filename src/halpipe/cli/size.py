@@ -9,6 +9,7 @@ import typer
 
 from halpipe.cli import answers, output
 from halpipe.cli.answers import BUDGET, AnswerFormat, Answers, Budget, Step
+from halpipe.cli.completing import modes
 from halpipe.cli.parameters import ModelFile, Quiet, Seed, Verbose
 from halpipe.diagnostics import Exit
 
@@ -26,7 +27,9 @@ def size(
         str, typer.Option(metavar="RESOURCE", help="Ask for the lowest share of the bandwidth of this resource.")
     ] = "",
     wcet_factor: Annotated[bool, typer.Option("--wcet-factor", help="Ask by how much all WCETs can grow.")] = False,
-    mode: Annotated[str, typer.Option(help="This mode only; otherwise the size is enough for each.")] = "",
+    mode: Annotated[
+        str, typer.Option(help="This mode only; otherwise the size is enough for each.", autocompletion=modes)
+    ] = "",
     switches: Annotated[
         bool, typer.Option("--switches", help="Require the tables for the switches that the model lists, too.")
     ] = False,

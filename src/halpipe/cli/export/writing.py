@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
+from halpipe.cli.completing import modes
 from halpipe.diagnostics import Exit
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 OptionalSchedule = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
 Title = Annotated[str, typer.Option(help="Title; otherwise the model's name.")]
-ModeName = Annotated[str, typer.Option(help="This mode only; otherwise all.")]
+ModeName = Annotated[str, typer.Option(help="This mode only; otherwise all.", autocompletion=modes)]
 Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write, as a whole.")]
 
 

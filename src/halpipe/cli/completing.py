@@ -1,0 +1,40 @@
+"""What a shell may complete beyond the names of verbs and options."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import typer  # noqa: TC002 - typer reads the annotation
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def modes(context: typer.Context, incomplete: str) -> list[str]:
+    """Return the modes of the model or schedule that stands on the command line; none while it cannot be read."""
+    for file in _files(context):
+        found = [name for name in _modes_of(file) if name.startswith(incomplete)]
+        if found:
+            return found
+    return []
+
+
+def _files(context: typer.Context) -> Iterator[str]:
+    """Yield the XML files on the line; while an option lacks its value, arguments are not yet told apart."""
+    for value in (context.args, *context.params.values()):
+        yield from (each for each in (value if isinstance(value, list | tuple) else [value]) if _is_xml(each))
+
+
+def _is_xml(value: object) -> bool:
+    return isinstance(value, str) and value.endswith(".xml")
+
+
+def _modes_of(file: str) -> list[str]:
+    from halpipe.diagnostics import HalpipeError
+    from halpipe.files import parse_xml, read_bytes
+
+    try:
+        root = parse_xml(read_bytes(file), file)
+    except HalpipeError:
+        return []
+    return list(dict.fromkeys(name for name in root.xpath("//*[local-name() = 'mode']/@name") if isinstance(name, str)))
