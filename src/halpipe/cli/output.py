@@ -51,6 +51,11 @@ def is_text() -> bool:
     return Settings.format is Format.TEXT
 
 
+def is_brief() -> bool:
+    """Return whether people read it, who have not asked for everything."""
+    return is_text() and not Settings.verbose
+
+
 def is_quiet() -> bool:
     """Return whether only errors are to be shown."""
     return Settings.quiet

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Quiet, ScheduleFile, Verbose
 from halpipe.diagnostics import Exit
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.diagnostics import Diagnostic
+
+NAMED = 3
+"""Further findings of a task that are named; --verbose shows all of them."""
 
 
 def verify(
@@ -21,10 +33,39 @@ def verify(
     output.choose(format, quiet=quiet, verbose=verbose)
     system, tables = read_model(model), read_schedule(schedule)
     found = verify_schedule(system, tables)
-    output.report(found, as_result=True)
+    output.report(_gathered(found) if output.is_brief() else found, as_result=True)
     if any(d.is_error for d in found):
         return Exit.FINDINGS
     if output.is_text():
         jobs = sum(len(mode.jobs) for mode in tables.modes)
         output.result(f"{schedule}: valid; {len(tables.modes)} modes, {jobs} jobs, no violation")
     return Exit.OK
+
+
+def _gathered(found: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Return findings for people: one for all jobs of a task that break one rule, and one for all figures.
+
+    Figures come last where something else is wrong, too: they follow from it.
+    """
+    from halpipe.pipeline.verify.codes import WRONG_FIGURE
+
+    figures = [each for each in found if each.code == WRONG_FIGURE.id]
+    others = [each for each in found if each.code != WRONG_FIGURE.id]
+    groups: dict[tuple[str, str], list[Diagnostic]] = defaultdict(list)
+    for number, each in enumerate(others):
+        task = next((subject.name for subject in each.subjects if subject.kind == "task"), f"{number}")
+        groups[each.code, task].append(each)
+    told = [_as_one(group) for group in groups.values()]
+    if figures and any(each.is_error for each in others):
+        help = "mend what is wrong in the jobs first: loads, latencies and cost follow from them"
+        return [*told, replace(_as_one(figures), help=help)]
+    return [*told, *figures]
+
+
+def _as_one(group: Sequence[Diagnostic]) -> Diagnostic:
+    """Return the first of several findings, which tells of the others."""
+    first, *rest = group
+    if not rest:
+        return first
+    named = ", ".join(each.path for each in rest[:NAMED]) + (" ..." if len(rest) > NAMED else "")
+    return replace(first, message=f"{first.message}; {len(rest)} more like it: {named}")

@@ -1,0 +1,47 @@
+"""What `halpipe verify` tells people of a schedule whose model was changed: causes, not every consequence."""
+
+import json
+import re
+
+import pytest
+
+from halpipe.starters import first_model
+
+
+@pytest.fixture
+def changed(halpipe, folder):
+    """The first model with another WCET, beside the schedule of the model as it was."""
+    model = first_model()["model.xml"]
+    (folder / "first.xml").write_bytes(model)
+    assert halpipe("schedule", "first.xml", "-o", "first.schedule.xml").returncode == 0
+    (folder / "first.xml").write_bytes(model.replace(b'name="full" wcet="6ms"', b'name="full" wcet="7ms"'))
+    return "first.xml", "first.schedule.xml"
+
+
+def codes(text):
+    return [line.partition("[")[2].partition("]")[0] for line in text.splitlines() if ": error[" in line]
+
+
+def test_jobs_of_one_task_are_told_together_and_figures_last(halpipe, changed):
+    run = halpipe("verify", *changed)
+    assert run.returncode == 1
+    assert codes(run.stdout) == ["HAL0302", "HAL0313", "HAL0340"]
+    assert '2 more like it: mode "drive" task "camera" job 1, mode "limp" task "camera" job 0' in run.stdout
+    assert "mend what is wrong in the jobs first" in run.stdout
+
+
+def test_everything_is_told_where_that_is_asked_for(halpipe, changed):
+    run = halpipe("verify", *changed, "--verbose")
+    assert codes(run.stdout).count("HAL0313") == 3
+    data = json.loads(halpipe("verify", *changed, "--format", "json").stdout)
+    assert len(data) == len(codes(run.stdout)) > 5
+
+
+def test_figures_alone_are_told_one_by_one(halpipe, folder, changed):
+    model, _ = changed
+    assert halpipe("schedule", model, "-o", "again.xml").returncode == 0
+    text = (folder / "again.xml").read_text()
+    (folder / "again.xml").write_text(re.sub(r'busy="(\d)', r'busy="1\1', text))
+    found = codes(halpipe("verify", model, "again.xml").stdout)
+    assert set(found) == {"HAL0340"}
+    assert len(found) > 1
