@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe import __version__
-from halpipe.cli.groups import Group
+from halpipe.cli.groups import Command, Group
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -66,7 +66,7 @@ def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
         elif verb in GROUPS:
             app.add_typer(module.app, name=verb)
         else:
-            app.command(verb)(getattr(module, name))
+            app.command(verb, cls=Command)(getattr(module, name))
     return app
 
 
