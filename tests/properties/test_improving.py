@@ -11,15 +11,19 @@ import verify_systems as systems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.durations import milliseconds
+from halpipe.durations import greatest_common_divisor, milliseconds
 from halpipe.models import Chain, Split
 from halpipe.pipeline.checked import validate_model, verify_schedule
-from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.measure.objectives import Judge, Objective
+from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve import exact_chains, goals, one_mode
 from halpipe.pipeline.solve import schedule as search
 from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.solve.kernel.naming import named_jobs
+from halpipe.pipeline.solve.kernel.taking_over import taken_over
+from halpipe.pipeline.solve.limits import stated_problem
 from halpipe.pipeline.solve.optimise import value_text
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
@@ -124,9 +128,9 @@ def test_improving_moves_nothing_that_is_frozen(seed, quality):
 OBJECTIVES = ("chains", "jitter", "margin", "preemptions")
 
 
-def check_objectives(system, objectives):
+def check_objectives(system, objectives, **options):
     """No named objective is worse than in the first schedule, and none is better than what is called the best."""
-    first, better = table(system), found(system, optimise=objectives)
+    first, better = table(system, **options), found(system, optimise=objectives, **options)
     judge = Judge(system, expand(system, system.modes[0]), objectives)
     before, after = (judge.worth(plan.modes[0].jobs) for plan in (first, better.schedule))
     assert all(now <= then for then, now in zip(before.values, after.values, strict=True))
@@ -140,6 +144,44 @@ def check_objectives(system, objectives):
 @given(SEEDS, st.permutations([Objective(name) for name in OBJECTIVES]))
 def test_optimising_makes_no_objective_worse_and_no_bound_is_wrong(seed, order):
     check_objectives(drawn(seed, systems), tuple(order[: 1 + seed % 4]))
+
+
+@examples(20)
+@given(SEEDS, st.permutations([Objective(name) for name in OBJECTIVES]))
+def test_optimising_what_the_exact_engine_has_found_makes_no_objective_worse(seed, order):
+    pytest.importorskip("ortools")
+    system = drawn(seed, systems)
+    assume(has_whole_jobs(system))
+    check_objectives(system, tuple(order[: 1 + seed % 4]), engine="exact")
+
+
+@examples(60)
+@given(SEEDS)
+def test_the_annealer_takes_over_any_valid_schedule(seed):
+    """What was valid by construction costs it nothing, and comes out as it went in: starts, versions and units."""
+    system, plan = systems.valid_system(random.Random(seed))
+    assume(has_whole_jobs(system))
+    expansion, jobs = expand(system, system.modes[0]), plan.modes[0].jobs
+    tick = greatest_common_divisor([natural_tick(expansion), *(job.start for job in jobs)])
+    problem = stated_problem(system, expansion, tick, pinned={})
+    state, units = taken_over(problem, jobs, 1)
+    again = named_jobs(problem, state.best_start, state.best_option, units)
+    assert sorted(map(_placed, again)) == sorted(map(_placed, jobs))
+
+
+def _placed(job):
+    return job.task, job.start.ns, job.end.ns, job.version, job.units
+
+
+@pytest.mark.parametrize("engine", ["anneal", "exact"])
+def test_whoever_finds_the_schedule_it_is_improved(engine):
+    system = four_tasks()
+    for objective in (Objective.JITTER, Objective.MARGIN):
+        scheduled = solved(system, engine=engine, optimise=(objective,))
+        assert scheduled.schedule.solver == engine
+        (reached,) = scheduled.reached
+        assert reached.value <= reached.first
+    assert reached.value < reached.first, "the margin of neither is the best at first"
 
 
 @pytest.mark.slow

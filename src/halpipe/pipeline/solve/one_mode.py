@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.diagnostics import HalpipeError, about
 from halpipe.durations import greatest_common_divisor
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.parts import has_whole_jobs
-from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, OTHER_ANSWERED
+from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
 
@@ -141,6 +141,35 @@ class _Search:
 
         return finish(self.polish, jobs, seed, go_on, is_free=is_free)
 
+    def bettered(self, jobs: tuple[Job, ...], notes: list[Diagnostic], engine: str, moves: int = 0) -> Found:
+        """Return what became of the mode where another engine than the annealer has found valid jobs: these or better.
+
+        The annealer goes on from them, on a grid on which they all lie, as it does from those of its own.
+        """
+        better = self._annealed(jobs) if self.polish is not None else None
+        is_cut = better is not None and better.unimproved
+        jobs, moves = (jobs, moves) if better is None else (better.jobs, moves + better.moves)
+        go_on = lambda: self.on_progress(self.name, moves, moves + 1, 0)  # noqa: E731
+        end = self.finished(jobs, self.seed, go_on, is_free=not is_cut)
+        return Found(
+            self.report(end.jobs, Status.VALID), notes, moves, False, is_cut or end.stopped, engine, end.reached
+        )
+
+    def _annealed(self, jobs: tuple[Job, ...]) -> Outcome | None:
+        """Let the annealer improve the jobs; None where it cannot hold them."""
+        from halpipe.pipeline.solve.kernel.search import improved
+
+        assert self.polish is not None
+        tick = greatest_common_divisor([natural_tick(self.expansion), *(job.start for job in jobs)])
+        try:
+            problem = stated_problem(self.model, self.expansion, tick, every_chain=True, pinned={})
+        except HalpipeError as failure:
+            if [found.code for found in failure.diagnostics] == [TOO_LARGE.id]:
+                return None
+            raise
+        on_slice = lambda made, best: self.on_progress(self.name, made, made + 1, best)  # noqa: E731
+        return improved(problem, jobs, self.polish, on_slice, self.earlier, self.kept(self.options.keeper))
+
     def report(self, jobs: tuple[Job, ...], status: Status) -> ModeSchedule:
         """Return the jobs with their figures."""
         return mode_report(self.model, self.expansion, jobs, status)
@@ -167,7 +196,7 @@ class _Exact(_Search):
             go_on=lambda: self.on_progress(self.name, 0, 1, CONSTRUCTING),
         )
         jobs = solve_alone(self.model, self.expansion, self.options.tick, effort)
-        return Found(self.report(jobs, Status.VALID), [], engine=EXACT)
+        return self.bettered(jobs, [], EXACT)
 
 
 class _SplitJobs(_Search):
@@ -257,7 +286,7 @@ class _WholeJobs(_Search):
         path, at = about(mode=self.name), self.expansion.mode.at
         if engine:
             notes.append(OTHER_ANSWERED(f"the answer is that of: {engine}", at=at, path=path))
-            return self._valid(outcome, answer, notes, engine=engine)
+            return self.bettered(answer, notes, engine, outcome.moves)
         if others and EXACT not in others and outcome.cost:
             help = "pip install 'halpipe[exact]'"
             notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
@@ -265,24 +294,12 @@ class _WholeJobs(_Search):
         if outcome.cost:
             table = self.report(outcome.jobs, Status.NOT_FOUND)
             return Found(table, notes, outcome.moves, outcome.stopped)
-        return self._valid(outcome, outcome.jobs, notes, is_cut=outcome.unimproved, stopped=outcome.stopped)
-
-    def _valid(
-        self,
-        outcome: Outcome,
-        jobs: tuple[Job, ...],
-        notes: list[Diagnostic],
-        *,
-        engine: str = ANNEAL,
-        is_cut: bool = False,
-        stopped: bool = False,
-    ) -> Found:
-        """Return the outcome with valid jobs, or better ones."""
+        is_cut = outcome.unimproved
         is_free = not self.shipped and self.tick is None and not self.pinned and not is_cut
-        go_on = lambda: self.on_progress(self.name, 0, self.budget, 0)  # noqa: E731
-        end = self.finished(jobs, self.seed, go_on, is_free=is_free)
+        end = self.finished(outcome.jobs, self.seed, self._go_on(outcome), is_free=is_free)
         table = self.report(end.jobs, Status.VALID)
-        return Found(table, notes, outcome.moves, stopped, is_cut or end.stopped, engine, end.reached)
+        unimproved = is_cut or end.stopped
+        return Found(table, notes, outcome.moves, outcome.stopped, unimproved, reached=end.reached)
 
     def _anneal(self, moves: int) -> Outcome:
         """Let the annealer go on to so many moves in all."""

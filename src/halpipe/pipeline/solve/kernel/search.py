@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from halpipe.models import Job
     from halpipe.pipeline.solve.goals import Polish
@@ -118,6 +118,34 @@ def search(
         moves += better.moves
     units = units or deal_anyhow(problem, state.best_start, state.best_option)
     return Outcome(named(problem, state, units), state.register[BEST], moves, stopped, changed, unimproved)
+
+
+def improved(
+    problem: Problem,
+    jobs: Iterable[Job],
+    polish: Polish,
+    on_slice: OnSlice,
+    earlier: Earlier = NOTHING,
+    kept: Kept | None = None,
+) -> Outcome | None:
+    """Improve a valid schedule that another engine has found; None where the kernel cannot take it over.
+
+    The problem counts the chains that the wishes are about, and its tick divides all starts.
+    """
+    from halpipe.pipeline.solve.kernel.quality import improve
+    from halpipe.pipeline.solve.kernel.taking_over import taken_over
+
+    taken = taken_over(problem, jobs, polish.seed)
+    if taken is None:
+        return None
+
+    def named(problem: Problem, state: State, units: Units) -> tuple[Job, ...]:
+        renamed = rename_units(problem, units, earlier)
+        return tuple(named_jobs(problem, state.best_start, state.best_option, renamed))
+
+    better = improve(problem, *taken, polish, on_slice, named, kept)
+    found = named(better.problem, better.state, better.units)
+    return Outcome(found, 0, better.moves, stopped=False, unimproved=better.stopped)
 
 
 def _completed(problem: Problem, state: State, seed: int) -> State:
