@@ -12,6 +12,7 @@ from halpipe.deploy.linux import DEPLOYMENT
 from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import Ran, judge, read_recording
 from halpipe.diagnostics import HalpipeError
+from halpipe.durations import milliseconds
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
 from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.unrealised import unrealised
@@ -27,6 +28,7 @@ from halpipe.models import (
     Source,
     Split,
     Status,
+    Transition,
     TransitionTable,
     Unit,
 )
@@ -120,6 +122,53 @@ def test_an_access_phase_does_not_begin_before_its_instant(tmp_path):
     tables = schedule(owner, 20, job(owner, "long", 0, 1, "u1"), *whole)
     _, files = write(tmp_path, owner, tables)
     assert "{{1000000, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
+
+
+def switching(split, entry):
+    """Two modes, the second the first turned by 8 ms, and the table between, in which the long job has a gap."""
+    owner = system(split, entry)
+    one = planned(owner).modes[0]
+    ends = milliseconds(8)
+    early = tuple(j for j in one.jobs if j.start < ends)
+    turned = tuple(moved(j, (j.start - ends) % one.hyperperiod) for j in one.jobs)
+    runs = owner.modes[0].runs
+    owner = replace(
+        owner,
+        modes=(Mode(name="one", runs=runs), Mode(name="two", runs=runs)),
+        transitions=(Transition(source="one", target="two", max_length=ends),),
+    )
+    table = TransitionTable(
+        source="one",
+        target="two",
+        length=ends,
+        worst_latency=one.hyperperiod + ends,
+        status=Status.VALID,
+        jobs=early,
+    )
+    modes = (replace(one, name="one"), replace(one, name="two", jobs=turned))
+    return owner, replace(planned(owner), modes=modes, transitions=(table,))
+
+
+def moved(one, start):
+    by = start - one.start
+    parts = tuple(replace(p, start=p.start + by, end=p.end + by) for p in one.parts)
+    return replace(one, start=start, end=one.end + by, parts=parts)
+
+
+@pytest.mark.parametrize(("split", "entry"), [(Split(points=(ms(2),)), "first second"), (None, "both")])
+def test_a_job_with_a_gap_in_a_table_between_modes_is_played_as_in_a_mode(tmp_path, split, entry):
+    owner, tables = switching(split, entry)
+    assert any(j.parts for j in tables.transitions[0].jobs)
+    assert [d.message for d in verify(owner, tables) if d.is_error] == []
+    _, files = write(tmp_path, owner, tables)
+    parts = "{0, 0, 1}, {3000000, 1, 2}, " if split else "{0, 0, 1}, "
+    assert f"parts_0[] = {{ {parts}}};" in files["tables.c"]
+    job = f"{{.start = 0, .end = 7000000, .parts = parts_0, .n_parts = {2 if split else 1}, .program = 1, .job = 0}}"
+    table = files["tables.c"].split("jobs_0_2[] = {")[1].split("};")[0]  # of the long task, between the modes
+    assert table.strip() == f"{job},"
+    crossing = [moved(j, ms(4)) if j.task == "short" and j.index == 0 else j for j in tables.transitions[0].jobs]
+    table = replace(tables.transitions[0], jobs=tuple(crossing))
+    assert [d for d in verify(owner, replace(tables, transitions=(table,))) if d.is_error]
 
 
 def test_a_phase_that_begins_within_a_function_is_refused(tmp_path):
