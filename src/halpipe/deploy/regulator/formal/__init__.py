@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,6 +63,9 @@ class Part:
     of: str = ""
     """The unit whose images they are."""
 
+    memories: tuple[str, ...] = ()
+    """Memories of the properties that stand for those of the same name inside: arrays of any content, at full size."""
+
 
 def _gate(prefix: str, instance: str) -> dict[str, tuple[str, ...]]:
     ports = {
@@ -87,11 +90,6 @@ PARTS = (
         "player",
         _ALL[1:2],
         {
-            **{
-                f"{kind}{n}": (f"dut.{array}[{n}]",)
-                for kind, array in (("entry", "entries"), ("header", "headers"))
-                for n in range(4)
-            },
             "is_calm": ("dut.calm",),
             "place": ("dut.entry_now",),
             "length": ("dut.windows",),
@@ -100,6 +98,7 @@ PARTS = (
             "wr_now": ("dut.wr_now",),
         },
         2,
+        memories=("entries", "headers"),
     ),
     Part(
         "unit",
@@ -141,7 +140,7 @@ PARTS = (
 
 
 MOST_ENTRIES = 64
-"""Of a unit: with more the solver takes more than a minute; such images are compared word by word alone."""
+"""Of a unit: with more the solver takes more than a minute; such images are followed row by row, exactly."""
 
 
 def can_prove(tables: Tables, unit: Unit) -> bool:
@@ -196,11 +195,17 @@ def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
         packages = " ".join(dict.fromkeys(TOOLS[tool] for tool in lacking.split(", ")))
         help = f"install them (Debian: apt-get install {packages}), or use --engine auto, which simulates"
         raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
-    for part in (*PARTS, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
+    depth = min(max(tables.platform.table_depth, 2), 1 << 16)  # an index has 16 bits
+    sizes = {"depth": str(1 << (depth - 1).bit_length()), "tables": str(header_lines(tables))}
+    sized = (replace(part, fills=sizes) if part.memories else part for part in PARTS)
+    for part in (*sized, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
         if names and part.name not in names:
             continue
         with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
             yield _prove(bundle, part, Path(folder))
+    for unit in tables.units if not names or "image" in names else ():
+        if not can_prove(tables, unit):
+            yield follow(bundle, tables, unit)
 
 
 def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
@@ -233,6 +238,48 @@ def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
     return Proof(_title(part), properties, findings, time.monotonic() - begin)
 
 
+def follow(bundle: Bundle, tables: Tables, unit: Unit) -> Proof:
+    """Return whether a player of any content, as proven, plays tables.json from the words of a unit's images.
+
+    By induction over the windows: a table begins with the entry at its base; while an entry is in force, the next word
+    says when it ends. So it is enough to hold each row, and the word after it, against the entry of tables.json. All of
+    it is exact, and read from the images; a word that is missing or is no number is a finding, never an exception.
+    """
+    begin = time.monotonic()
+    entry_name, header_name = image_names(unit)
+    entries, headers = _words(bundle, entry_name, 24), _words(bundle, header_name, 16)
+    found: list[tuple[str, str]] = []
+    rows = 0
+    for table in tables.tables:
+        head = headers[table.index] if table.index < len(headers) else -1
+        base = head >> 32 & 0xFFFFFF
+        if head < 0 or (head >> 56, head & 0xFFFFFFFF) != (table.successor, table.windows):
+            found.append((header_name, f'row {table.index} is not the header of table "{table.name}"'))
+            continue
+        own = table.entries[unit.name]
+        for place, (entry, end) in enumerate(
+            zip(own, [*(e.window for e in own[1:]), table.windows], strict=True), start=base
+        ):
+            rows += 1
+            word = entries[place] if place < min(len(entries), tables.platform.table_depth) else -1
+            after = entries[place + 1] if place + 1 < min(len(entries), tables.platform.table_depth) else -1
+            ends = after >> 64 == end or (end == table.windows and not entry.window < after >> 64 < end)
+            if word != entry.window << 64 | entry.read << 32 | entry.write or after < 0 or not ends:
+                found.append(
+                    (entry_name, f'row {place} does not play windows {entry.window} to {end - 1} of "{table.name}"')
+                )
+    help = "the tables of the bundle were changed; export it again"
+    path = f"proof of the image of {unit.name}"
+    findings = tuple(NOT_PROVEN(text, at=bundle.at(name), path=path, help=help) for name, text in found)
+    return Proof(f"image of {unit.name}, row by row", rows + len(tables.tables), findings, time.monotonic() - begin)
+
+
+def _words(bundle: Bundle, name: str, digits: int) -> list[int]:
+    """Return the words of a memory image; what is no word of so many digits is -1."""
+    lines = bundle.files.get(name, b"").decode("latin-1").splitlines()
+    return [int(line, 16) if re.fullmatch(f"[0-9a-f]{{{digits}}}", line) else -1 for line in lines]
+
+
 def _title(part: Part) -> str:
     return f"{part.name} of {part.of}" if part.of else part.name
 
@@ -240,9 +287,16 @@ def _title(part: Part) -> str:
 def _script(part: Part) -> Iterator[str]:
     """Yield the commands that make the problem: parts flattened, memories as registers, wires joined to the insides."""
     yield f"read_verilog -formal -sv {' '.join(part.sources)} properties.sv"
-    yield f"prep -top formal_{part.name} -flatten -nordff"
-    yield from ("opt_mem", "memory_map")
-    yield f"cd formal_{part.name}"
+    if part.memories:
+        yield from (f"hierarchy -top formal_{part.name}", "proc", "flatten", f"cd formal_{part.name}")
+        yield "delete t:$meminit*"
+        for name in part.memories:
+            yield f'setparam -set MEMID "\\dut.{name}" t:$memrd* r:MEMID=*{name} %i'
+            yield f"delete m:{name}"
+        yield from ("opt_expr", "opt_clean", "opt_merge", "memory_collect")
+    else:
+        yield f"prep -top formal_{part.name} -flatten -nordff"
+        yield from ("opt_mem", "memory_map", f"cd formal_{part.name}")
     for wire, inside in part.wires.items():
         for n, name in enumerate(inside):
             yield f"rename {name} {wire}__{n}"

@@ -1,7 +1,9 @@
 // What a player must do with tables of any content: which table, which window of it, and the budgets of the next window.
-// Its own registers and memories are connected to the wires below that have no driver.
+// Its own registers are connected to the wires below that have no driver, its memories to those of the same name.
 `default_nettype none
-module formal_player (
+module formal_player #(
+  parameter DEPTH = @depth@, parameter TABLES = @tables@, parameter EA = $clog2(DEPTH), parameter HA = $clog2(TABLES)
+)(
   input wire clk, input wire rst_n, input wire tick, input wire go, input wire [31:0] def_rd, input wire [31:0] def_wr,
   input wire req_valid, input wire [7:0] req_table, input wire [2:0] entry_write, input wire [1:0] header_write,
   input wire [15:0] write_index, input wire [95:0] write_data
@@ -9,20 +11,21 @@ module formal_player (
   wire running, pending;
   wire [7:0] table_now, pending_table;
   wire [31:0] window_now, next_rd, next_wr;
-  halpipe_regulator_player #(.DEPTH(4), .TABLES(4)) dut (
+  halpipe_regulator_player #(.DEPTH(DEPTH), .TABLES(TABLES)) dut (
     .clk(clk), .rst_n(rst_n), .tick(tick), .go(go), .def_rd(def_rd), .def_wr(def_wr), .req_valid(req_valid),
     .req_table(req_table), .entry_write(entry_write), .header_write(header_write), .write_index(write_index),
     .write_data(write_data), .running(running), .table_now(table_now), .window_now(window_now), .pending(pending),
     .pending_table(pending_table), .next_rd(next_rd), .next_wr(next_wr));
-  (* keep *) wire [95:0] entry0, entry1, entry2, entry3;
-  (* keep *) wire [63:0] header0, header1, header2, header3;
   (* keep *) wire is_calm; (* keep *) wire [23:0] place;
   (* keep *) wire [31:0] length, rd_now, wr_now;
   (* keep *) wire [7:0] follower;
+  // The player's own memories, whatever is in them: these reads are joined to them. Nothing is written to these here.
+  reg [95:0] entries [0:DEPTH-1];
+  reg [63:0] headers [0:TABLES-1];
   reg first = 1;
   always @(posedge clk) first <= 0;
   always @* assume (rst_n == !first);
-  always @* assume (req_table < 4);
+  always @* assume ({24'd0, req_table} < TABLES);
 
   // Windows have 4 cycles at least. Tables are written while none is played, and not in the cycle before that.
   reg [2:0] since = 0;
@@ -37,22 +40,18 @@ module formal_player (
   always @(posedge clk) wrote <= (entry_write != 0) | (header_write != 0);
   always @* if (go & tick) assume (!wrote);
 
-  function [95:0] entry(input [1:0] i); entry = i == 0 ? entry0 : i == 1 ? entry1 : i == 2 ? entry2 : entry3; endfunction
-  function [63:0] header(input [1:0] i);
-    header = i == 0 ? header0 : i == 1 ? header1 : i == 2 ? header2 : header3;
-  endfunction
-
   // What comes next, from the state and the memories alone; a request counts that is there in the cycle before the tick.
   reg asked = 0; reg [7:0] asked_table = 0;
   always @(posedge clk) begin asked <= pending & rst_n; asked_table <= pending_table; end
   wire ends = ~running | (window_now + 32'd1 == length);
   wire [7:0] chosen = asked ? asked_table : running ? follower : 8'd0;
-  wire [63:0] head = header(chosen[1:0]);
+  wire [63:0] head = headers[chosen[HA-1:0]];
   reg calm = 0;                        // this window has no budgets: it lies between the defaults and the first table
   wire calms = go & ~running & ~calm;
   always @(posedge clk) if (!rst_n) calm <= 0; else if (tick) calm <= calms;
   wire plays = go & ~calms & ~(ends & (head[31:0] == 0));
-  wire [95:0] ahead = ends ? entry(head[33:32]) : entry(place[1:0] + 2'd1);
+  wire [23:0] further = ends ? head[55:32] : place + 24'd1;
+  wire [95:0] ahead = entries[further[EA-1:0]];
   wire changes = ends | (ahead[95:64] == window_now + 32'd1);
 
   // The state after a tick, as it must be.
@@ -101,6 +100,6 @@ module formal_player (
     else if (tick & go & ~calms & ends & ~late) m_pending <= 0;
   end
   always @* if (!first) requests: assert (pending == m_pending & (!pending | pending_table == m_asked));
-  always @* if (!first & asked) known: assert (asked_table < 4);
+  always @* if (!first & asked) known: assert ({24'd0, asked_table} < TABLES);
 endmodule
 `default_nettype wire
