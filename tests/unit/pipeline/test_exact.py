@@ -6,13 +6,14 @@ import pytest
 
 from halpipe.bench.families import Rectangles
 from halpipe.diagnostics import HalpipeError
+from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
 from halpipe.pipeline.solve.exact import PLAIN, Answer, Effort, ExactResult, is_small, solve_exact
 from halpipe.pipeline.solve.exactunits import Groups, Line, Units, forms_of
 from halpipe.pipeline.solve.kernel.arc_colouring import Arc
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
-from support import access, after, chain, model, task, version
+from support import access, after, chain, model, small_model, task, version
 
 pytest.importorskip("ortools")
 
@@ -263,6 +264,14 @@ def test_a_tick_is_refused():
     with pytest.raises(HalpipeError) as failure:
         schedule_model(hard(), SearchOptions(engine="exact", tick=milliseconds(1)), lambda *_: True)
     assert [d.code for d in failure.value.diagnostics] == [codes.EXACT_TICK.id]
+
+
+@pytest.mark.parametrize("how", ["shipped", "near"])
+def test_it_is_refused_to_keep_what_it_would_move(how):
+    before = checked.schedule_model(small_model(), SearchOptions(), lambda *_: True).schedule
+    with pytest.raises(HalpipeError) as failure:
+        checked.schedule_model(small_model(), SearchOptions(engine="exact", **{how: before}), lambda *_: True)
+    assert {d.code for d in failure.value.diagnostics} == {codes.EXACT_KEEPS_NOTHING.id}
 
 
 def test_the_install_line_where_ortools_is_missing(monkeypatch):

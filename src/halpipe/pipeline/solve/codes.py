@@ -80,6 +80,11 @@ EXACT_WHOLE = error(
     "It knows no split points, interrupts, bound tasks and sporadic arrivals (docs/explanation/model.md). The annealer "
     "does.",
 )
+EXACT_KEEPS_NOTHING = error(
+    "HAL0429",
+    "Exact engine keeps no job where it is",
+    "It places every job anew, whatever has shipped or was near. The annealer keeps jobs (--freeze, --near).",
+)
 EXACT_ABSENT = note(
     "HAL0426",
     "Exact engine is not installed",

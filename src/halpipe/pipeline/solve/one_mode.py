@@ -12,7 +12,7 @@ from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.parts import has_whole_jobs
-from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, OTHER_ANSWERED, TOO_LARGE
+from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
 
@@ -189,6 +189,10 @@ class _Exact(_Search):
         from halpipe.pipeline.solve.exact import Effort
         from halpipe.pipeline.solve.exact_member import solve_alone
 
+        if self.options.shipped is not None or self.options.like is not None:
+            mode, help = self.expansion.mode, "use --engine anneal, or leave --freeze and --near away"
+            text = "cannot keep jobs of an earlier schedule"
+            raise HalpipeError(EXACT_KEEPS_NOTHING(text, at=mode.at, path=about(mode=mode.name), help=help))
         effort = Effort(
             work=self.options.effort,
             workers=self.options.workers.count,
