@@ -1,5 +1,6 @@
 """What an overlay does to an imported model, section by section, and how it reports it."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 from overlay_case import applied, apply, imported, overlay
@@ -35,9 +36,17 @@ def test_platform_replaces_the_guessed_one_and_tasks_move_to_it(tmp_path):
 
 def test_units_that_the_platform_keeps_stay_and_lost_ones_are_reported(tmp_path):
     source = model(task("t", 10, version("default", 1, "core0 core1")), units="core0 core1")
+    source = replace(source, units=tuple(replace(unit, origin=Origin("board.arxml")) for unit in source.units))
     result, diagnostics, _ = apply(overlay(tmp_path, "platform: {units: [{name: core1}]}"), source)
     assert result.task("t").versions[0].units == ("core1",)
     assert [d.path for d in of(diagnostics, codes.REMOVED)] == ['task "t" version "default"']
+
+
+def test_a_guessed_unit_holds_no_task_where_the_platform_has_one_of_its_name(tmp_path):
+    text = "platform: {units: [{name: core0}, {name: core1}, {name: pl0}]}\n"
+    assert {v.units for t in applied(tmp_path, text).tasks for v in t.versions} == {("core0", "core1", "pl0")}
+    result = applied(tmp_path, text + 'tasks: {"*": {units: ["core*"]}}')
+    assert {v.units for t in result.tasks for v in t.versions} == {("core0", "core1")}
 
 
 def test_the_same_platform_again_is_no_replacement(tmp_path):

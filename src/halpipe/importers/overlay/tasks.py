@@ -32,14 +32,16 @@ IMPORTED_VERSION = "default"
 class TaskMerger:
     """Merges entries into tasks, given the platform that the model ends up with.
 
-    `units_at` is the place of the overlay's own list of units, None where the imported units stay. `constraints` holds
-    the overlay's precedence list by task and predecessor.
+    `units_at` is the place of the overlay's own list of units, None where the imported units stay. `stand_ins` are the
+    units that the importer assumed because its source describes no computer: a list of units ends the assumption, also
+    where it has one of the same name. `constraints` holds the overlay's precedence list by task and predecessor.
     """
 
     changes: Changes
     units: tuple[str, ...]
     resources: tuple[str, ...]
     units_at: Location | None
+    stand_ins: frozenset[str]
     constraints: Mapping[str, Mapping[str, tuple[Precedence, ...]]]
     _unit_sets: dict[Stated[tuple[str, ...]], tuple[str, ...]] = field(default_factory=dict)
 
@@ -94,7 +96,7 @@ class TaskMerger:
     # ---------------------------------------------------------------------------------------------- units
 
     def _units(self, path: str, base: Version, entries: Ranks[VersionEntry]) -> tuple[str, ...]:
-        kept = tuple(unit for unit in base.units if unit in self.units) if self.units_at else base.units
+        kept = self._kept(base.units) if self.units_at else base.units
         stated = entries.firm(lambda v: v.stated.get("units"))
         if stated is not None:
             units = self._expand(stated, path)
@@ -113,6 +115,10 @@ class TaskMerger:
             return kept
         self.changes.coverage.defaulted(path, "units", show(units), at)
         return units
+
+    def _kept(self, units: tuple[str, ...]) -> tuple[str, ...]:
+        """Return those of the imported `units` that the overlay's platform has, and that the source stated itself."""
+        return tuple(unit for unit in units if unit in self.units and unit not in self.stand_ins)
 
     def _expand(self, stated: Stated[tuple[str, ...]], path: str) -> tuple[str, ...]:
         """Return the platform's units that the names and globs mean; report, once, those that mean none."""

@@ -103,6 +103,7 @@ class OverlayUse:
             units=tuple(unit.name for unit in units),
             resources=tuple(resource.name for resource in resources),
             units_at=overlay.units.at if overlay.units else None,
+            stand_ins=frozenset(unit.name for unit in model.units if unit.origin is None),
             constraints=constraints_by_task(overlay, changes),
         )
         tasks = tuple(self._merged(task, merger) for task in model.tasks)

@@ -208,7 +208,8 @@ def _model(
     _report_windows(result, file, findings)
     chains = chains_of(result.wiring, result.activations, tasks_of, Names(findings), findings, coverage)
     mode = Mode(name=MODE, runs=tuple(Run(task=task.name, versions=(VERSION,)) for task in tasks))
-    used = tuple(Unit(name=unit) for unit in dict.fromkeys(units.values()))
+    stated = {clean(unit) for unit in placed.values()}
+    used = tuple(Unit(name=u, origin=Origin(file) if u in stated else None) for u in dict.fromkeys(units.values()))
     return TaskModel(name=MODE, units=used, tasks=tasks, chains=chains, modes=(mode,), origin=Origin(file))
 
 
