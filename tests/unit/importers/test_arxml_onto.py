@@ -22,7 +22,7 @@ from arxml_case import (
 from test_arxml_ecus import BOTH, VEHICLE
 
 from command_line import run_here
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
@@ -31,6 +31,7 @@ from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes as arxml_codes
 from halpipe.importers.arxml import project_codes, selection_codes
 from halpipe.importers.arxml.files import sniff
+from halpipe.importers.arxml.project import read_project
 from halpipe.importers.base import ImportOptions
 from support import job, schedule
 
@@ -173,6 +174,41 @@ def test_a_project_that_changed_is_refused_with_both_places(tmp_path, change, sa
     assert said in told[0].message
     assert re.search(r"imported from .*system\.arxml:\d+", told[0].message)
     assert told[0].at.line
+
+
+def two_rates(folder, slow):
+    """An OsTask that runs one runnable every 10 ms and another one more seldom."""
+    events = [every("0.01", "Tick", "Pump/Step"), every(slow, "Tock", "Pump/Long")]
+    mappings = rte(mapped("Pump/B/Tick", "Main", "1"), mapped("Pump/B/Tock", "Main", "2"), prototype="Car/p")
+    return write(
+        folder,
+        package("T", component("Pump", *events, runnables="Step Long"), composition("Car", "p:Pump")),
+        package("E", configuration("Os", os_task("Main"), counter(TICK)), configuration("Rte", mappings)),
+    )
+
+
+def test_a_period_that_changed_is_told_where_it_is_in_the_name_of_the_task(tmp_path):
+    path = two_rates(tmp_path, "0.02")
+    model = import_model("arxml", [str(path)], [], ImportOptions(granularity="ostask")).model
+    two_rates(tmp_path, "0.04")
+    findings = Findings()
+    with pytest.raises(HalpipeError) as refused:
+        read_project([str(tmp_path)], model, ImportOptions(), findings)
+    (told,) = refused.value.diagnostics
+    assert (told.code, told.path) == (project_codes.CHANGED_PROJECT.id, 'task "Main@20ms"')
+    assert 'is "Main@40ms" in the project, with the period 40ms for 20ms, imported from ' in told.message
+
+
+def test_what_hides_a_part_of_the_project_is_told_with_the_rest(tmp_path):
+    path = project(tmp_path)
+    model = model_of(path)
+    (tmp_path / "torn.arxml").write_text("<AUTOSAR")
+    point = "<VARIATION-POINT><SHORT-LABEL>L</SHORT-LABEL><SW-SYSCOND>1</SW-SYSCOND></VARIATION-POINT>"
+    path.write_text(
+        path.read_text().replace("<SHORT-NAME>Tick</SHORT-NAME>", f"<SHORT-NAME>Tick</SHORT-NAME>{point}", 1)
+    )
+    told = {d.code for d in export_onto(model, planned(model, 0, 2), str(tmp_path), ImportOptions()).findings}
+    assert {arxml_codes.SKIPPED_FILE.id, arxml_codes.VARIANT.id} <= told
 
 
 def test_an_ecu_of_several_must_be_named_and_gets_all(tmp_path):

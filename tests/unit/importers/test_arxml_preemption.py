@@ -16,7 +16,9 @@ from arxml_case import (
     write,
 )
 
+from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
+from halpipe.files import TOO_MUCH
 from halpipe.importers.arxml import FORMAT, codes
 from halpipe.importers.base import ImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
@@ -133,3 +135,12 @@ def test_interrupt_routines_without_a_time_are_a_warning_until_the_overlay_state
     assert [d.message for d in said] == ["1 interrupt routines have no time, distance or core: Tick"]
     counted = imported(tmp_path, "NON", *routines, overlay=overlay).coverage.rows()
     assert ("OsIsr", 2, 1, 1) in counted
+
+
+def test_as_many_pieces_as_nobody_can_use_are_refused_with_what_to_do(tmp_path):
+    with pytest.raises(HalpipeError) as refused:
+        imported(tmp_path, "FULL", granularity="ostask", pieces=ms("1ns"))
+    (told,) = refused.value.diagnostics
+    assert (told.code, told.path) == (TOO_MUCH.id, 'task "Main"')
+    assert "1000000 pieces of 1ns" in told.message
+    assert told.at.line

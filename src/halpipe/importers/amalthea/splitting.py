@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.amalthea.graph import CALLS, SWITCHES
+from halpipe.importers.pieces import cuts
 from halpipe.models import WHOLE, AccessKind, Split
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ class Splitter:
         points: set[Duration] = set()
         for begin, end in bounds:
             points.add(end)
-            inner = set(_every(longest, begin, end))
+            inner = set(cuts(longest, begin, end, draft.task.name, draft.task.at))
             if any(_is_allowed(point, wcet, accesses) for point in inner):
                 self.cut[draft.task] = None
             points |= inner
@@ -82,14 +83,6 @@ class Splitter:
                 begin = at
         if at > begin:
             yield begin, at
-
-
-def _every(step: Duration, begin: Duration, end: Duration) -> Iterator[Duration]:
-    """Yield every so many instants between two."""
-    point = begin + step
-    while step and point < end:
-        yield point
-        point += step
 
 
 def _is_allowed(point: Duration, wcet: Duration, accesses: Sequence[Access]) -> bool:

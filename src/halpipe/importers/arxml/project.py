@@ -13,6 +13,7 @@ from halpipe.diagnostics import Findings, HalpipeError, Location, about
 from halpipe.durations import Duration, seconds
 from halpipe.importers.arxml import project_codes as codes
 from halpipe.importers.arxml.build import assemble
+from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import listed
@@ -23,7 +24,7 @@ from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.build import Built
     from halpipe.importers.arxml.files.tree import Node, Tree
@@ -37,6 +38,7 @@ _SCHEMA = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _GENERATED = ("DV:RTE", "@CALC")
 _OLD_SCHEMA = re.compile(r"http://(?:www\.)?autosar\.org/[23]")
 _LONGEST_TICK = seconds(1)
+_CAUSES = (SKIPPED_FILE.id, VARIANT.id)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,7 @@ def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOp
     """Return the model of the project at the granularity of the given one, without what that has not."""
     system = read_system(tree, options.ecu)
     tree.findings.stop_on_errors()
-    found: dict[str, set[str]] = {}
+    found: dict[str, Mapping[str, Task]] = {}
     failures = []
     for granularity in GRANULARITIES:
         try:
@@ -90,36 +92,63 @@ def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOp
         except HalpipeError as failure:
             failures.append(failure)
         else:
-            found[granularity] = {task.name for task in made.model.tasks}
+            found[granularity] = {task.name: task for task in made.model.tasks}
     if not found:
         raise failures[0]
+    findings.extend(dict.fromkeys(read for read in tree.findings.items if read.code in _CAUSES))
     wanted = {task.name for task in model.tasks}
-    granularity = max(found, key=lambda known: len(wanted & found[known]))
-    names = found[granularity]
-    for task in model.tasks:
-        if task.name not in names:
-            findings.add(
-                codes.FOREIGN_PROJECT(
-                    f"is in none of its files; it was imported from {task.origin.path if task.origin else 'nowhere'}",
-                    at=task.origin.location if task.origin else Location(),
-                    path=about(task=task.name),
-                    help="name the project that the model was imported from",
-                )
-            )
-    more = sorted(names - wanted)
-    if more:
-        findings.add(
-            codes.MORE_IN_PROJECT(
-                f"{len(more)} tasks of the project are not in the model: {listed(more)}",
-                at=Location(paths[0]),
-                help="import the project again if they are new",
-            )
-        )
+    origins = {_path(task) for task in model.tasks}
+    granularity = max(found, key=lambda known: _likeness(found[known], wanted, origins))
+    _report_others(model, found[granularity], paths, findings)
     findings.stop_on_errors()
     tree.findings = Findings()  # what the other granularities found does not count
     built = assemble(tree, system, paths, _options(options, model, granularity, is_dropping=True))
     tree.findings.stop_on_errors()
     return built
+
+
+def _likeness(tasks: Mapping[str, Task], names: set[str], origins: set[str]) -> tuple[int, int]:
+    """Return how many `tasks` have one of the names, and how many were imported from one of the origins."""
+    return len(names & tasks.keys()), sum(_path(task) in origins for task in tasks.values())
+
+
+def _report_others(model: TaskModel, tasks: Mapping[str, Task], paths: Sequence[str], findings: Findings) -> None:
+    """Report the tasks that only the model has, or only the project; the name of a task may tell its period."""
+    wanted = {task.name for task in model.tasks}
+    new = [task for name, task in sorted(tasks.items()) if name not in wanted]
+    for task in model.tasks:
+        if task.name in tasks:
+            continue
+        now = next((other for other in new if _path(other) == _path(task)), None)
+        if now is None:
+            _report_foreign(task, findings)
+        else:
+            new.remove(now)
+            periods = f", with the period {now.period} for {task.period}" if now.period != task.period else ""
+            _report_changed(task, now, f'is "{now.name}" in the project{periods}', findings)
+    if new:
+        findings.add(
+            codes.MORE_IN_PROJECT(
+                f"{len(new)} tasks of the project are not in the model: {listed([task.name for task in new])}",
+                at=Location(paths[0]),
+                help="import the project again if they are new",
+            )
+        )
+
+
+def _report_foreign(task: Task, findings: Findings) -> None:
+    findings.add(
+        codes.FOREIGN_PROJECT(
+            f"is in none of its files; it was imported from {_path(task) or 'nowhere'}",
+            at=task.origin.location if task.origin else Location(),
+            path=about(task=task.name),
+            help="name the project that the model was imported from",
+        )
+    )
+
+
+def _path(task: Task) -> str:
+    return task.origin.path if task.origin else ""
 
 
 def _options(options: ImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool) -> ImportOptions:
@@ -133,21 +162,25 @@ def _compare(model: TaskModel, fresh: TaskModel, findings: Findings) -> None:
     for task in model.tasks:
         now = fresh.task(task.name)
         for message in _differences(task, now):
-            origin = now.origin or task.origin
-            findings.add(
-                codes.CHANGED_PROJECT(
-                    f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
-                    at=origin.location if origin else Location(),
-                    path=about(task=task.name),
-                    help="import the project again, and schedule it again",
-                )
-            )
+            _report_changed(task, now, message, findings)
+
+
+def _report_changed(task: Task, now: Task, message: str, findings: Findings) -> None:
+    origin = now.origin or task.origin
+    findings.add(
+        codes.CHANGED_PROJECT(
+            f"{message}, imported from {task.origin.location if task.origin else 'nowhere'}",
+            at=origin.location if origin else Location(),
+            path=about(task=task.name),
+            help="import the project again, and schedule it again, or put into the project what an overlay replaced",
+        )
+    )
 
 
 def _differences(task: Task, now: Task) -> Iterator[str]:
     if task.period != now.period:
         yield f"has the period {now.period} in the project, but {task.period} in the model"
-    path, old = (t.origin.path if t.origin else "" for t in (now, task))
+    path, old = _path(now), _path(task)
     if old.startswith("/") and path != old:
         yield f'is "{path}" in the project, but "{old}" in the model'
     units, allowed = ({unit for version in t.versions for unit in version.units} for t in (task, now))

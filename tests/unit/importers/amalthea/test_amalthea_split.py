@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 from amalthea_case import HARDWARE, PLAIN_STIMULI, call, document, found, read, runnable, stimulus, ticks, write
 
+from halpipe.diagnostics import HalpipeError
 from halpipe.durations import ZERO, Duration
 from halpipe.exporters.amalthea import FORMAT as EXPORTER
 from halpipe.exporters.amalthea import AmaltheaOptions
+from halpipe.files import TOO_MUCH
 from halpipe.importers.amalthea import FORMAT, codes
 from halpipe.importers.base import ImportOptions
 from halpipe.models import WHOLE, Binding, Interrupt, Split
@@ -41,6 +43,17 @@ def split_of(folder, preemption, pieces="5ms", memory="within"):
     path = write(folder, document(hw=HARDWARE, stimuli=PLAIN_STIMULI, sw=RUNNABLES + tasks(preemption, *CALLS)))
     imported = FORMAT.read([path], ImportOptions(pieces=ms(pieces), memory=memory))
     return {v.name: v.split for v in imported.model.task("T").versions}, imported
+
+
+def test_as_many_pieces_as_nobody_can_use_are_refused_with_what_to_do(tmp_path):
+    splits, _ = split_of(tmp_path, "preemptive", pieces="350ns")
+    assert len(splits["A"].points) == 2857 + 19_999 + 1428 + 2  # of 1, 7 and 0.5 ms, and the ends of two of them
+    with pytest.raises(HalpipeError) as refused:
+        split_of(tmp_path, "preemptive", pieces="349ns")
+    (told,) = refused.value.diagnostics
+    assert (told.code, told.path) == (TOO_MUCH.id, 'task "T"')
+    assert "20058 pieces of 349ns" in told.message
+    assert "--pieces" in told.help
 
 
 @pytest.mark.parametrize(

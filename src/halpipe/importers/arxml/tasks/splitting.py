@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
+from halpipe.importers.pieces import cuts
 from halpipe.models import WHOLE, Split
 
 if TYPE_CHECKING:
@@ -47,12 +48,10 @@ class Splitter:
         end = ZERO
         for length in lengths:
             begin, end = end, end + length
-            point = begin + self._longest
-            while self._longest and point < end:
+            within = cuts(self._longest, begin, end, draft.name, draft.place.at)
+            if within:
                 self._cut[draft.name] = draft
-                points.append(point)
-                point += self._longest
-            points.append(end)
+            points += [*within, end]
         inner = sorted({point for point in points if ZERO < point < end})
         return Split(points=tuple(inner)) if inner else WHOLE
 
