@@ -265,8 +265,8 @@ class _WholeJobs(_Search):
 
     @cached_property
     def problem(self) -> Problem:
-        """The mode in arrays."""
-        return self._stated()
+        """The mode in arrays; jobs that have shipped stay on their units, so that no group of units is one lane."""
+        return self._stated(grouped=not self.shipped)
 
     def _stated(self, *, grouped: bool = True, every_chain: bool = False) -> Problem:
         return stated_problem(
@@ -311,7 +311,7 @@ class _WholeJobs(_Search):
 
         return search(
             self.problem,
-            lambda: self._stated(grouped=False),
+            lambda: self.problem if self.shipped else self._stated(grouped=False),
             self.seed,
             moves,
             lambda made, best: self.on_progress(self.name, made, self.budget, best),

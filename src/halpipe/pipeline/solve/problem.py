@@ -207,6 +207,7 @@ class _Builder:
         self.options: list[Option] = []
         self.units = {unit.name: unit for unit in units}
         self.pinned = pinned
+        self._known_times: dict[tuple[str, str, Service[Duration]], tuple[int, int]] = {}
 
     def ticks(self, duration: Duration) -> int:
         """Return whole ticks, rounded down; exact for every duration that the tick divides."""
@@ -265,14 +266,16 @@ class _Builder:
                 constraints = [self._row(row) for row in version.precedences]
                 if any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints):
                     continue
+                phases: dict[Service[Duration], list[tuple[int, int, int, int]]] = {}
                 for choice in self._choices(active, version):
                     service = self._service(choice)
-                    length, slip = self._length(version, service), self._late(active, version, service)
+                    length, slip = self._times(active, version, service)
                     if slip < 0 or length > self.hyperperiod:
                         continue
                     self.options.append(Option(version, choice))
-                    phases = self._phases(version, service, quanta)
-                    rects.append([(group, 0, length, count) for group, count in choice] + phases)
+                    if service not in phases:
+                        phases[service] = self._phases(version, service, quanta)
+                    rects.append([(group, 0, length, count) for group, count in choice] + phases[service])
                     rows.append(constraints)
                     wcet.append(length)
                     late.append(slip)
@@ -318,6 +321,13 @@ class _Builder:
     def _reserved(self, option: Option) -> Duration:
         wcet = option.version.wcet if option.version else None
         return reserved_length(wcet, self._service(option.groups)) if wcet else ZERO
+
+    def _times(self, active: ActiveTask, version: Version, service: Service[Duration]) -> tuple[int, int]:
+        """Return how long a job takes and how late it may start: the same on all units with the same interrupts."""
+        key = (active.name, version.name, service)
+        if key not in self._known_times:
+            self._known_times[key] = self._length(version, service), self._late(active, version, service)
+        return self._known_times[key]
 
     def _length(self, version: Version, service: Service[Duration] = ()) -> int:
         assert version.wcet is not None, "validated models state every WCET"
@@ -461,9 +471,9 @@ class _Builder:
         lengths, slips = [0], [0]
         for version in active.versions:
             for choice in self._choices(active, version):
-                service = self._service(choice)
-                lengths.append(self._length(version, service))
-                slips.append(self._late(active, version, service))
+                length, slip = self._times(active, version, self._service(choice))
+                lengths.append(length)
+                slips.append(slip)
         return max(lengths) + max(slips)
 
     def _phase_of(self, task: Task) -> int:
