@@ -165,12 +165,10 @@ class Model:
         found = [pair for unit in sorted(units) for pair in self.interrupts[unit]]
         if sum(Fraction(c, distance) for distance, c in found) >= 1:
             return None
-        length = work
-        while True:
-            longer = work + sum(up(length, distance) * c for distance, c in found)
-            if longer == length:
-                return length
-            length = longer
+        length, shorter = work, None
+        while length != shorter:
+            length, shorter = work + sum(up(length, distance) * c for distance, c in found), length
+        return length
 
 
 class Job:
@@ -315,12 +313,12 @@ class Mode(Table):
     def __init__(self, model, name, jobs):
         super().__init__(model, name, None)
         self.runs = model.modes[name]
-        self.total, self.counted = self.hyperperiod(), {}
-        self.bound, self.figures = defaultdict(list), {}
+        self.total, self.counted, self.bound, self.figures = self.hyperperiod(), {}, defaultdict(list), {}
         for job in jobs:
             self.take(job, self.runs)
         for job in self.jobs:
             self.bound[job.task].append(job)
+        self.longest_job = max((job.end - job.start for job in self.jobs), default=0)
 
     def hyperperiod(self):
         periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p is not None]
@@ -436,8 +434,7 @@ class Mode(Table):
         """Return start and end of the first job, in any cycle, from an instant on; of equals, of the lowest number."""
         found = []
         for job in self.bound[task]:
-            turns = up(since - job.start, self.total)
-            turns += later and job.start + turns * self.total == since
+            turns = up(since + later - job.start, self.total)
             found.append((job.start + turns * self.total, job.index, job.end + turns * self.total))
         return min(found)[::2] if found else None
 
@@ -471,31 +468,29 @@ class Switch(Table):
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
             return self.findings  # what is wrong is told; places on the line would not mean anything
-        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1), default=0)
+        last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1 or job.version.phases), default=0)
         near = self.line(2, max(2, up(last - self.until, self.target.total)))
         self.meet(near)
         self.access(near)
         for name in {job.task for job in self.jobs}:
             self.bind(name, [job for job in [*self.jobs, *self.target.jobs] if job.task == name])
-        two = [job for job in near if job.start < self.until + 2 * self.target.total or job.where != "after"]
-        self.continuity(two)
-        self.entering(two)
-        self.precedence(two)
+        self.continuity()
+        self.entering()
+        self.precedence()
         for name, tasks, *limits in self.model.chains:
             if limits != [None, None] and all(task in self.source.runs and task in self.target.runs for task in tasks):
-                turns = 2 * len(tasks) + 1
-                self.far = defaultdict(list)
-                for job in sorted(self.line(2 * turns, 2 * turns), key=lambda job: (job.start, job.index)):
-                    self.far[job.task].append(job)
+                turns = 4 * len(tasks) + 2
+                line = sorted(self.line(turns, turns), key=lambda job: (job.start, job.index))
+                self.far = {task: [job for job in line if job.task == task] for task in tasks}
                 self.near_ends = {task: sorted((job.end, job.start) for job in self.far[task]) for task in tasks}
                 self.chain(name, tasks, limits, self.far[tasks[0]], self.far[tasks[-1]])
         return self.findings
 
-    def continuity(self, line):
+    def continuity(self):
+        line = sorted(self.line(2, 2), key=lambda job: (job.start, job.index))
         for name in self.source.runs.keys() & self.target.runs.keys():
             task = self.model.tasks[name]
-            jobs = sorted((job for job in line if job.task == name), key=lambda job: (job.start, job.index))
-            for one, two in pairwise(jobs):
+            for one, two in pairwise(job for job in line if job.task == name):
                 if one.where == two.where != "table":
                     continue
                 if task.period is not None and two.start - one.start > (1 + task.slack) * task.period:
@@ -504,28 +499,34 @@ class Switch(Table):
                     self.broken("continuity", two, "starts before the job before has ended")
                 self.late(task, one.start, two)
 
-    def entering(self, line):
-        for job in self.jobs:
-            if job.task not in self.source.runs and not any(
-                least <= other.start - (job.end if origin == "end" else job.start) <= most
-                for other in line
-                if other.where != "before"
-                for to, origin, least, most in other.version.constraints
-                if to == job.task
-            ):
+    def wants(self, cycles):
+        return [(job, *constraint) for job in self.line(0, cycles) for constraint in job.version.constraints]
+
+    def entering(self):
+        wants, cycle = self.wants(1), self.target.total
+        for job in (job for job in self.jobs if job.task not in self.source.runs):
+            for other, to, origin, least, most in wants:
+                gap = other.start - (job.end if origin == "end" else job.start)
+                gap += max(0, (most - gap) // cycle) * cycle if other.where == "after" else 0
+                if to == job.task and least <= gap <= most:
+                    break
+            else:
                 self.broken("entering", job, "no constraint needs it so early")
 
-    def precedence(self, line):
-        after = [job for job in line if job.where != "before"]
-        needs = [(job, *constraint) for job in after for constraint in job.version.constraints]
-        longest = max((need[-1] for need in needs), default=0)
-        longest += max((job.end - job.start for job in self.source.jobs), default=0)
-        far = defaultdict(list)
-        for job in self.line(2 + up(longest, self.source.total), 3):
-            far[job.task].append(job)
-        for job, name, origin, least, most in needs:
-            since = (job.start - (other.end if origin == "end" else other.start) for other in far[name])
-            if not any(least <= gap <= most for gap in since):
+    def precedence(self):
+        """In cycles of the mode to come, up to those whose predecessors all lie in it as in its steady state."""
+        furthest = [max(window) for window in zip((0, 0), *(want[-2:] for want in self.wants(1)), strict=True)]
+        before = 2 + up(furthest[1] + self.source.longest_job, self.source.total)
+        after = 2 + up(furthest[0] + self.target.longest_job, self.target.total)
+        found = defaultdict(list)
+        for job in self.line(before, after + 1):
+            found[job.task, "start"].append(job.start)
+            found[job.task, "end"].append(job.end)
+        for instants in found.values():
+            instants.sort()
+        for job, name, origin, least, most in self.wants(after):
+            place = bisect_right(found[name, origin], job.start - least)
+            if not place or found[name, origin][place - 1] < job.start - most:
                 self.broken("precedence", job, f"no job of {name} starts or ends within the window")
 
     def next_start(self, task, since, later):
@@ -547,10 +548,8 @@ def judge(model_path, schedule_path):
         findings.append(("figures", "-", "-", "-", "the schedule was made for another model"))
     for element in inside(root, "mode"):
         name = need(element, "name")
-        if name in tables:
-            raise UnreadableError("a mode has two schedules")
-        if name not in model.modes:
-            raise UnreadableError("the model has no such mode")
+        if name in tables or name not in model.modes:
+            raise UnreadableError("a mode has two schedules, or is not of the model")
         jobs = [Job(job) for job in inside(element, "job")]
         tables[name] = mode = Mode(model, name, jobs)
         for chain in inside(element, "chain"):

@@ -319,21 +319,27 @@ def _switch(model, schedule, table, max_length):
     yield from _assignment(model, target, jobs)
     far = _line(model, schedule, table, jobs, period, _reach(model, period))
     line = _line(model, schedule, table, jobs, period, 2)
-    last = max((a.end for a in line if a.part != "m" and len(a.pieces) > 1), default=0)
+    everything = {t.name: (t, {v.name: v for v in t.versions}) for t in model.tasks}
+    last = max((a.end for a in line if a.part != "m" and returns_late(everything, a)), default=0)
     if last > length + 2 * period[1]:
         line = _line(model, schedule, table, jobs, period, (last - length) // period[1] + 1)
-    everything = {t.name: (t, {v.name: v for v in t.versions}) for t in model.tasks}
     if _overlap(line, lambda t: t):
         yield "exclusive"
     if split_oracle.crossing_on_line(line):
         yield "nested"
     if _overload(model, everything, line, lambda t: t):
         yield "access"
-    if not all(_line_precedence(target, far, a) for a in line if a.part != "n"):
+    if not all(_line_precedence(target, far, a) for a in far if a.part != "n"):
         yield "precedence"
     yield from _continuity(source, target, line)
-    yield from _entering(source, target, line)
+    yield from _entering(source, target, far)
     yield from _line_chains(model, source, target, far, length)
+
+
+def returns_late(tasks, a):
+    """Whether a job may take something that it did not hold when it started."""
+    v = version(tasks, a.job)
+    return len(a.pieces) > 1 or bool(v and v.accesses)
 
 
 def _reach(model, period):

@@ -117,6 +117,32 @@ def test_an_entering_task_starts_early_where_a_constraint_needs_it():
     assert [(j.task, j.start) for j in table.jobs] == [("sense", table.length + milliseconds(-6))]
 
 
+def test_predecessors_are_put_before_as_many_cycles_as_need_them():
+    """Each of the first three cycles of the mode after looks for its own, 35 ms back."""
+    other = task("other", 30, version("v", 1, "u2"))
+    first, then = (
+        task("first", 10, version("v", 1, "u1")),
+        task("then", 10, version("v", 1, "u1", after("first", 35, 36))),
+    )
+    system = model(
+        other,
+        first,
+        then,
+        units="u1 u2",
+        modes=[mode("a", [other]), mode("b", [first, then])],
+        transitions=[("a", "b", 60)],
+    )
+    before = schedule(system, 30, job(system, "other", 0, 0, "u2"), mode_name="a")
+    later = schedule(system, 10, job(system, "first", 0, 3, "u1"), job(system, "then", 0, 9, "u1"), mode_name="b")
+    switched = tables_of(system, replace(before, modes=(*before.modes, *later.modes)))
+    assert switched.diagnostics == ()
+    (table,) = switched.tables
+    assert {j.task for j in table.jobs} == {"first"}
+    ages = [table.length + milliseconds(9 + 10 * n) - j.start for n, j in enumerate(table.jobs)]
+    assert len(ages) == 3
+    assert all(milliseconds(35) <= age <= milliseconds(36) for age in ages)
+
+
 def test_what_blocks_a_length_is_named():
     system, plan = two_modes(0, 8, 0)
     change = Change(*on_common_grid(system, *plan.modes))

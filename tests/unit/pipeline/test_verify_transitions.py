@@ -160,6 +160,24 @@ def test_resources_are_shared_across_the_switch():
     assert not errors(system, switch(plan, 1))
 
 
+@pytest.mark.parametrize(("phase", "end"), [((80, 90), "85ms"), ((79, 80), None)])
+def test_a_job_in_progress_may_take_a_resource_cycles_later(phase, end):
+    """Here in the eighth cycle of mode two, or at an end of a claim there."""
+    c = task("c", 100, version("v", 90, "u1", access("r", *phase)))
+    d = task("d", 10, version("v", 5, "u2", access("r", "0ms", "5ms")))
+    system = two_modes((c,), (d,), resources="r")
+    plan = plan_of(
+        system, table("one", 100, job(system, "c", 0, 95, "u1")), table("two", 10, job(system, "d", 0, 0, "u2"))
+    )
+    if end:
+        text = only(system, switch(plan, 0), codes.OVERLOAD)
+        assert f'from 80ms to {end} by "c" job 0 of mode "one" and "d" job 0 of mode "two": 1 too much' in text
+    else:
+        text = only(system, switch(plan, 4), codes.OVERLOAD)
+        assert "from 74ms to 75ms" in text
+        assert not errors(system, switch(plan, 9))
+
+
 @pytest.mark.parametrize(("version", "units", "code"), [("w", "u1", "WRONG_VERSION"), ("v", "u1 u2", "WRONG_UNIT")])
 def test_the_table_uses_versions_and_units_of_the_mode_to_come(version, units, code):
     system, plan = only_a()
@@ -209,6 +227,29 @@ def test_predecessors_may_lie_more_than_two_cycles_back():
     system = two_modes((FIRST, then), (FIRST, then))
     plan = tables(system, [("first", 0, "u1"), ("then", 1, "u2")], [("first", 0, "u1"), ("then", 1, "u2")])
     assert not errors(system, switch(plan, 0))
+
+
+@pytest.mark.parametrize("last", [23, 24, 28])
+def test_a_predecessor_may_be_missed_in_the_third_cycle_first(last):
+    """Two cycles find theirs at -27 and -17 ms; the third looks for one from -7 to -6 ms."""
+    first = replace(FIRST, slack=Fraction(1, 2))
+    then, other = following(35, 36), task("other", 30, version("v", 1, "u2"))
+    system = two_modes((first, other), (first, then))
+    before = [replace(job(system, "first", 0, at, "u1"), index=n) for n, at in enumerate((3, 13, last))]
+    one = table("one", 30, *before, job(system, "other", 0, 0, "u2"))
+    two = table("two", 10, job(system, "first", 0, 4, "u1"), job(system, "then", 0, 9, "u2"))
+    plan = switch(plan_of(system, one, two), 0)
+    if last == 28:
+        assert "starts at 29ms after the switch" in only(system, plan, codes.OUT_OF_WINDOW)
+    else:
+        assert not errors(system, plan)
+
+
+def test_a_window_that_reaches_back_too_far_is_refused():
+    then = following(20_000_000, 20_000_010)
+    system = two_modes((FIRST, then), (FIRST, then))
+    plan = tables(system, [("first", 0, "u1"), ("then", 3, "u2")], [("first", 0, "u1"), ("then", 3, "u2")])
+    assert "reaches back over 2000000 cycles" in only(system, switch(plan, 0), codes.TOO_LONG)
 
 
 def test_a_task_that_enters_may_start_early_where_needed():

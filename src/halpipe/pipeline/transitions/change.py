@@ -12,14 +12,14 @@ from halpipe.durations import ZERO
 from halpipe.pipeline.transitions.line import Layer, Line
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from halpipe.models import Task
     from halpipe.pipeline.transitions.line import LineJob
     from halpipe.pipeline.transitions.modes import GridMode, Window
 
-CYCLES = 2
-"""Cycles of each mode that the rules of a switch look at (MODEL 5)."""
+MOST_CYCLES = 1000
+"""Cycles of one mode that are looked at for one window, however wide it is or far back it reaches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +52,8 @@ class Change:
     def __init__(self, before: GridMode, after: GridMode) -> None:
         self.before = before
         self.after = after
-        self._past = _Instants(before, range(-CYCLES, 0))
-        self._future = _Instants(after, range(CYCLES))
+        self._past = _Instants(before, last=-1)
+        self._future = _Instants(after, first=0)
         cycle = before.hyperperiod
         self.tail = [job.moved(-n * cycle) for job in before.jobs for n in range(1, -(-job.end // cycle))]
         """The jobs of the mode before that still run after the switch, with all their parts."""
@@ -144,15 +144,29 @@ class Change:
 
     @cached_property
     def open_windows(self) -> list[tuple[LineJob, Window]]:
-        """The windows of jobs of the mode after, relative to its beginning, that no job of that mode meets."""
-        cycle = self.after.hyperperiod
-        jobs = [job.moved(number * cycle) for number in range(CYCLES) for job in self.after.jobs]
+        """The windows of jobs of the mode after, relative to its beginning, that no job of that mode meets.
+
+        They lie in its first cycles: those in which the nearest predecessor of the steady state would come before it.
+        """
         return [
-            (job, window)
-            for job in jobs
+            (job.moved(number * self.after.hyperperiod), window)
+            for job in self.after.jobs
             for window in self.after.windows[job.task, job.shape.version]
-            if not self.has_future(window, job.start - window.high, job.start - window.low)
+            for number in range(self._cycles_before_steady(window))
+            if not self._is_met_later(job.start + number * self.after.hyperperiod, window)
         ]
+
+    def _cycles_before_steady(self, window: Window) -> int:
+        """Return in how many cycles a job may need a predecessor from before the mode after.
+
+        The nearest lies at most a cycle further back than the window asks, and an end up to a job's length after its
+        start.
+        """
+        longest = max((shape.length for shape in self.after.shapes.get(window.task, ())), default=0)
+        return min(MOST_CYCLES, 2 - (-(window.low + longest) // self.after.hyperperiod))
+
+    def _is_met_later(self, start: int, window: Window) -> bool:
+        return self.has_future(window, start - window.high, start - window.low)
 
     def has_past(self, window: Window, low: int, high: int) -> bool:
         """Return whether a predecessor of the mode before lies in [low, high]."""
@@ -192,27 +206,44 @@ def _jobs_before(reach: int, mode: GridMode) -> Iterator[LineJob]:
 
 
 class _Instants:
-    """Starts and ends of the jobs of every task over some cycles, sorted; made on first use."""
+    """Starts and ends of the jobs of every task in a mode's cycles from `first` to `last`, both included."""
 
-    def __init__(self, mode: GridMode, cycles: Iterable[int]) -> None:
+    def __init__(self, mode: GridMode, first: int | None = None, last: int | None = None) -> None:
         self._by_task: dict[str, list[LineJob]] = {}
         for job in mode.jobs:
             self._by_task.setdefault(job.task, []).append(job)
-        self._shifts = [cycle * mode.hyperperiod for cycle in cycles]
+        self._cycle = mode.hyperperiod
+        self._first, self._last = first, last
         self._made: dict[tuple[str, bool], list[int]] = {}
 
     def within(self, window: Window, low: int, high: int) -> list[int]:
         """Return those of the window's task, starts or ends as the window says, that lie in [low, high]."""
         instants = self._of(window)
-        return instants[bisect_left(instants, low) : bisect_right(instants, high)]
+        return [
+            instant + cycle * self._cycle
+            for cycle in self._cycles(instants, low, high)
+            for instant in instants[
+                bisect_left(instants, low - cycle * self._cycle) : bisect_right(instants, high - cycle * self._cycle)
+            ]
+        ]
 
     def newest(self, window: Window) -> int | None:
-        """Return the last of them; None where the task does not run."""
-        return max(self._of(window), default=None)
+        """Return the last of them; None where the task does not run, or runs for ever."""
+        instants = self._of(window)
+        return instants[-1] + self._last * self._cycle if instants and self._last is not None else None
+
+    def _cycles(self, instants: list[int], low: int, high: int) -> range:
+        """Return the cycles, no more than the last `MOST_CYCLES`, that have instants in [low, high]."""
+        if not instants:
+            return range(0)
+        first, last = -((instants[-1] - low) // self._cycle), (high - instants[0]) // self._cycle
+        first = first if self._first is None else max(first, self._first)
+        last = last if self._last is None else min(last, self._last)
+        return range(max(first, last - MOST_CYCLES), last + 1)
 
     def _of(self, window: Window) -> list[int]:
+        """Return the sorted instants of cycle 0."""
         key = (window.task, window.from_end)
         if key not in self._made:
-            jobs = self._by_task.get(window.task, ())
-            self._made[key] = sorted(window.instant(job) + shift for job in jobs for shift in self._shifts)
+            self._made[key] = sorted(window.instant(job) for job in self._by_task.get(window.task, ()))
         return self._made[key]

@@ -1,6 +1,6 @@
 """The search for the jobs of one transition table of a given length.
 
-What is fixed is in `Change`: two cycles of the mode before, two of the mode after. What is asked: the fewest jobs that
+What is fixed is in `Change`: the cycles of the mode before and of the mode after. What is asked: the fewest jobs that
 keep tasks of both modes from starving and that give jobs of the mode after the predecessors they need. Jobs are placed
 by latest start first; those that do not fit are tried earlier in the next round.
 """

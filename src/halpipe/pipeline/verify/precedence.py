@@ -13,6 +13,7 @@ from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.recurrence import Future, Listed, Past
 from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.tables import MAX_LINE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,7 +53,9 @@ def _out_of_window(text: str, placed: Placed, constraint: Precedence, path: str,
     return codes.OUT_OF_WINDOW(text, at=placed.job.at, path=path, help=help, subjects=[before])
 
 
-def _witness(start: int, constraint: Precedence, instants: Findable, clock: Clock) -> tuple[Found, bool] | None:
+def _witness(
+    start: int, constraint: Precedence, instants: Findable, clock: Clock
+) -> tuple[tuple[int, Placed], bool] | None:
     """Return the nearest predecessor at least min before `start`, and whether it is at most max before it."""
     found = instants.latest(start - clock.ticks(constraint.min))
     if found is None:
@@ -127,30 +130,61 @@ class _Of:
 
 
 def check_precedence_on_line(switch: Switch) -> Iterator[Diagnostic]:
-    """Look for a predecessor of every constraint of the table's jobs and of the first two cycles of mode m.
+    """Look for a predecessor of every constraint of the table's jobs and of mode m's, each in the cycles in question.
 
     What is broken in mode m without any switch is left to the rule of that mode.
     """
-    clock = switch.clock
     line = LineInstants(switch)
-    after = list(zip(switch.after(2), switch.target.jobs * 2, strict=True))
-    for placed, cyclic in [(p, None) for p in switch.jobs] + after:
+    for placed in switch.jobs:
         for constraint in placed.version.precedences if placed.version else ():
-            found = _witness(placed.start, constraint, _Of(line, constraint), clock)
-            if (found is None or not found[1]) and not (cyclic and _broken_anyway(cyclic, constraint, switch.target)):
-                text = f"starts at {clock.text(placed.start)} after the switch and needs a job of "
-                text += (
-                    f'"{constraint.task}" whose {constraint.anchor} lies [{constraint.min}, {constraint.max}] before'
-                )
-                text += f"; {_nearest(placed, found and found[0], clock)}"
-                help = "start the predecessor during the switch, or move the jobs"
-                yield _out_of_window(text, placed, constraint, switch.path(placed), help)
+            yield from _check_on_line(placed, constraint, line, switch)
+    left = MAX_LINE
+    for cyclic in switch.target.jobs:
+        for constraint in cyclic.version.precedences if cyclic.version else ():
+            cycles = _cycles_back(cyclic, constraint, switch.target)
+            left -= cycles
+            if left < 0:
+                text = f'a constraint on "{constraint.task}" reaches back over {cycles} cycles of the mode to come'
+                help = "shorten the window, or list only the transitions needed"
+                yield codes.TOO_LONG(text, at=switch.table.at, path=switch.path(cyclic), help=help)
+                return
+            yield from _first_broken(cyclic, constraint, cycles, line, switch)
 
 
-def _broken_anyway(cyclic: Placed, constraint: Precedence, table: ModeTable) -> bool:
-    instants = table.instants.of(constraint.task, constraint.anchor)
-    found = _witness(cyclic.start, constraint, instants, table.clock)
-    return found is None or not found[1]
+def _cycles_back(placed: Placed, constraint: Precedence, table: ModeTable) -> int:
+    """Return how many cycles before a job its nearest predecessor on the circle lies; 0 where the mode has none.
+
+    In so many cycles after a switch the job needs a predecessor from before mode m; in later ones that one serves.
+    """
+    found = _witness(placed.start, constraint, table.instants.of(constraint.task, constraint.anchor), table.clock)
+    if found is None or not found[1]:
+        return 0
+    instant, before = found[0]
+    own = before.start if constraint.anchor is Anchor.START else before.end
+    return (own - instant) // table.period
+
+
+def _first_broken(
+    cyclic: Placed, constraint: Precedence, cycles: int, line: LineInstants, switch: Switch
+) -> Iterator[Diagnostic]:
+    """Report the first of the first `cycles` cycles of mode m in which a job misses its predecessor."""
+    for turn in range(cycles):
+        placed = cyclic.moved(switch.length + turn * switch.target.period, f' of mode "{switch.target.name}"')
+        broken = list(_check_on_line(placed, constraint, line, switch))
+        if broken:
+            yield from broken
+            return
+
+
+def _check_on_line(placed: Placed, constraint: Precedence, line: LineInstants, switch: Switch) -> Iterator[Diagnostic]:
+    clock = switch.clock
+    found = _witness(placed.start, constraint, _Of(line, constraint), clock)
+    if found is None or not found[1]:
+        window = f"{constraint.anchor} lies [{constraint.min}, {constraint.max}] before"
+        text = f'starts at {clock.text(placed.start)} after the switch and needs a job of "{constraint.task}" whose '
+        text += f"{window}; {_nearest(placed, found and found[0], clock)}"
+        help = "start the predecessor during the switch, or move the jobs"
+        yield _out_of_window(text, placed, constraint, switch.path(placed), help)
 
 
 def _nearest(placed: Placed, found: Found, clock: Clock) -> str:

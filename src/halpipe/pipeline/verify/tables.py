@@ -226,15 +226,20 @@ class Switch:
         return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
 
     def cycles_of(self, jobs: list[Placed]) -> int:
-        """Return how many cycles of mode m the line has: two, or as many as split ones of `jobs` last (MODEL 8.2).
+        """Return how many cycles of mode m the line has: two, or as many as `jobs` last that may meet later ones.
 
         No more than `MAX_LINE` jobs, though, which the rule of its length reports.
         """
         return min(self.cycles_needed(jobs), 2 + MAX_LINE // max(1, len(self.target.jobs)))
 
     def cycles_needed(self, jobs: list[Placed]) -> int:
-        """Return how many cycles of mode m there would have to be."""
-        last = max((p.end for p in jobs if len(p.stretches) > 1), default=0)
+        """Return how many cycles of mode m there would have to be.
+
+        Split jobs leave gaps and take their units again late (MODEL 8.2), and any job may take a resource late. One in
+        one piece without access phases holds its units all along, so it meets a job of the first cycle or none.
+        """
+        late = (p for p in jobs if len(p.stretches) > 1 or (p.version is not None and p.version.accesses))
+        last = max((p.end for p in late), default=0)
         return max(2, -(-(last - self.length) // self.target.period))
 
     def path(self, placed: Placed | None = None) -> Path:

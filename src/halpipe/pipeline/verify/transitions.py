@@ -1,4 +1,7 @@
-"""The rules of a switch from mode n to mode m (MODEL 5), on the line: two cycles of n, the table, two cycles of m."""
+"""The rules of a switch from mode n to mode m (MODEL 5), on the line: cycles of n, the table, cycles of m.
+
+Two of each are enough but where a job or a window reaches further.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from math import floor
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
 from halpipe.pipeline.verify.binding import check_binding_on_line
@@ -20,9 +24,10 @@ from halpipe.pipeline.verify.sharing import check_access_on_line, check_exclusiv
 from halpipe.pipeline.verify.tables import TABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.diagnostics import Diagnostic
+    from halpipe.models import Precedence
     from halpipe.pipeline.verify.tables import ActiveTask, Placed, Switch
 
 
@@ -107,20 +112,41 @@ def check_entering(switch: Switch) -> Iterator[Diagnostic]:
 
 
 class _Needs:
-    """For every predecessor, the windows in which jobs of the table and of two cycles of mode m need it."""
+    """For every predecessor, what jobs of the table and of the cycles of mode m ask of it."""
 
     def __init__(self, switch: Switch) -> None:
-        clock = switch.clock
-        self._windows: dict[str, list[tuple[int, int, bool]]] = {}
-        for placed in (*switch.jobs, *switch.after(2)):
-            for need in placed.version.precedences if placed.version else ():
-                span = (placed.start - clock.ticks(need.max), placed.start - clock.ticks(need.min))
-                self._windows.setdefault(need.task, []).append((*span, need.anchor == "end"))
+        self._clock = switch.clock
+        self._cycle = switch.target.period
+        self._of_table = _wanted_by(switch.jobs)
+        self._of_mode = _wanted_by(switch.after(1))
 
     def covers(self, placed: Placed) -> bool:
-        """Tell whether the start (or the end) of the job lies in a window."""
-        windows = self._windows.get(placed.job.task, ())
-        return any(low <= (placed.end if from_end else placed.start) <= high for low, high, from_end in windows)
+        """Tell whether the start (or the end) of the job lies in a window of one of them."""
+        if any(self._lies(placed, 0, start, need) for start, need in self._of_table.get(placed.job.task, ())):
+            return True
+        return any(self._lies_in_a_cycle(placed, start, need) for start, need in self._of_mode.get(placed.job.task, ()))
+
+    def _lies_in_a_cycle(self, placed: Placed, start: int, need: Precedence) -> bool:
+        # the last cycle in which the job is not too old: in earlier ones it is younger
+        turn = (self._clock.ticks(need.max) - self._age(placed, start, need)) // self._cycle
+        return turn >= 0 and self._lies(placed, turn, start, need)
+
+    def _lies(self, placed: Placed, turn: int, start: int, need: Precedence) -> bool:
+        age = self._age(placed, start, need) + turn * self._cycle
+        return self._clock.ticks(need.min) <= age <= self._clock.ticks(need.max)
+
+    @staticmethod
+    def _age(placed: Placed, start: int, need: Precedence) -> int:
+        return start - (placed.end if need.anchor is Anchor.END else placed.start)
+
+
+def _wanted_by(jobs: Iterable[Placed]) -> dict[str, list[tuple[int, Precedence]]]:
+    """Return, for every predecessor, the starts of `jobs` that want it, with the constraints."""
+    wanted: dict[str, list[tuple[int, Precedence]]] = {}
+    for placed in jobs:
+        for need in placed.version.precedences if placed.version else ():
+            wanted.setdefault(need.task, []).append((placed.start, need))
+    return wanted
 
 
 SWITCH_RULES: tuple[Rule[Switch], ...] = (
