@@ -94,6 +94,9 @@ def check(
     margin: Annotated[bool, typer.Option("--margin", help="Find out how many cycles an instruction may take.")] = False,
     seed: Seed = 1,
     trace: Annotated[str, typer.Option(metavar="FILE", help="Write the executions that were seen (CSV).")] = "",
+    bandwidth: Annotated[
+        str, typer.Option(metavar="FILE", help="Write what memory phases are promised, granted and use (CSV).")
+    ] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -105,6 +108,8 @@ def check(
     output.choose(format, quiet=quiet, verbose=verbose)
     execution = "modelled" if modelled else "real"
     faults = {None: "some", True: "all", False: "none"}[inject]
+    if trace and trace == bandwidth:
+        raise typer.BadParameter("give another file than for --trace", param_hint="--bandwidth")
     if cycles and seconds:
         raise typer.BadParameter("give one of --cycles and --seconds", param_hint="--seconds")
     options = CheckOptions(
@@ -113,9 +118,12 @@ def check(
     checked = check_bundle(bundle, options)
     for line in checked.lines:
         output.result(line)
-    if trace:
-        _write_traces(trace, checked.files)
     output.report(checked.diagnostics)
+    wanted = _traces(trace, checked.files) if trace else {}
+    if bandwidth:
+        wanted[bandwidth] = _phases(bundle, checked.files)
+    if wanted:
+        _write(wanted, {trace, bandwidth})
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
 
 
@@ -154,15 +162,27 @@ def _address(text: str) -> int | None:
         raise typer.BadParameter(f"{text[:40]!r} is no address; write it as 0x80000000", param_hint="--base") from None
 
 
-def _write_traces(file: str, traces: Mapping[str, bytes]) -> None:
-    """Write the traces of a check: the first to `file`, further ones beside it."""
+def _traces(file: str, files: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the traces of a check: the first as `file`, further ones beside it."""
+    return {_beside(file, n.removeprefix("trace")): content for n, content in files.items() if n.startswith("trace")}
+
+
+def _phases(bundle: str, files: Mapping[str, bytes]) -> bytes:
+    """Return the memory phases of a check; it is wrong to ask for them where no regulators were played."""
+    if "bandwidth" not in files:
+        text = f"{bundle} was not played with regulators that grant bytes in windows: export riscv --regulator"
+        raise typer.BadParameter(text, param_hint="--bandwidth")
+    return files["bandwidth"]
+
+
+def _write(contents: Mapping[str, bytes], named: set[str]) -> None:
+    """Write further results; those that nobody has named must not replace files of other kinds."""
     from halpipe.files import begins_like, refuse_foreign, write_outputs
 
-    contents = {_beside(file, name.removeprefix("trace")): content for name, content in traces.items()}
     for name, content in contents.items():
-        if name != file:
+        if name not in named:
             refuse_foreign(name, begins_like(content))
-    write_outputs(contents)
+    write_outputs(dict(contents))
 
 
 def _beside(file: str, suffix: str) -> str:

@@ -192,10 +192,10 @@ class Judge:
     def rows(self, samples: Sequence[Sample], file: str) -> Iterator[Diagnostic]:
         """Yield samples above what could pass: the budgets of the windows, and a burst that was waiting before them."""
         for sample in samples:
-            granted, most = self._granted(sample)
+            granted, most = self._limits(sample)
             usage = self.usage.setdefault((sample.table.name, sample.unit.name, sample.direction), Usage())
             usage.samples += 1
-            usage.promised += self._promised(sample)
+            usage.promised += self.promised(sample)
             usage.granted += granted
             usage.used += sample.used
             if sample.used > most:
@@ -225,7 +225,11 @@ class Judge:
         width = self._tables.platform.window_ns
         return range(sample.start // width, ceil(sample.end / width))
 
-    def _granted(self, sample: Sample) -> tuple[int, int]:
+    def granted(self, sample: Sample) -> int:
+        """Return the budgets of the windows that a sample touches."""
+        return self._limits(sample)[0]
+
+    def _limits(self, sample: Sample) -> tuple[int, int]:
         """Return the budgets of the windows that a sample touches, and the most that can pass in them."""
         key = (sample.table.index, sample.unit.name, sample.direction)
         if key not in self._budgets:
@@ -242,7 +246,7 @@ class Judge:
         before = self._tables.before(sample.table)
         return any(table.entries[sample.unit.name][-1].budget(sample.direction) for table in before)
 
-    def _promised(self, sample: Sample) -> Fraction:
+    def promised(self, sample: Sample) -> Fraction:
         """Return the bytes that the schedule promises in an interval; linear within windows that it cuts."""
         key = (sample.table.index, sample.unit.name, sample.direction)
         if key not in self._volumes:

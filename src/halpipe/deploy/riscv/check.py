@@ -118,9 +118,9 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
     site = totals.outcomes[0].run.site
     lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
-    held, told = hold_transfers(target, totals.outcomes)
-    lines += told
-    findings = tuple(sort_diagnostics([*static, *totals.findings, *held]))
+    held = hold_transfers(target, totals.outcomes)
+    lines += held.lines
+    findings = tuple(sort_diagnostics([*static, *totals.findings, *held.findings]))
     sound = not any(found.is_error for found in findings)
     dispatches = [outcome.dispatch for outcome in totals.outcomes]
     if sound and options.inject != "none":
@@ -135,7 +135,8 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     if not any(found.is_error for found in findings):
         lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
     traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
-    return Checked(diagnostics=findings, lines=tuple(lines), files=traces)
+    files = traces | ({"bandwidth": held.phases} if held.phases else {})
+    return Checked(diagnostics=findings, lines=tuple(lines), files=files)
 
 
 def static_findings(target: Target) -> list[Diagnostic]:

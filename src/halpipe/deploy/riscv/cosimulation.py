@@ -15,6 +15,7 @@ from halpipe.deploy.riscv.machine import MANAGEMENT, Budget, Machine
 from halpipe.deploy.riscv.observation import Recorder
 from halpipe.deploy.riscv.plant import Plant
 from halpipe.deploy.riscv.recording import Recording, meaning, read_recording
+from halpipe.deploy.riscv.regulators import regulators_playing
 from halpipe.deploy.riscv.sequence import Request
 from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import Findings, HalpipeError, Location
@@ -94,6 +95,10 @@ class Run:
         """Return an instant of the machine as the time since the beginning of the run."""
         return Duration(Fraction((instant - (self.zero or 0)) * 10**9, self.rate))
 
+    def length(self, units: int) -> Duration:
+        """Return a number of units as a duration."""
+        return Duration(Fraction(units * 10**9, self.rate))
+
     def reason(self, job: PlannedJob) -> str:
         """Return what the runtime recorded when it abandoned a job, empty if it did not."""
         harts = {execution.hart for execution in job.executions}
@@ -114,6 +119,7 @@ class Run:
 class CoSimulation:
     """A bundle on a simulated board: one emulated core per hart, each with a clock of its own.
 
+    Transfers pass the tables of the regulators in the bundle, if it has any that grant bytes in windows.
     `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
     instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
     ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
@@ -159,6 +165,9 @@ class CoSimulation:
         self._recorder.attach(self._machine)
         self._recorder.before_read = self._before_read
         self._recorder.after_write = self._after_write
+        self._regulators = regulators_playing(target, self.site, self._machine.timing.rate)
+        if self._regulators is not None:
+            self._machine.gate = self._regulators.gate
         self._saboteur = saboteur
         self._health = health
         if saboteur is not None:
@@ -276,6 +285,9 @@ class CoSimulation:
         if index >= len(self.site.tables):
             return
         table = self.site.tables[index]
+        if self._regulators is not None:
+            self._regulators.begin(table.name, (self._zero or 0) + self._next)
+            self._machine.gates_changed()
         now = self._duration(self._next)
         cycle = len(self._tables)
         self._tables.append(TableSeen(now, table.name, self._duration(seen - (self._zero or 0))))

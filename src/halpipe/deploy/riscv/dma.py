@@ -11,7 +11,10 @@ _REGISTERS = 0x20
 
 @dataclass(slots=True, eq=False)
 class Transfer:
-    """One transfer that was seen: `begin` and `end` in units of the machine's time; `data` is what was read."""
+    """One transfer that was seen: `begin` and `end` in units of the machine's time; `data` is what was read.
+
+    `held` is how long a regulator kept its bursts waiting, in all.
+    """
 
     channel: int
     source: int
@@ -21,6 +24,7 @@ class Transfer:
     end: int
     data: bytes = b""
     fails: bool = False
+    held: int = 0
 
 
 class Channel:

@@ -15,6 +15,7 @@ from heapq import heappop, heappush
 from itertools import count
 from typing import TYPE_CHECKING, Any, Protocol
 
+from halpipe.deploy.riscv.bus import Bus
 from halpipe.deploy.riscv.copying import CopyWatcher
 from halpipe.deploy.riscv.devices import Clint, DmaPort, DmaWork, Finisher, Uart
 from halpipe.deploy.riscv.dma import Transfer
@@ -24,6 +25,7 @@ from halpipe.deploy.riscv.memory import PAGE, Memory, Region
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from halpipe.deploy.riscv.bus import Gate
     from halpipe.deploy.riscv.dma import Channel
     from halpipe.deploy.riscv.elf import Program
     from halpipe.deploy.riscv.target import Site
@@ -106,6 +108,7 @@ class Machine(DmaWork):
         self.observer = observer
         self.stopped = False
         self.fate: Callable[[Transfer], tuple[int, bool] | None] = lambda transfer: None
+        self.gate: Callable[[int, int, bool], Gate | None] = lambda channel, hart, writes: None
         self.status: int | None = None
         self.exhausted = ""
         self._budget = replace(budget or Budget())
@@ -122,6 +125,7 @@ class Machine(DmaWork):
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
         self._under_way: list[Transfer] = []
+        self._bus = Bus(self.timing.rate)
         self._code: dict[int, bytes] = {}
         self._begun: set[int] = set()
         devices = self._devices()
@@ -336,15 +340,18 @@ class Machine(DmaWork):
     # ------------------------------------------------------------------------------------------ transfers
 
     def start_transfer(self, channel: Channel, hart: Hart) -> None:
-        """Read the source now, and have the bytes arrive after set-up and the time that the bandwidth asks for."""
+        """Read the source now, and have the bytes arrive after set-up and the time that bandwidth and gate ask for."""
         source, target, size = channel.next()
         now = hart.now
         bandwidth = self._bandwidths.get(channel.number, self.site.dma.bandwidth)
-        duration = self._latency - (-size * self.timing.rate // bandwidth)
-        transfer = Transfer(channel.number, source, target, size, now, now + duration)
+        transfer = Transfer(channel.number, source, target, size, now, now)
+        self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
         self._bring_up(source, size, now)
         self.observer.starts(transfer)
-        transfer.end, transfer.fails = self.fate(transfer) or (transfer.end, False)
+        fate = self.fate(transfer)
+        if fate is not None:
+            transfer.end, transfer.fails = fate
+            self._bus.release(transfer)
         read = self.memory.view(source, size)
         if read is None or self.memory.view(target, size) is None:
             channel.finish(error=True)
@@ -352,6 +359,18 @@ class Machine(DmaWork):
             return
         transfer.data = bytes(read)
         self._under_way.append(transfer)
+        self.management.pause()
+
+    def _gate_before(self, transfer: Transfer) -> Gate | None:
+        """Return the regulator between main memory and the scratchpad that a transfer fills or empties."""
+        target, source = (self.memory.region(at, transfer.size) for at in (transfer.target, transfer.source))
+        if target is not None and target.hart:
+            return self.gate(transfer.channel, target.hart, False)
+        return self.gate(transfer.channel, source.hart, True) if source is not None and source.hart else None
+
+    def gates_changed(self) -> None:
+        """Hear that regulators play other tables from now on than they would have."""
+        self._bus.replan(self.management.now)
         self.management.pause()
 
     def complete_transfers(self, now: int) -> None:

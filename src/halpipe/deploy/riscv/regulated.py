@@ -2,40 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from bisect import bisect_right
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
-from halpipe.bundles import MODEL, SCHEDULE, Bundle
-from halpipe.deploy.base import CheckOptions, Target
+from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import ARITHMETIC
 from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
 from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
 from halpipe.deploy.regulator.counters import Judge, Sample
 from halpipe.deploy.regulator.reading import TABLES, read_tables
+from halpipe.deploy.riscv.regulators import regulators_of
 from halpipe.diagnostics import sort_diagnostics
+from halpipe.durations import Duration
 from halpipe.models import AccessKind
+from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.deploy.base import Checked
+    from halpipe.deploy.base import Checked, Target
     from halpipe.deploy.regulator.reading import Table, Tables
     from halpipe.deploy.riscv.check import Outcome
+    from halpipe.deploy.riscv.dma import Transfer
     from halpipe.diagnostics import Diagnostic
-
-FOLDER = "regulator/"
-
-
-def regulators_of(target: Target) -> Target | None:
-    """Return the regulators of a bundle as one of their own, with the same model and schedule; None if it has none."""
-    bundle = target.bundle
-    files = {name.removeprefix(FOLDER): data for name, data in bundle.files.items() if name.startswith(FOLDER)}
-    if not files:
-        return None
-    files |= {name: bundle.files[name] for name in (MODEL, SCHEDULE)}
-    return replace(target, bundle=Bundle(f"{bundle.path}/{FOLDER.rstrip('/')}", REGULATORS.name, {}, files))
 
 
 def with_tables(target: Target, checked: Checked) -> Checked:
@@ -50,28 +43,113 @@ def with_tables(target: Target, checked: Checked) -> Checked:
     )
 
 
-def hold_transfers(target: Target, outcomes: Sequence[Outcome]) -> tuple[list[Diagnostic], list[str]]:
+@dataclass(frozen=True, slots=True)
+class Held:
+    """Transfers held against the tables: what is wrong, what people are told, and every memory phase as CSV."""
+
+    findings: tuple[Diagnostic, ...] = ()
+    lines: tuple[str, ...] = ()
+    phases: bytes = b""
+
+
+def hold_transfers(target: Target, outcomes: Sequence[Outcome]) -> Held:
     """Hold the transfers of runs against the budgets of the tables that the regulators play meanwhile.
 
-    Transfers of a unit that share a window are one demand. Returns findings, and the bytes promised, granted and used.
+    Transfers of a unit that share a window are one demand. The figures are of memory phases: the bytes that their
+    bounds promise, that the windows which they touch grant, and that were used.
     """
     own = regulators_of(target)
     if own is None:
-        return [], []
+        return Held()
     tables = read_tables(own.bundle)
     arithmetic = Arithmetic(own, tables)
     if tables.backend in RATES or list(arithmetic.findings()):  # said by the check of the tables
-        return [], []
+        return Held()
     judge = Judge(tables, {plan.table.index: plan for plan in arithmetic.planned})
     findings: list[Diagnostic] = []
     for outcome in outcomes:
         findings += judge.rows(list(_samples(tables, outcome)), f"{own.bundle.path}/{TABLES}")
-    lines = [
-        f"regulators: {table}, {unit}, {direction}: {usage.used} B used in {usage.samples} stretches of windows, "
-        f"{usage.granted} B granted, {round(usage.promised)} B promised"
-        for (table, unit, direction), usage in sorted(judge.usage.items())
-    ]
-    return findings, lines
+    phases = [phase for outcome in outcomes for phase in _phases(tables, judge, outcome)]
+    return Held(tuple(findings), tuple(_figures(phases)), _csv(phases))
+
+
+@dataclass(frozen=True, slots=True)
+class _Phase:
+    """A memory phase of a job on one unit as it was played; times in nanoseconds from the begin of its table."""
+
+    cycle: int
+    table: str
+    task: str
+    job: int
+    unit: str
+    direction: str
+    start: Fraction
+    end: Fraction
+    promised: Fraction
+    granted: int
+    used: int
+    held: Fraction
+
+
+def _phases(tables: Tables, judge: Judge, outcome: Outcome) -> Iterator[_Phase]:
+    """Yield every phase of a regulated unit, in the order of jobs."""
+    units = {unit.hart: unit.name for unit in outcome.run.site.units}
+    regulated = {unit.name: unit for unit in tables.units}
+    channel = outcome.run.site.channels.get(tables.platform.resource)
+    played = _played(tables, outcome)
+    for job in outcome.jobs:
+        moved: dict[tuple[str, str, int, int], list[Transfer]] = {}
+        for planned, seen in zip(job.planned.transfers, job.transfers, strict=True):
+            if planned.channel == channel and units.get(planned.hart) in regulated:
+                direction = "write" if planned.kind is AccessKind.WRITE else "read"
+                key = (units[planned.hart], direction, planned.begin, planned.end)
+                moved.setdefault(key, []).extend([] if seen is None else [seen])
+        for (unit, direction, *ticks), transfers in moved.items():
+            begin, end = (outcome.run.site.tick.fraction * tick for tick in ticks)
+            start, table = _at(played, begin)
+            used = sum(transfer.size for transfer in transfers)
+            sample = Sample(table, regulated[unit], direction, begin - start, end - start, used, 0)
+            yield _Phase(
+                job.planned.table.cycle,
+                table.name,
+                job.planned.job.task,
+                job.planned.job.index,
+                unit,
+                direction,
+                sample.start,
+                sample.end,
+                judge.promised(sample),
+                judge.granted(sample),
+                used,
+                sum((outcome.run.length(transfer.held).fraction for transfer in transfers), Fraction(0)),
+            )
+
+
+_COLUMNS = ("cycle", "table", "task", "job", "unit", "direction", "start", "end", "promised", "granted", "used", "held")
+
+
+def _csv(phases: Sequence[_Phase]) -> bytes:
+    """Return the phases as CSV: exact nanoseconds and bytes."""
+    lines = [",".join(_COLUMNS)]
+    for phase in phases:
+        cells = (getattr(phase, name) for name in _COLUMNS)
+        lines.append(",".join(format_rational(cell) if isinstance(cell, Fraction) else str(cell) for cell in cells))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def _figures(phases: Sequence[_Phase]) -> Iterator[str]:
+    """Yield what all phases of each table, unit and direction come to."""
+    together: dict[tuple[str, str, str], list[_Phase]] = {}
+    for phase in phases:
+        together.setdefault((phase.table, phase.unit, phase.direction), []).append(phase)
+    for (table, unit, direction), several in sorted(together.items()):
+        promised, granted, used = (sum(getattr(p, what) for p in several) for what in ("promised", "granted", "used"))
+        worst = max(phase.held for phase in several)
+        held = f", held back for at most {Duration(worst)}" if worst else ""
+        yield (
+            f"regulators: {table}, {unit}, {direction}: {len(several)} phases, {int(promised)} B promised, "
+            f"{granted} B granted, {used} B used{held}"
+        )
 
 
 def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
@@ -88,18 +166,18 @@ def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
                 moved.setdefault(row, []).append((begin, end, seen.size))
     width = tables.platform.window_ns
     for (unit, direction), several in sorted(moved.items()):
-        last: Sample | None = None
+        last: tuple[Fraction, Sample] | None = None  # with the begin of its table: each cycle has windows of its own
         for begin, end, size in sorted(several):
-            start, table = next((s, t) for s, t in reversed(played) if s <= begin or s == played[0][0])
+            start, table = _at(played, begin)
             sample = Sample(table, regulated[unit], direction, begin - start, end - start, size, 0)
-            if last is not None and last.table is table and sample.start // width < ceil(last.end / width):
-                last = replace(last, end=max(last.end, sample.end), used=last.used + size)
+            if last is not None and last[0] == start and sample.start // width < ceil(last[1].end / width):
+                last = start, replace(last[1], end=max(last[1].end, sample.end), used=last[1].used + size)
                 continue
             if last is not None:
-                yield last
-            last = sample
+                yield last[1]
+            last = start, sample
         if last is not None:
-            yield last
+            yield last[1]
 
 
 def _played(tables: Tables, outcome: Outcome) -> list[tuple[Fraction, Table]]:
@@ -113,3 +191,8 @@ def _played(tables: Tables, outcome: Outcome) -> list[tuple[Fraction, Table]]:
             found.append((start, table))
             until = start + table.windows * tables.platform.window_ns
     return found
+
+
+def _at(played: Sequence[tuple[Fraction, Table]], instant: Fraction) -> tuple[Fraction, Table]:
+    """Return the table that is played at an instant, with its begin; before all of them, the first."""
+    return played[max(bisect_right(played, instant, key=itemgetter(0)) - 1, 0)]

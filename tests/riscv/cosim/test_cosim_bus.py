@@ -1,0 +1,131 @@
+"""How long transfers take behind a regulator: as the Verilog of its gate says, to the cycle."""
+
+import random
+import shutil
+import subprocess
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from halpipe.deploy.riscv.bus import Bus, Opening
+from halpipe.deploy.riscv.dma import Transfer
+from halpipe.deploy.riscv.hart import NEVER
+from halpipe.exporters import regulator
+
+GATE = Path(regulator.__file__).parent / "rtl/halpipe_regulator_gate.v"
+BENCH = Path(__file__).parent / "gate_bench.v"
+BURST, BEAT, WIDTH = 64, 8, 40
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A gate with a budget for each window of 40 cycles; none after the last."""
+
+    budgets: tuple[int, ...]
+    burst: int = BURST
+    overshoot: int = 0
+
+    def openings(self, since):
+        for number, budget in enumerate(self.budgets):
+            if budget and (number + 1) * WIDTH > since:
+                yield Opening(Fraction(number * WIDTH), Fraction((number + 1) * WIDTH), budget)
+
+
+def transfer(size):
+    return Transfer(0, 0, 0, size, 0, 0)
+
+
+def drawn(seed):
+    """Budgets of 0 to 6 bursts, and transfers that begin when the one before them is over, or later."""
+    rng = random.Random(seed)
+    budgets = tuple(BURST * rng.choice((0, 0, 1, 1, 2, 3, 6)) for _ in range(60))
+    return budgets, [(rng.randrange(3 * WIDTH), BEAT * rng.randrange(1, 90)) for _ in range(12)]
+
+
+def ends_on_the_bus(budgets, transfers):
+    bus, gate, now, ends = Bus(rate=1), Listed(budgets), 0, []
+    for pause, size in transfers:
+        moved = transfer(size)
+        bus.take(moved, now + pause, BEAT, gate)
+        if moved.end == NEVER:
+            break
+        now = moved.end
+        ends.append(now)
+    return ends
+
+
+def ends_in_verilog(budgets, transfers, folder):
+    folder.joinpath("budgets.hex").write_text("\n".join(f"{budget:x}" for budget in budgets))
+    folder.joinpath("transfers.hex").write_text("\n".join(f"{pause:x} {size:x}" for pause, size in transfers))
+    counts = [f"+windows={len(budgets)}", f"+transfers={len(transfers)}"]
+    done = subprocess.run(
+        ["vvp", "bench", *counts], cwd=folder, capture_output=True, text=True, check=True, timeout=300
+    )
+    return [int(line) for line in done.stdout.split()]
+
+
+@pytest.mark.skipif(not shutil.which("iverilog"), reason="apt install iverilog")
+def test_transfers_end_when_the_verilog_of_the_gate_says(tmp_path):
+    subprocess.run(["iverilog", "-o", tmp_path / "bench", BENCH, GATE], check=True, timeout=300)
+    finished = 0
+    for seed in range(20):
+        budgets, transfers = drawn(seed)
+        ends = ends_on_the_bus(budgets, transfers)
+        assert ends == ends_in_verilog(budgets, transfers, tmp_path), seed
+        finished += len(ends)
+    assert finished > 100
+
+
+def test_a_transfer_is_held_back_by_what_it_waits_for():
+    moved = transfer(3 * BURST)
+    Bus(rate=1).take(moved, 35, BEAT, Listed((BURST, 0, 2 * BURST)))
+    # 8 cycles for the first burst from 35 on, the other two in the third window
+    assert (moved.end, moved.held) == (80 + 16, 96 - 35 - 24)
+
+
+def test_the_first_budget_is_spent_once():
+    bus, gate = Bus(rate=1), Listed((2 * BURST, BURST))
+    first, second = transfer(BURST + 8), transfer(BURST)
+    bus.take(first, 0, BEAT, gate)
+    bus.take(second, first.end, BEAT, gate)
+    assert (first.end, second.end) == (9, WIDTH + 8)
+
+
+def test_a_gate_that_stays_shut_lets_nothing_end():
+    moved = transfer(BURST)
+    Bus(rate=1).take(moved, 0, BEAT, Listed((0, 0)))
+    assert (moved.end, moved.held) == (NEVER, NEVER)
+
+
+def test_what_is_on_its_way_ends_by_the_budgets_that_come():
+    @dataclass(eq=False)
+    class Changing:
+        budgets: tuple[int, ...]
+        burst: int = BURST
+        overshoot: int = 0
+
+        def openings(self, since):
+            return Listed(self.budgets).openings(since)
+
+    bus, gate, moved = Bus(rate=1), Changing((BURST, BURST)), transfer(2 * BURST)
+    bus.take(moved, 0, BEAT, gate)
+    assert moved.end == WIDTH + 8
+    gate.budgets = (BURST, 0, 0, BURST)
+    bus.replan(WIDTH + 1)
+    assert moved.end == 3 * WIDTH + 8
+    bus.replan(moved.end)  # it is over
+    assert moved.end == 3 * WIDTH + 8
+
+
+def test_an_overshoot_lets_one_more_burst_begin():
+    moved = transfer(3 * BURST)
+    Bus(rate=1).take(moved, 0, BEAT, Listed((BURST + 8, 0, BURST), overshoot=BURST))
+    assert moved.end == 80 + 8
+
+
+def test_without_a_gate_only_the_rate_counts():
+    moved = transfer(1000)
+    Bus(rate=3).take(moved, 5, 7, None)
+    assert (moved.end, moved.held) == (5 + 429, 0)  # 3000 / 7 = 428.6
