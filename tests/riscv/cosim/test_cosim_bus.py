@@ -8,6 +8,8 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from halpipe.deploy.riscv.bus import Bus, Opening
 from halpipe.deploy.riscv.dma import Transfer
@@ -33,8 +35,10 @@ class Listed:
                 yield Opening(Fraction(number * WIDTH), Fraction((number + 1) * WIDTH), budget)
 
 
-def transfer(size):
-    return Transfer(0, 0, 0, size, 0, 0)
+def take(bus, begin, size, gate=None, bandwidth=BEAT):
+    moved = Transfer(0, 0, 0, size, begin, begin)
+    bus.take(moved, begin, bandwidth, gate)
+    return moved
 
 
 def drawn(seed):
@@ -47,8 +51,7 @@ def drawn(seed):
 def ends_on_the_bus(budgets, transfers):
     bus, gate, now, ends = Bus(rate=1), Listed(budgets), 0, []
     for pause, size in transfers:
-        moved = transfer(size)
-        bus.take(moved, now + pause, BEAT, gate)
+        moved = take(bus, now + pause, size, gate)
         if moved.end == NEVER:
             break
         now = moved.end
@@ -79,23 +82,20 @@ def test_transfers_end_when_the_verilog_of_the_gate_says(tmp_path):
 
 
 def test_a_transfer_is_held_back_by_what_it_waits_for():
-    moved = transfer(3 * BURST)
-    Bus(rate=1).take(moved, 35, BEAT, Listed((BURST, 0, 2 * BURST)))
+    moved = take(Bus(rate=1), 35, 3 * BURST, Listed((BURST, 0, 2 * BURST)))
     # 8 cycles for the first burst from 35 on, the other two in the third window
     assert (moved.end, moved.held) == (80 + 16, 96 - 35 - 24)
 
 
 def test_the_first_budget_is_spent_once():
     bus, gate = Bus(rate=1), Listed((2 * BURST, BURST))
-    first, second = transfer(BURST + 8), transfer(BURST)
-    bus.take(first, 0, BEAT, gate)
-    bus.take(second, first.end, BEAT, gate)
+    first = take(bus, 0, BURST + 8, gate)
+    second = take(bus, first.end, BURST, gate)
     assert (first.end, second.end) == (9, WIDTH + 8)
 
 
 def test_a_gate_that_stays_shut_lets_nothing_end():
-    moved = transfer(BURST)
-    Bus(rate=1).take(moved, 0, BEAT, Listed((0, 0)))
+    moved = take(Bus(rate=1), 0, BURST, Listed((0, 0)))
     assert (moved.end, moved.held) == (NEVER, NEVER)
 
 
@@ -109,23 +109,57 @@ def test_what_is_on_its_way_ends_by_the_budgets_that_come():
         def openings(self, since):
             return Listed(self.budgets).openings(since)
 
-    bus, gate, moved = Bus(rate=1), Changing((BURST, BURST)), transfer(2 * BURST)
-    bus.take(moved, 0, BEAT, gate)
+    bus, gate = Bus(rate=1), Changing((BURST, BURST))
+    moved = take(bus, 0, 2 * BURST, gate)
     assert moved.end == WIDTH + 8
     gate.budgets = (BURST, 0, 0, BURST)
-    bus.replan(WIDTH + 1)
+    bus.replan(WIDTH // 2)
     assert moved.end == 3 * WIDTH + 8
     bus.replan(moved.end)  # it is over
     assert moved.end == 3 * WIDTH + 8
 
 
 def test_an_overshoot_lets_one_more_burst_begin():
-    moved = transfer(3 * BURST)
-    Bus(rate=1).take(moved, 0, BEAT, Listed((BURST + 8, 0, BURST), overshoot=BURST))
+    moved = take(Bus(rate=1), 0, 3 * BURST, Listed((BURST + 8, 0, BURST), overshoot=BURST))
     assert moved.end == 80 + 8
 
 
 def test_without_a_gate_only_the_rate_counts():
-    moved = transfer(1000)
-    Bus(rate=3).take(moved, 5, 7, None)
+    moved = take(Bus(rate=3), 5, 1000, bandwidth=7)
     assert (moved.end, moved.held) == (5 + 429, 0)  # 3000 / 7 = 428.6
+
+
+def test_channels_share_the_bus_in_equal_parts():
+    """10 bytes in a unit of time for all: first 8 alone, then 5 each, then 3 of the slow one and 7, then 7 alone."""
+    bus = Bus(rate=1, capacity=10)
+    first = take(bus, 0, 80)
+    assert first.end == 10
+    second = take(bus, 5, 50)
+    assert (first.end, second.end) == (5 + 8, 5 + 8 + 2)  # 40 bytes at 5; then 10 bytes at 8
+    third = take(bus, 13, 30, bandwidth=3)
+    assert (second.end, third.end) == (13 + 2, 13 + 10)
+    assert (first.held, second.held, third.held) == (3, 4, 0)
+
+
+def test_a_transfer_that_waits_leaves_the_bus_to_others():
+    bus = Bus(rate=1, capacity=10)
+    waits = take(bus, 0, 2 * BURST, Listed((BURST, BURST)))
+    moves = take(bus, 0, 240)
+    # 64 bytes each at 5 until 12.8, then the other alone at 8 until 34.8
+    assert (waits.end, moves.end) == (WIDTH + 8, 35)
+
+
+@given(st.lists(st.tuples(st.integers(0, 60), st.integers(1, 300), st.integers(1, 12)), min_size=1, max_size=6))
+def test_sharing_loses_no_byte_and_exceeds_nothing(wanted):
+    """Nobody is over earlier than alone, all no earlier than the bus allows, and where it suffices none waits."""
+    bus, moved = Bus(rate=1, capacity=12), []
+    for begin, size, bandwidth in sorted(wanted):
+        moved.append((begin, size, bandwidth, take(bus, begin, size, bandwidth=bandwidth)))
+    for begin, size, bandwidth, each in moved:
+        assert each.end >= begin - (-size // bandwidth)
+    until = max(each.end for *_, each in moved)
+    first = min(begin for begin, *_ in moved)
+    assert sum(size for _, size, _, _ in moved) <= 12 * (until - first)
+    alone = len(moved) == 1 or sum(bandwidth for _, _, bandwidth, _ in moved) <= 12
+    if alone:
+        assert all(each.held == 0 for *_, each in moved)

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 FROM_EXPORT = "export the bundle again; if it stays, the exporter or the runtime is at fault: report it"
 _MORE_TIME = "give the phase more time: `halpipe deploy prepare` with the profile that tells how fast the DMA engine is"
 _MORE_BANDWIDTH = (
-    "give the phase more time or its unit a larger share, or let the platform guarantee what the DMA engine moves"
+    "its regulator, or other channels, took the time: give the phase more time or its unit a larger share, "
+    "or let the platform guarantee what the DMA engine moves"
 )
 CAUSES = {
     0: "instruction address misaligned",
@@ -179,7 +180,7 @@ class Comparison:
         phase = f"{self._run.since(begin)} to {self._run.since(end)}"
         where = "" if same else f" on {self._channel(transfer.channel)}"
         what = f"the {planned.kind} of {planned.what} ({planned.size} bytes)"
-        held = f"; its regulator held it back for {self._run.length(transfer.held)}" if transfer.held else ""
+        held = f"; it was held back for {self._run.length(transfer.held)}" if transfer.held else ""
         message = f"{what} ran from {ran}{where}, its phase is {phase}{held}"
         help = _MORE_BANDWIDTH if transfer.held else _MORE_TIME
         self._report(codes.TRANSFER_OUTSIDE_PHASE, seen.planned, message, help)

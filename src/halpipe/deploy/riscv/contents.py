@@ -98,6 +98,9 @@ def _described(profile: Mapping[str, Any]) -> dict[str, Any]:
             "stride": _address(dma.get("stride", "4096")),
             "channels": int(dma.get("channels", "1")),
             "bandwidth": parse_bandwidth(dma["bandwidth"]),
+            "bus": parse_bandwidth(dma["bus"])
+            if "bus" in dma
+            else int(dma.get("channels", "1")) * parse_bandwidth(dma["bandwidth"]),
             "setup": Duration.parse(dma["setup"]),
         },
         "service": Duration.parse(profile["service"]),

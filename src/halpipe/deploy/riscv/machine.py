@@ -125,7 +125,7 @@ class Machine(DmaWork):
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
         self._under_way: list[Transfer] = []
-        self._bus = Bus(self.timing.rate)
+        self._bus = Bus(self.timing.rate, site.dma.bus)
         self._code: dict[int, bytes] = {}
         self._begun: set[int] = set()
         devices = self._devices()
@@ -345,18 +345,18 @@ class Machine(DmaWork):
         now = hart.now
         bandwidth = self._bandwidths.get(channel.number, self.site.dma.bandwidth)
         transfer = Transfer(channel.number, source, target, size, now, now)
-        self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
         self._bring_up(source, size, now)
         self.observer.starts(transfer)
-        fate = self.fate(transfer)
-        if fate is not None:
-            transfer.end, transfer.fails = fate
-            self._bus.release(transfer)
         read = self.memory.view(source, size)
         if read is None or self.memory.view(target, size) is None:
             channel.finish(error=True)
             self.observer.arrived(transfer)
             return
+        self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
+        fate = self.fate(transfer)
+        if fate is not None:
+            transfer.end, transfer.fails = fate
+            self._bus.release(transfer)
         transfer.data = bytes(read)
         self._under_way.append(transfer)
         self.management.pause()

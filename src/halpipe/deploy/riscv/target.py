@@ -56,6 +56,7 @@ class UnitSite:
 class DmaSite:
     """The DMA engine; `bandwidth` in bytes per second, `latency` before the first byte arrives.
 
+    `bus` is what all channels move together at most, None where they do not stand in each other's way.
     Kind ``copy`` is none: the management core copies.
     """
 
@@ -65,6 +66,7 @@ class DmaSite:
     channels: int
     bandwidth: int
     latency: Duration
+    bus: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,6 +321,7 @@ def _dma(dma: _Reader) -> DmaSite:
         dma.number("channels", 1, 16),
         dma.number("bandwidth", 1),
         latency,
+        dma.number("bus", 1) if dma.has("bus") else None,
     )
 
 

@@ -47,10 +47,26 @@ class Clock:
 
 
 def clock_of(model: TaskModel, profile: Profile) -> Clock:
-    """Return the clock of a target; the DMA engine is no faster than a resource states that it is."""
+    """Return the clock of a target; the DMA engine is no faster than a resource states that it is.
+
+    Every resource has a channel. What each is sure of is the share of the bus that it has when all of them move.
+    """
     rate = profile.dma.bandwidth
     bandwidths = {r.name: min(rate, r.bandwidth) if r.bandwidth else rate for r in model.resources}
-    return Clock(profile.tick, profile.dma.setup, bandwidths)
+    moving = {a.resource for task in model.tasks for v in task.versions for a in v.accesses if moves_data(a)}
+    share = _share([bandwidths[name] for name in moving], profile.dma.bus)
+    sure = {name: min(own, share) if name in moving else own for name, own in bandwidths.items()}
+    return Clock(profile.tick, profile.dma.setup, sure)
+
+
+def _share(rates: list[int], bus: int) -> int:
+    """Return what a channel gets at least when all move and the bus divides itself equally among them."""
+    left = bus
+    for number, rate in enumerate(sorted(rates)):
+        if rate * (len(rates) - number) >= left:
+            return max(left // (len(rates) - number), 1)
+        left -= rate
+    return bus
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,6 +94,7 @@ class Scratchpads:
 class Dma:
     """The DMA engine; `setup` is the longest time from the instant of a transfer until its bytes flow.
 
+    A channel moves `bandwidth` bytes per second, and all of them together `bus`, by default as many times as much.
     `kind` is ``pdma`` (SiFive's engine) or ``copy`` (none: the management core copies).
     """
 
@@ -102,6 +103,7 @@ class Dma:
     stride: int
     channels: int
     bandwidth: int
+    bus: int
     setup: Duration
 
 
@@ -226,19 +228,22 @@ def _scratchpads(f: Fields, key: str) -> Scratchpads:
 
 
 def _dma(f: Fields) -> Dma:
-    section = f.section("dma", ("kind", "base", "stride", "channels", "bandwidth", "setup"), "dma")
+    section = f.section("dma", ("kind", "base", "stride", "channels", "bandwidth", "bus", "setup"), "dma")
     if section is None:
-        return Dma("", 0, 0, 0, 1, Duration(0))
+        return Dma("", 0, 0, 0, 1, 1, Duration(0))
     section.require("kind", "bandwidth", "setup")
     kind = section.value("kind", Words("pdma", "copy"), "")
     if kind == "pdma":
         section.require("base")
+    channels = section.value("channels", whole(1, 64), 1)
+    bandwidth = section.value("bandwidth", _bandwidth, 1)
     return Dma(
         kind=kind,
         base=section.value("base", _address, 0),
         stride=section.value("stride", _address, 4096),
-        channels=section.value("channels", whole(1, 64), 1),
-        bandwidth=section.value("bandwidth", _bandwidth, 1),
+        channels=channels,
+        bandwidth=bandwidth,
+        bus=section.value("bus", _bandwidth, channels * bandwidth),
         setup=section.value("setup", Duration.parse, Duration(0)),
     )
 

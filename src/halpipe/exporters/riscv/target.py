@@ -68,6 +68,7 @@ def _board(profile: Profile) -> dict[str, Any]:
             "stride": dma.stride,
             "channels": dma.channels,
             "bandwidth": dma.bandwidth,
+            "bus": dma.bus,
             "setup": str(dma.setup),
         },
         "service": str(profile.service),

@@ -9,6 +9,7 @@ from halpipe.durations import Duration
 from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
 from halpipe.exporters.riscv.phases import Clock, Stretch, check_phases, clock_of, stretches
 from halpipe.exporters.riscv.profile import read_profile
+from halpipe.models import Resource, Task, TaskModel, Version
 from riscv_models import PHASES, deployed, moving, single
 
 US = Duration.parse("1us")
@@ -31,6 +32,30 @@ def test_the_slower_of_engine_and_resource_counts():
     )
     assert slow.bandwidths == {"memory": 1000}
     assert clock_of(system, read_profile("vcu118")).bandwidths == {"memory": 400_000_000}
+
+
+@pytest.mark.parametrize(
+    ("own", "sure"),
+    [
+        ([400, 400], [400, 400]),  # 800 MB/s for all: two channels have no need to share
+        ([400, 400, 400], [266_666_666, 266_666_666, 266_666_666]),
+        ([400, 100, 400], [350, 100, 350]),  # what the slow one leaves
+        ([400, 50, 0], [400, 50, 400]),  # nothing is moved on the third
+    ],
+)
+def test_channels_are_sure_of_their_share_of_the_bus_when_all_move(own, sure):
+    """400 MB/s at most for each channel; 0: a resource without transfers and without a bandwidth of its own."""
+    megabytes = 1_000_000
+    resources = [Resource(name=f"r{n}", bandwidth=rate * megabytes or None) for n, rate in enumerate(own)]
+    phases = tuple(
+        moving(r.name, f"{n}ms", f"{n + 1}ms", "read", ("input", "numbers", 64))
+        for n, r in enumerate(resources)
+        if r.bandwidth
+    )
+    version = Version(name="v", wcet=US * 10_000, units=("u",), accesses=phases)
+    system = TaskModel(name="m", resources=tuple(resources), tasks=(Task(name="t", versions=(version,)),))
+    found = clock_of(system, read_profile("vcu118")).bandwidths
+    assert list(found.values()) == [rate if rate > 1000 else rate * megabytes for rate in sure]
 
 
 def test_boundaries_round_inwards():
