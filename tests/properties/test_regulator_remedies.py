@@ -30,8 +30,11 @@ def platforms(draw):
     """A platform as a mapping; its numbers may contradict each other, and its back-end may not do."""
     backend = draw(st.sampled_from(["table", "axi-realm", "qos400", "memguard", "resctrl", "mpam"]))
     rate = st.integers(1, 40).map(lambda n: f"{n * 400}kB/s")
-    owners = st.lists(st.integers(0, 9), min_size=3, max_size=3, unique=True)
+    owners = st.lists(st.integers(0, 9), min_size=3, max_size=3)
     managers, cores, partids = draw(owners), draw(owners), draw(owners)
+    ports, groups = (
+        draw(st.lists(st.sampled_from(known), min_size=3, max_size=3)) for known in (PORTS, ("g", "h", "i"))
+    )
     return {
         "halpipe-regulator": "1",
         "clock": "1MHz",
@@ -42,7 +45,7 @@ def platforms(draw):
         "capacity": draw(rate),
         "backend": backend,
         "units": {
-            unit: {"manager": managers[n], "port": PORTS[n], "core": cores[n], "group": f"g{n}", "partid": partids[n]}
+            unit: {"manager": managers[n], "port": ports[n], "core": cores[n], "group": groups[n], "partid": partids[n]}
             for n, unit in enumerate(UNITS)
         },
         "table": {"depth": draw(st.sampled_from(["2", "5", "1024"]))},

@@ -16,6 +16,7 @@ from halpipe.exporters.regulator.codes import (
     NUMBERS_CONTRADICT,
     SHARED_MANAGER,
 )
+from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.words import BACKENDS
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted, whole
@@ -165,8 +166,9 @@ class _Reader:
         capacity = top.value("capacity", _positive_bandwidth, guaranteed)
         least = max(LEAST_CYCLES, -(-burst * clock // capacity)) if capacity else LEAST_CYCLES  # carry a burst
         cycles = top.value("window", lambda text: _window(text, clock, least), 0)
-        units = self._units()
         settings = {name: self._settings(name) for name in BACKENDS}
+        backend = top.value("backend", Words(*BACKENDS), BACKENDS[0])
+        units = self._units(int(settings[backend].get("managers", _MOST + 1)))
         found = Platform(
             name=top.value("name", _name, PurePath(self.path).stem),
             resource=top.value("resource", str, ""),
@@ -177,7 +179,7 @@ class _Reader:
             guaranteed=guaranteed,
             capacity=capacity,
             unspecified=top.value("unspecified", Words(*DIRECTIONS), READ),
-            backend=top.value("backend", Words(*BACKENDS), BACKENDS[0]),
+            backend=backend,
             overshoot=top.value("overshoot", parse_size, None),
             units=units,
             settings=settings,
@@ -189,19 +191,16 @@ class _Reader:
             return found
         return None
 
-    def _units(self) -> dict[str, UnitPort]:
+    def _units(self, managers: int) -> dict[str, UnitPort]:
+        """Return the units by name; there are so many managers that they may have."""
         units: dict[str, UnitPort] = {}
         owner: dict[int, str] = {}
+        second: list[tuple[Fields, int]] = []
         for name, f, at in self.top.entries("units", _UNIT, "unit"):
             f.require("manager")
             manager = f.value("manager", _INDEX, -1)
             if manager >= 0 and owner.setdefault(manager, name) != name:
-                f.complain(
-                    SHARED_MANAGER,
-                    f'manager {manager} is the one of unit "{owner[manager]}", too',
-                    "manager",
-                    help="give each unit a manager of its own, or model what shares a port as one unit",
-                )
+                second.append((f, manager))
             units[name] = UnitPort(
                 unit=name,
                 manager=manager,
@@ -212,6 +211,10 @@ class _Reader:
                 partid=f.value("partid", _INDEX, None),
                 at=at,
             )
+        free = Free(owner, outward(range(managers)))
+        for f, manager in second:
+            text = f'manager {manager} is the one of unit "{owner[manager]}", too'
+            f.complain(SHARED_MANAGER, text, "manager", help=free.help("manager", manager))
         return units
 
     def _settings(self, backend: str) -> dict[str, str]:

@@ -13,7 +13,7 @@ from math import ceil
 from pathlib import Path
 
 import pytest
-from regulator_samples import PLATFORM, build, one_mode, platform, switching, two_units
+from regulator_samples import PLATFORM, build, one_mode, platform, platform_file, switching, two_units
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
@@ -21,7 +21,8 @@ from halpipe.exporters.regulator.backends import REGISTER, backend
 from halpipe.exporters.regulator.backends.axi_realm import OPEN, RegisterMap
 from halpipe.exporters.regulator.backends.base import comment, falls_first, file_names, identifiers
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import BACKENDS
+from halpipe.exporters.regulator.owners import Free, outward
+from halpipe.exporters.regulator.platform import BACKENDS, read_platform
 from support import access, job, mode, model, task, version
 
 GOLDEN = Path(__file__).parents[3] / "golden" / "exporters"
@@ -527,16 +528,35 @@ def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "old", "new"),
+    ("name", "old", "new", "free"),
     [
-        ("qos400", "port: afifm3", "port: afifm2"),
-        ("resctrl", "group: two", "group: one"),
-        ("mpam", "partid: 2", "partid: 1"),
+        ("qos400", "port: afifm3", "port: afifm2", "port: afifm1"),
+        ("resctrl", "group: two", "group: one", "group: one-2"),
+        ("mpam", "partid: 2", "partid: 1", "partid: 2"),
+        ("memguard", "core: 1", "core: 0", "core: 1"),
     ],
 )
-def test_two_units_cannot_share_what_is_written_for_both(tmp_path, name, old, new):
+def test_two_units_cannot_share_what_is_written_for_both(tmp_path, name, old, new, free):
     found = made(tmp_path, name, text=PLATFORM.replace(old, new))[1]
-    assert [(d.code, d.path) for d in found if d.is_error] == [(codes.SHARED_MANAGER.id, 'unit "u2"')]
+    (shared,) = (d for d in found if d.is_error)
+    assert (shared.code, shared.path) == (codes.SHARED_MANAGER.id, 'unit "u2"')
+    assert shared.help.startswith(f'state "{free}", the nearest that is free, or ')
+    better = PLATFORM.replace(old, free)
+    assert [d for d in made(tmp_path, name, text=better)[1] if d.is_error] == []
+
+
+def test_the_nearest_that_is_free_is_another_for_each(tmp_path):
+    several = Free([3, 3, 3, 5], outward(range(6)))
+    assert [several.nearest(3) for _ in range(5)] == [2, 4, 1, 0, None]
+    assert Free([1, 0], outward(range(2))).help("core", 1) == "model what shares a core as one unit; no core is free"
+    units = "  u1: {manager: 1}\n  u2: {manager: 1}\n  u3: {manager: 1}\n"
+    text = re.sub(r"(?s)units:\n.*", f"units:\n{units}", PLATFORM)
+    for managers, expected in ((8, ["manager: 0", "manager: 2"]), (2, ["manager: 0", ""])):
+        path = platform_file(tmp_path, text=f"{text}backend: axi-realm\naxi-realm: {{managers: {managers}}}\n")
+        with pytest.raises(HalpipeError) as refused:
+            read_platform(str(path))
+        named = [re.search(r'"(.*)", the nearest', d.help) for d in refused.value.diagnostics]
+        assert [match[1] if match else "" for match in named] == expected
 
 
 def test_mpam_needs_partitions_that_the_component_has(tmp_path):

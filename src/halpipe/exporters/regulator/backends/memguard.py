@@ -21,6 +21,7 @@ from halpipe.exporters.regulator.backends.base import file_names, predecessors, 
 from halpipe.exporters.regulator.backends.rates import check_owners, limit_of, over_limit, peaks, rate_of, segments
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE
 from halpipe.quantities import parse_rational, parse_size
 
@@ -199,9 +200,10 @@ def _check_cores(tables: Tables) -> Iterator[Diagnostic]:
             help = 'state "core: N", the number of the core as the system counts them'
             message = "is no core: it has no number for MemGuard"
             yield NO_MANAGER(message, at=port.at, path=about(unit=port.unit), help=help)
-    yield from check_owners(((port.unit, port.core, port.at) for port in ports if port.core is not None), "core")
     known = _cores(tables)
     stated = int(tables.platform.settings[MemGuard.name]["cores"])
+    owned = ((port.unit, port.core, port.at) for port in ports if port.core is not None)
+    yield from check_owners(owned, "core", outward(range(stated or len(ports) + max(known, default=0))))
     last = max(known, default=0)
     if stated and last >= stated:
         message = f"core {last} does not exist; the platform has {stated} cores"

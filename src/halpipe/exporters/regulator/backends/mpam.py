@@ -14,6 +14,7 @@ from halpipe.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
 from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, NO_MANAGER, RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.owners import outward
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -123,7 +124,9 @@ def _check_partitions(tables: Tables) -> Iterator[Diagnostic]:
             message = f"partition {port.partid} does not exist; the component has {count}"
             help = f'use 1 to {count - 1}, or state "mpam: {{partids: {port.partid + 1}}}"'
             yield DOES_NOT_FIT(message, at=port.at, path=path, help=help)
-    yield from check_owners(((port.unit, port.partid, port.at) for port in ports if port.partid), "partid")
+    yield from check_owners(
+        ((port.unit, port.partid, port.at) for port in ports if port.partid), "partid", outward(range(1, count))
+    )
 
 
 def _check_parts(tables: Tables, table: Table) -> Iterator[Diagnostic]:

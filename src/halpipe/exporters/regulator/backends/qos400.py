@@ -29,6 +29,7 @@ from halpipe.exporters.regulator.backends.rates import (
 )
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
+from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
 from halpipe.suggest import did_you_mean
 
@@ -158,7 +159,9 @@ def _orders(before: list[dict[Row, int]], several: list[Setting]) -> Iterator[tu
 
 def _check_ports(tables: Tables) -> Iterator[Diagnostic]:
     ports = [tables.platform.units[unit.name] for unit in tables.units]
-    yield from check_owners(((port.unit, port.port, port.at) for port in ports if port.port), "port")
+    yield from check_owners(
+        ((port.unit, port.port, port.at) for port in ports if port.port), "port", outward(list(PORTS))
+    )
     for unit in tables.units:
         port = tables.platform.units[unit.name]
         if port.port not in PORTS:

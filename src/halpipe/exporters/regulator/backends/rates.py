@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
+from halpipe.exporters.regulator.owners import Free, T
 from halpipe.exporters.regulator.rounding import pieces
 from halpipe.quantities import format_bandwidth
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from halpipe.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.frames import Frame, Row
@@ -146,11 +147,17 @@ def rate_text(rate: Fraction) -> str:
     return format_bandwidth(rate.numerator // rate.denominator)
 
 
-def check_owners(owners: Iterable[tuple[str, Hashable, Location]], what: str) -> Iterator[Diagnostic]:
-    """Yield a finding for each of `owners` (unit, what it owns, place) whose property another unit has already."""
-    first: dict[Hashable, str] = {}
+def check_owners(
+    owners: Iterable[tuple[str, T, Location]], what: str, near: Callable[[T], Iterator[T]]
+) -> Iterator[Diagnostic]:
+    """Yield a finding for each of `owners` (unit, what it owns, place) whose property another unit has already.
+
+    `near` yields what could be owned instead, from the nearest on.
+    """
+    owners = list(owners)
+    first: dict[T, str] = {}
+    free = Free((owned for _, owned, _ in owners), near)
     for unit, owned, at in owners:
         if first.setdefault(owned, unit) != unit:
             message = f'{what} {owned} is the one of unit "{first[owned]}", too; what is written last holds for both'
-            help = f"give each unit a {what} of its own, or model what shares it as one unit"
-            yield SHARED_MANAGER(message, at=at, path=about(unit=unit), help=help)
+            yield SHARED_MANAGER(message, at=at, path=about(unit=unit), help=free.help(what, owned))
