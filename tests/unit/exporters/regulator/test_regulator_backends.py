@@ -351,7 +351,7 @@ def test_a_rate_beyond_twelve_bits_is_refused(tmp_path):
     found = made(tmp_path, "qos400", qos400="{clock: 25kHz}")[1]
     errors = [d for d in found if d.is_error]
     assert {d.code for d in errors} == {codes.RATE_DOES_NOT_FIT.id}
-    assert errors[0].message == "read rate 1.6MB/s is more than the 1599609B/s that the register holds"
+    assert errors[0].message == "read rate 1.6MB/s is more than the 1.599609MB/s that the register holds"
 
 
 def nearly_all():
@@ -367,7 +367,7 @@ def test_rates_that_do_not_all_fit_rounded_up_are_reported(tmp_path):
     rates = {"capacity": "6.4MB/s", "guaranteed": "6.2MB/s"}
     found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates)[1]
     assert [(d.code, d.path) for d in found] == [(codes.RATE_DOES_NOT_FIT.id, 'mode "all"')]
-    assert "comes to 6562.5kB/s, there is room for 6000KiB/s" in found[0].message  # a transfer of each is kept
+    assert "comes to 6.5625MB/s, there is room for 6.144MB/s" in found[0].message  # a transfer of each is kept
     capacity = found[0].help.split('"capacity: ')[1].split('"')[0]
     assert made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates | {"capacity": capacity})[1] == []
 
@@ -376,8 +376,8 @@ def test_one_rate_for_a_mode_needs_the_largest_bounds_of_all_units_to_fit(tmp_pa
     found = made(tmp_path, "qos400", two_units, capacity="8MB/s")[1]
     (peak,) = [d for d in found if d.is_error]
     assert peak.code == codes.RATE_DOES_NOT_FIT.id
-    assert "u1 read 1609375B/s for 1.6MB/s" in peak.message
-    assert "u2 write 3203125B/s for 3.2MB/s" in peak.message
+    assert "u1 read 1.609375MB/s for 1.6MB/s" in peak.message
+    assert "u2 write 3.203125MB/s for 3.2MB/s" in peak.message
     assert "granularity: phase" in peak.help
 
 

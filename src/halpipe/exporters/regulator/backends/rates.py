@@ -12,7 +12,7 @@ from halpipe.diagnostics import about
 from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SHARED_MANAGER
 from halpipe.exporters.regulator.owners import Free, T
 from halpipe.exporters.regulator.rounding import pieces
-from halpipe.quantities import format_bandwidth
+from halpipe.quantities import format_bandwidth, format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -143,8 +143,8 @@ def rate_of(tables: Tables, bound: Fraction) -> Fraction:
 
 
 def rate_text(rate: Fraction) -> str:
-    """Return a bandwidth for people, in whole bytes per second."""
-    return format_bandwidth(rate.numerator // rate.denominator)
+    """Return whole bytes per second for people, always in megabytes, so that two can be compared."""
+    return format_rational(Fraction(int(rate), 10**6)) + "MB/s"
 
 
 def check_owners(
