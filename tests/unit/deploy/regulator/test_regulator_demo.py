@@ -20,7 +20,7 @@ DEMO, GRID = EXAMPLES / "roboracer/model.xml", EXAMPLES / "platforms/cores-table
 PLATFORM = """halpipe-regulator: 1
 resource: main-memory
 clock: 100MHz
-bus: 128bit
+bus: 512bit
 burst: 64B
 window: {window}
 guaranteed: 400MB/s
@@ -37,6 +37,7 @@ SERVING = {
     "axi-realm": ("600MB/s", "axi-realm: {pending: 1}"),
     "qos400": ("600MB/s", "qos400: {clock: 200MHz, granularity: phase}"),
     "resctrl": ("1600MB/s", "resctrl: {kind: mpam, width: 6}"),
+    "memguard": ("6000MB/s", "memguard: {cores: 4, granularity: phase}"),
     "mpam": ("1600MB/s", "mpam: {width: 6, partids: 8, base: 0x1000}"),
 }
 REFUSING = {
