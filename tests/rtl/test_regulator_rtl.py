@@ -25,6 +25,7 @@ from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import CYCLES, STEPPED_CYCLES, design_of, play, simulate
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, Traffic, plan, unit_address
+from one_fault import with_fault
 
 RTL = Path(halpipe.__file__).parent / "exporters" / "regulator" / "rtl"
 BENCH = Path(halpipe.__file__).parent / "deploy" / "regulator" / "bench"
@@ -364,6 +365,27 @@ def test_faults_of_the_verilog_are_refuted(files, mutant):
     """By the proof of the part that has it, whether a simulation shows it or not."""
     found = {finding.code for finding in mutants.refuted(mutants.mutated(files, mutant), mutants.MUTANTS[mutant][0])}
     assert found in ({codes.NOT_PROVEN.id}, {codes.ENGINE_FAILED.id})  # the latter where a register is gone
+
+
+@formal
+@pytest.mark.parametrize(
+    "fault",
+    sometimes_slow(
+        [
+            (".all_req_valid(req_valid)", ".all_req_valid(req_valid & (i != 2))", "together"),
+            (".s_wlast(s_wlast[i])", ".s_wlast(s_wlast[i % 2])", "ports_in"),
+            ("data[chosen]", "data[chosen % 3]", "answers"),
+        ],
+        1,
+    ),
+)
+def test_faults_of_the_last_unit_are_refuted(files, fault):
+    """The block is proven with as many units as the bundle has, not with two for all."""
+    old, new, broken = fault
+    name = "table/rtl/halpipe_regulator.v"
+    found = mutants.refuted({**files, name: with_fault(files[name].decode(), old, new).encode()}, "frame")
+    assert f'"{broken}"' in " ".join(d.message for d in found)
+    assert {d.code for d in found} == {codes.NOT_PROVEN.id}
 
 
 @formal

@@ -79,8 +79,22 @@ def _gate(prefix: str, instance: str) -> dict[str, tuple[str, ...]]:
     return {f"{prefix}_{name}": (f"dut.{instance}.{port}",) for name, port in ports.items()}
 
 
-def _units(names: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
-    return {name: tuple(f"dut.unit[{n}].regulator.{port}" for n in (1, 0)) for name, port in names.items()}
+def _units(units: int) -> dict[str, tuple[str, ...]]:
+    """Return the wires of the properties for the ports of so many units, the last one first."""
+    names = {
+        "u_tick": "tick",
+        "u_go": "all_go",
+        "u_req_valid": "all_req_valid",
+        "u_req_table": "all_req_table",
+        "u_write": "reg_write",
+        "u_addr": "reg_addr",
+        "u_wdata": "reg_wdata",
+        "u_rdata": "reg_rdata",
+        **{f"u_{n}": f"s_{n}" for n in ("arvalid", "arready", "awvalid", "awready", "wvalid", "wready", "wlast")},
+        **{f"u_{n}": n for n in (*_UNIT_PORTS, "arlen", "arsize", "awlen", "awsize")},
+    }
+    each = range(units - 1, -1, -1)
+    return {name: tuple(f"dut.unit[{n}].regulator.{port}" for n in each) for name, port in names.items()}
 
 
 _ALL = ("halpipe_regulator_gate.v", "halpipe_regulator_player.v", "halpipe_regulator_unit.v", "halpipe_regulator.v")
@@ -118,16 +132,8 @@ PARTS = (
     ),
     Part(
         "frame",
-        _ALL,
+        _ALL[3:],
         {
-            **_units(
-                {"u_tick": "tick", "u_go": "all_go", "u_req_valid": "all_req_valid", "u_req_table": "all_req_table"}
-            ),
-            **_units({"u_write": "reg_write", "u_addr": "reg_addr", "u_wdata": "reg_wdata", "u_rdata": "reg_rdata"}),
-            **_units(
-                {f"u_{n}": f"s_{n}" for n in ("arvalid", "arready", "awvalid", "awready", "wvalid", "wready", "wlast")}
-            ),
-            **_units({f"u_{n}": n for n in (*_UNIT_PORTS, "arlen", "arsize", "awlen", "awsize")}),
             "counter": ("dut.cycle",),
             "length": ("dut.cycles",),
             "number": ("dut.window",),
@@ -141,6 +147,10 @@ PARTS = (
 
 MOST_ENTRIES = 64
 """Of a unit: with more the solver takes more than a minute; such images are followed row by row, exactly."""
+
+
+MOST_UNITS = 8
+"""That are proven to be wired as one block; a block of more is proven with so many of them."""
 
 
 def can_prove(tables: Tables, unit: Unit) -> bool:
@@ -197,7 +207,16 @@ def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
         raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
     depth = min(max(tables.platform.table_depth, 2), 1 << 16)  # an index has 16 bits
     sizes = {"depth": str(1 << (depth - 1).bit_length()), "tables": str(header_lines(tables))}
-    sized = (replace(part, fills=sizes) if part.memories else part for part in PARTS)
+    units = min(len(tables.units), MOST_UNITS)
+    wired = {"frame": {"units": str(units)}, "player": sizes}
+    sized = (
+        replace(
+            part,
+            fills=wired.get(part.name, {}),
+            wires={**part.wires, **(_units(units) if part.name == "frame" else {})},
+        )
+        for part in PARTS
+    )
     for part in (*sized, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
         if names and part.name not in names:
             continue
