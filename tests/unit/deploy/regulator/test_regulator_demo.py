@@ -44,6 +44,7 @@ REFUSING = {
     "qos400": ("1600MB/s", "qos400: {clock: 200MHz}", "granularity: phase"),
     "resctrl": ("1600MB/s", "resctrl: {others: 1 2}", "finer steps"),
     "memguard": ("1600MB/s", "memguard: {cores: 4}", "granularity: phase"),
+    "mpam": ("440MB/s", "mpam: {width: 8}", "table or axi-realm"),
 }
 
 
