@@ -1,6 +1,7 @@
 """Stress the bandwidth regulator: ``python benchmarks/regulator.py --configurations 60 --seeds 1 2``.
 
 With ``--faults``: how many faults put into the Verilog the simulation finds, and how many of the others the proof.
+With ``--loaded``: how many faults put into what back-ends load the check finds; each that survives is printed.
 
 Random systems (those of the tests) are exported, checked exactly, and simulated with every kind of traffic. Prints what
 was simulated and every violation; the last line is JSON. Needs Verilator, or Icarus Verilog and much time.
@@ -9,12 +10,17 @@ was simulated and every violation; the last line is JSON. Needs Verilator, or Ic
 import argparse
 import json
 import random
+import re
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests/unit/deploy/regulator"))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+import test_regulator_devices as devices
 
 import regulator_bundles as bundles
 import regulator_mutants as mutants
@@ -111,13 +117,48 @@ def faults() -> dict[str, object]:
     return {"faults": len(mutants.MUTANTS), "by_simulation": count, "by_proof": len(refuted), "not_installed": lacking}
 
 
+def changes(text: str, file: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield each fault of a file: of an image every bit of every word, of another every line and number."""
+    lines = text.split("\n")
+    if not file.endswith(".memh"):
+        yield from devices.faults(text)
+        return
+    for number, line in enumerate(lines):
+        for bit in range(4 * len(line.strip()) if re.fullmatch("[0-9a-f]+", line.strip()) else 0):
+            word = f"{int(line, 16) ^ 1 << bit:0{len(line.strip())}x}"
+            yield f"bit {bit} of word {number}", [*lines[:number], word, *lines[number + 1 :]]
+
+
+def loaded() -> dict[str, object]:
+    """Return, for each form of a back-end, how many faults there are of lines and numbers, and how many are found."""
+    counts: dict[str, object] = {}
+    for name in ("table", *devices.SETTINGS):
+        with tempfile.TemporaryDirectory() as folder:
+            backend, files = devices.export(Path(folder), name)
+        found = several = 0
+        is_loaded = re.compile(r"tables\.json|table/.*\.memh" if name == "table" else f"{backend}/.*")
+        for file in sorted(filter(is_loaded.fullmatch, files)):
+            for what, lines in changes(files[file].decode(), file):
+                several += 1
+                if devices.ids({**files, file: "\n".join(lines).encode()}):
+                    found += 1
+                else:
+                    print(f"survives: {name}, {file}: {what}")
+        counts[name] = {"faults": several, "found": found}
+    return counts
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--configurations", type=int, default=60)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--windows", type=int, default=400)
     parser.add_argument("--faults", action="store_true", help="put faults into the Verilog instead")
+    parser.add_argument("--loaded", action="store_true", help="put faults into what back-ends load instead")
     wanted = parser.parse_args()
+    if wanted.loaded:
+        print(json.dumps(loaded()))
+        return
     if wanted.faults:
         result = faults()
         print(json.dumps(result))

@@ -245,11 +245,25 @@ def test_a_predecessor_may_be_missed_in_the_third_cycle_first(last):
         assert not errors(system, plan)
 
 
-def test_a_window_that_reaches_back_too_far_is_refused():
-    then = following(20_000_000, 20_000_010)
+@pytest.mark.parametrize(("phase", "misses"), [(0, False), (3, True)])
+def test_a_window_may_reach_back_over_millions_of_cycles(phase, misses):
+    """All of them look at one instant of the mode before, as both repeat alike."""
+    then = following(20_000_000, 20_000_002)
     system = two_modes((FIRST, then), (FIRST, then))
-    plan = tables(system, [("first", 0, "u1"), ("then", 3, "u2")], [("first", 0, "u1"), ("then", 3, "u2")])
-    assert "reaches back over 2000000 cycles" in only(system, switch(plan, 0), codes.TOO_LONG)
+    plan = tables(system, [("first", 0, "u1"), ("then", 0, "u2")], [("first", phase, "u1"), ("then", phase, "u2")])
+    if misses:
+        assert "starts at 3ms after the switch" in only(system, switch(plan, 0), codes.OUT_OF_WINDOW)
+    else:
+        assert not errors(system, switch(plan, 0))
+
+
+def test_windows_that_differ_in_too_many_cycles_are_refused():
+    slow, then = task("slow", 999_983, version("v", 1, "u1")), following(10**12, 10**12 + 10)
+    system = two_modes((FIRST, slow), (FIRST, then))
+    one = table("one", 999_983, job(system, "slow", 0, 0, "u1"))
+    two = table("two", 10, job(system, "first", 0, 0, "u1"), job(system, "then", 0, 5, "u2"))
+    found = errors(system, switch(plan_of(system, one, two), 0))
+    assert any("looks at another instant of the old mode in too many cycles" in text for text in found)
 
 
 def test_a_task_that_enters_may_start_early_where_needed():

@@ -188,8 +188,8 @@ TOO_LONG = error(
     "HAL0351",
     "Switch takes too long",
     "The table of a switch must have a length of at least zero and at most the length that the model allows. No job "
-    "that is split or takes a resource may last over, and no constraint may reach back over, so many cycles of the "
-    "mode to come that they cannot be looked at (a million jobs).",
+    "that is split or takes a resource may last over so many cycles of the mode to come that they cannot be looked at "
+    "(200 000 jobs), and constraints may not differ in so many of its cycles.",
 )
 NO_TABLE = note(
     "HAL0352",

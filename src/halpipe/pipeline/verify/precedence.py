@@ -6,6 +6,8 @@ counts where it falls, also beyond the hyperperiod: x = t_n, not reduced.
 
 from __future__ import annotations
 
+from itertools import chain
+from math import gcd
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.diagnostics import Subject
@@ -16,7 +18,7 @@ from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.tables import MAX_LINE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import Precedence
@@ -141,14 +143,28 @@ def check_precedence_on_line(switch: Switch) -> Iterator[Diagnostic]:
     left = MAX_LINE
     for cyclic in switch.target.jobs:
         for constraint in cyclic.version.precedences if cyclic.version else ():
-            cycles = _cycles_back(cyclic, constraint, switch.target)
-            left -= cycles
+            turns = _turns(cyclic, constraint, switch)
+            left -= sum(turn.stop - turn.start for turn in turns)
             if left < 0:
-                text = f'a constraint on "{constraint.task}" reaches back over {cycles} cycles of the mode to come'
-                help = "shorten the window, or list only the transitions needed"
+                text = (
+                    f'a constraint on "{constraint.task}" looks at another instant of the old mode in too many cycles'
+                )
+                help = "shorten the window, choose periods with a common divisor, or list only the transitions needed"
                 yield codes.TOO_LONG(text, at=switch.table.at, path=switch.path(cyclic), help=help)
                 return
-            yield from _first_broken(cyclic, constraint, cycles, line, switch)
+            yield from _first_broken(cyclic, constraint, chain(*turns), line, switch)
+
+
+def _turns(cyclic: Placed, constraint: Precedence, switch: Switch) -> tuple[range, range]:
+    """Return the cycles of mode m in which a job may need a predecessor from before it, those that differ.
+
+    As long as the window ends before the switch, the predecessors are those of mode n, and repeat with it.
+    """
+    cycles = _cycles_back(cyclic, constraint, switch.target)
+    cycle, least = switch.target.period, switch.clock.ticks(constraint.min)
+    before = min(cycles, max(0, -((switch.length + cyclic.start - least) // cycle)))
+    repeat = switch.source.period // gcd(cycle, switch.source.period)
+    return range(min(before, repeat)), range(before, cycles)
 
 
 def _cycles_back(placed: Placed, constraint: Precedence, table: ModeTable) -> int:
@@ -165,10 +181,10 @@ def _cycles_back(placed: Placed, constraint: Precedence, table: ModeTable) -> in
 
 
 def _first_broken(
-    cyclic: Placed, constraint: Precedence, cycles: int, line: LineInstants, switch: Switch
+    cyclic: Placed, constraint: Precedence, turns: Iterable[int], line: LineInstants, switch: Switch
 ) -> Iterator[Diagnostic]:
-    """Report the first of the first `cycles` cycles of mode m in which a job misses its predecessor."""
-    for turn in range(cycles):
+    """Report the first of some cycles of mode m in which a job misses its predecessor."""
+    for turn in turns:
         placed = cyclic.moved(switch.length + turn * switch.target.period, f' of mode "{switch.target.name}"')
         broken = list(_check_on_line(placed, constraint, line, switch))
         if broken:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 MAX_BITS = 4096
 
-MAX_LINE = 1_000_000
+MAX_LINE = 200_000
 """Jobs of the mode to come that are looked at for jobs in progress at a switch."""
 
 TABLE = " of the table"
@@ -228,9 +228,10 @@ class Switch:
     def cycles_of(self, jobs: list[Placed]) -> int:
         """Return how many cycles of mode m the line has: two, or as many as `jobs` last that may meet later ones.
 
-        No more than `MAX_LINE` jobs, though, which the rule of its length reports.
+        Two also where these would be more than `MAX_LINE` jobs, which the rule of its length reports.
         """
-        return min(self.cycles_needed(jobs), 2 + MAX_LINE // max(1, len(self.target.jobs)))
+        needed = self.cycles_needed(jobs)
+        return needed if needed * max(1, len(self.target.jobs)) <= MAX_LINE else 2
 
     def cycles_needed(self, jobs: list[Placed]) -> int:
         """Return how many cycles of mode m there would have to be.

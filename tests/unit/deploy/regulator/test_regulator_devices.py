@@ -60,16 +60,15 @@ def system():
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     folder = tmp_path_factory.mktemp("devices")
-    found = {}
-    for name, setting in SETTINGS.items():
-        path = folder / f"{name}.yaml"
-        path.write_text(PLATFORM + setting + "\n")
-        backend = name.removesuffix("-phase").removesuffix("-mpam")
-        found[name] = (
-            backend,
-            RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend=backend)),
-        )
-    return found
+    return {name: export(folder, name) for name in SETTINGS}
+
+
+def export(folder, name):
+    """The back-end of a form, and what it writes."""
+    path = folder / f"{name}.yaml"
+    path.write_text(PLATFORM + SETTINGS.get(name, "") + "\n")
+    backend = name.removesuffix("-phase").removesuffix("-mpam")
+    return backend, RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend=backend))
 
 
 def ids(files):
