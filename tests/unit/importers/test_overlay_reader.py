@@ -91,6 +91,16 @@ def test_a_source_that_no_import_asks_for_is_reported_with_those_it_asked_for(tm
     assert [(d.code, d.help) for d in diagnostics] == [(codes.MATCHES_NOTHING.id, 'did you mean "/scan"?')]
 
 
+@pytest.mark.parametrize(
+    "key", ["/{front,rear}/lidar", "{}", "{0}", "{0:>4000000000}", "{key.__class__}", "%s %d", "{"]
+)
+def test_names_are_told_as_they_are_and_never_taken_for_formats(tmp_path, key):
+    path = tmp_path / "overlay.yaml"
+    path.write_text(f'halpipe-overlay: 1\ntasks:\n  "{key}": {{wcet: soon}}\nsources: {{"{key}": {{period: 0}}}}\n')
+    for said in refusal(path):
+        assert key in f"{said.path} {said.message}"
+
+
 def test_values_are_exact(tmp_path):
     text = """
 platform: {resources: [{name: ddr, bandwidth: 19.2GB/s}], units: [{name: core0}]}
