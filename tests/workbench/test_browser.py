@@ -20,6 +20,18 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support import expected_conditions as expected
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
+PLATFORM = """halpipe-regulator: 1
+resource: memory
+clock: 100MHz
+bus: 128bit
+burst: 64B
+window: 1000
+guaranteed: 400MB/s
+capacity: 1GB/s
+units:
+  core1: {manager: 0}
+  core2: {manager: 1}
+"""
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 DRIVER = shutil.which("chromedriver")
 PATIENCE = 300
@@ -191,6 +203,25 @@ def test_edits_are_saved_as_an_overlay(page, tmp_path):
     answer(page, "edits.yaml")
     verdict(page, "edits.yaml: written")
     assert "wcet: 7ms" in (tmp_path / "edits.yaml").read_text()
+
+
+def export(page, format, asked=""):
+    page.execute_script(
+        "window.saved = []; HTMLAnchorElement.prototype.click = function () { saved.push(this.download); };"
+    )
+    Select(page.find_element(By.ID, "export")).select_by_visible_text(format)
+    if asked:
+        answer(page, asked)
+
+
+def test_exports_are_saved_or_refused_with_a_reason(page, tmp_path):
+    (tmp_path / "platform.yaml").write_text(PLATFORM)
+    for format, asked, file in (("report", "", "export.html"), ("regulator", "platform.yaml", "regulator.zip")):
+        export(page, format, asked)
+        WebDriverWait(page, PATIENCE).until(lambda _, file=file: page.execute_script("return saved") == [file])
+    export(page, "riscv")
+    verdict(page, "sources")
+    assert page.execute_script("return saved") == []
 
 
 def test_nothing_goes_wrong_in_the_console(page):

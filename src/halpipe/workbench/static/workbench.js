@@ -189,7 +189,9 @@ $("beside").addEventListener("click", async () => {
 $("export").addEventListener("change", async event => {
   const format = event.target.value; event.target.value = "";
   if (!format) return;
-  const answer = await fetch(`/api/export/${format}`, {method: "POST", headers: {"Content-Type": "application/json"}, body: "{}"});
+  const options = {};
+  if (format === "regulator" && !(options.platform = prompt("Platform file of the regulators (YAML)"))) return;
+  const answer = await fetch(`/api/export/${format}`, {method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify(options)});
   if (!answer.ok) { show(await answer.json(), true); return; }
   const name = (answer.headers.get("Content-Disposition") || "").split('"')[1] || format;
   const link = element("a", "", {href: URL.createObjectURL(await answer.blob()), download: name});
