@@ -234,10 +234,16 @@ def generated(*options):
     return subprocess.run(command, capture_output=True, check=True).stdout
 
 
-@pytest.mark.parametrize(("tasks", "units"), [(60, 6), (500, 50)])
-def test_large_models_are_drawn_and_zoomed_with_few_nodes(browser, serve, tasks, units):
-    model = generated("--tasks", str(tasks), "--units", str(units), "--access-windows", "20", "--utilisation", "0.4")
-    page = opened(browser, serve(model))
+LARGE = {
+    "60 tasks": "--tasks 60 --units 6 --access-windows 20 --utilisation 0.4",
+    "500 tasks": "--tasks 500 --units 50 --access-windows 20 --utilisation 0.4",
+    "8001 jobs": "--units 4 --unit-types 1 --resources 1 --utilisation 0.5 --period 1s" + 8 * " --period 1ms",
+}
+
+
+@pytest.mark.parametrize("size", LARGE)
+def test_large_models_are_drawn_and_zoomed_with_few_nodes(browser, serve, size):
+    page = opened(browser, serve(generated(*LARGE[size].split())))
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
     page.execute_script("for (let n = 0; n < 30; n++) { viewer.zoom(n % 2 ? 1.2 : 1 / 1.2, 1); viewer.paint(); }")
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
