@@ -15,6 +15,9 @@ pytest.importorskip("selenium", reason="drives the browser")
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.common.actions.pointer_actions import PointerActions
+from selenium.webdriver.common.actions.pointer_input import PointerInput
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support import expected_conditions as expected
@@ -161,6 +164,30 @@ def test_the_keyboard_is_enough(page):
     canvas.send_keys("0")
     ActionChains(page).key_down(Keys.ALT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.ALT).perform()
     WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
+
+
+def test_two_fingers_zoom_and_pan(page):
+    """Apart from 100 to 300 pixels: a third of the time is left; to the right: earlier instants come in sight."""
+    chart = page.find_element(By.ID, "chart")
+    whole = page.execute_script("return viewer.to - viewer.from")
+    pinch(page, chart, (-50, 50), (-150, 150))
+    seen = page.execute_script("return [viewer.from, viewer.to]")
+    assert seen[1] - seen[0] == pytest.approx(whole / 3, rel=0.02)
+    pinch(page, chart, (-50, 50), (0, 100))
+    moved = page.execute_script("return [viewer.from, viewer.to]")
+    assert moved[0] < seen[0]
+    assert moved[1] - moved[0] == pytest.approx(seen[1] - seen[0], rel=0.02)
+
+
+def pinch(browser, element, begin, end):
+    """Put two fingers on an element, this far from its middle, and move them."""
+    fingers = ActionBuilder(browser, mouse=PointerInput("touch", "one"))
+    for finger, first, last in zip((fingers.pointer_action, None), begin, end, strict=True):
+        if finger is None:
+            second = fingers.add_pointer_input("touch", "two")
+            finger = PointerActions(second)
+        finger.move_to(element, first, 0).pointer_down().move_to(element, last, 0).pointer_up()
+    fingers.perform()
 
 
 def test_chains_search_and_modes(page):

@@ -1,6 +1,6 @@
 "use strict";
-// One chart of one mode on a canvas: lanes are units, boxes are jobs; below them, what units and resources bear. Zoom with the wheel or + and -, pan by dragging,
-// choose with a click or the arrow keys. Dragging a job, or Alt with an arrow, asks the owner to move it.
+// One chart of one mode on a canvas: lanes are units, boxes are jobs; below them, what units and resources bear. Zoom with the wheel, two fingers or + and -, pan by
+// dragging, choose with a click or the arrow keys. Dragging a job, or Alt with an arrow, asks the owner to move it.
 const METER = 30; // pixels
 
 class Viewer {
@@ -12,6 +12,7 @@ class Viewer {
     this.from = 0; this.to = 1; this.filter = ""; this.chain = null; this.heat = null; this.pinned = new Set();
     this.fixed = false; // nothing can be moved
     this.selected = null; this.hovered = null; this.drag = null; this.drawn = false;
+    this.fingers = new Map(); // by pointer: where it is
     const on = (name, act, options) => canvas.addEventListener(name, act.bind(this), options);
     on("wheel", this.onWheel, {passive: false});
     on("pointerdown", this.onDown); on("pointermove", this.onMove); on("pointerup", this.onUp); on("pointercancel", this.onUp);
@@ -225,12 +226,15 @@ class Viewer {
   onDown(event) {
     if (!this.mode) return;
     this.canvas.focus(); this.canvas.setPointerCapture(event.pointerId);
+    this.fingers.set(event.pointerId, event.offsetX);
+    if (this.fingers.size > 1) { this.drag = null; return; }
     const job = this.at(event.offsetX, event.offsetY);
     if (job) this.select(job);
     this.drag = {job, x: event.offsetX, from: this.from, by: 0, moved: false};
   }
   onMove(event) {
     if (!this.mode) return;
+    if (this.fingers.size > 1) { this.pinch(event); return; }
     const drag = this.drag;
     if (!drag) {
       const job = this.at(event.offsetX, event.offsetY);
@@ -243,7 +247,16 @@ class Viewer {
     else { const span = this.to - this.from; this.from = Math.max(0, Math.min(this.mode.length - span, drag.from - by)); this.to = this.from + span; }
     this.draw();
   }
-  onUp() {
+  pinch(event) {
+    if (!this.fingers.has(event.pointerId)) return;
+    const [first, second] = this.fingers.values();
+    this.fingers.set(event.pointerId, event.offsetX);
+    const [now, other] = this.fingers.values(), gap = (one, two) => Math.max(1, Math.abs(one - two));
+    this.zoom(gap(first, second) / gap(now, other), this.time((first + second) / 2));
+    this.pan((first + second - now - other) / 2 / (this.width - this.left) * (this.to - this.from));
+  }
+  onUp(event) {
+    this.fingers.delete(event.pointerId);
     const drag = this.drag; this.drag = null;
     if (drag && drag.job && drag.moved && !this.fixed) this.move(drag.job, drag.job.start + drag.by);
     this.draw();
