@@ -269,7 +269,7 @@ def test_of_jobs_that_end_together_the_one_started_later_is_newer():
 @pytest.mark.slow
 @pytest.mark.parametrize("grouped", [True, False])
 def test_costs_at_length(grouped):
-    @examples(700)
+    @examples(400)
     @given(SEEDS)
     def check(seed):
         system, problem = random_problem(seed, grouped=grouped)
