@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+import csv
+import io
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
-from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.base import CheckOptions
@@ -15,7 +15,7 @@ from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
 from halpipe.deploy.regulator.arithmetic import RATES, Arithmetic
 from halpipe.deploy.regulator.counters import Judge, Sample
 from halpipe.deploy.regulator.reading import TABLES, read_tables
-from halpipe.deploy.riscv.regulators import regulators_of
+from halpipe.deploy.riscv.regulators import Regulators, regulators_of
 from halpipe.diagnostics import sort_diagnostics
 from halpipe.durations import Duration
 from halpipe.models import AccessKind
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.base import Checked, Target
-    from halpipe.deploy.regulator.reading import Table, Tables
+    from halpipe.deploy.regulator.reading import Tables
     from halpipe.deploy.riscv.check import Outcome
     from halpipe.deploy.riscv.dma import Transfer
     from halpipe.diagnostics import Diagnostic
@@ -96,7 +96,7 @@ def _phases(tables: Tables, judge: Judge, outcome: Outcome) -> Iterator[_Phase]:
     units = {unit.hart: unit.name for unit in outcome.run.site.units}
     regulated = {unit.name: unit for unit in tables.units}
     channel = outcome.run.site.channels.get(tables.platform.resource)
-    played = _played(tables, outcome)
+    regulators = _followed(tables, outcome)
     for job in outcome.jobs:
         moved: dict[tuple[str, str, int, int], list[Transfer]] = {}
         for planned, seen in zip(job.planned.transfers, job.transfers, strict=True):
@@ -106,7 +106,7 @@ def _phases(tables: Tables, judge: Judge, outcome: Outcome) -> Iterator[_Phase]:
                 moved.setdefault(key, []).extend([] if seen is None else [seen])
         for (unit, direction, *ticks), transfers in moved.items():
             begin, end = (outcome.run.site.tick.fraction * tick for tick in ticks)
-            start, table = _at(played, begin)
+            start, table, _ = regulators.playing(begin)
             used = sum(transfer.size for transfer in transfers)
             sample = Sample(table, regulated[unit], direction, begin - start, end - start, used, 0)
             yield _Phase(
@@ -130,11 +130,13 @@ _COLUMNS = ("cycle", "table", "task", "job", "unit", "direction", "start", "end"
 
 def _csv(phases: Sequence[_Phase]) -> bytes:
     """Return the phases as CSV: exact nanoseconds and bytes."""
-    lines = [",".join(_COLUMNS)]
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_COLUMNS)
     for phase in phases:
         cells = (getattr(phase, name) for name in _COLUMNS)
-        lines.append(",".join(format_rational(cell) if isinstance(cell, Fraction) else str(cell) for cell in cells))
-    return ("\n".join(lines) + "\n").encode()
+        rows.writerow(format_rational(cell) if isinstance(cell, Fraction) else cell for cell in cells)
+    return text.getvalue().encode()
 
 
 def _figures(phases: Sequence[_Phase]) -> Iterator[str]:
@@ -154,7 +156,7 @@ def _figures(phases: Sequence[_Phase]) -> Iterator[str]:
 
 def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
     """Yield what each unit moved in each direction, in stretches of windows without a gap."""
-    played = _played(tables, outcome)
+    regulators = _followed(tables, outcome)
     units = {unit.hart: unit.name for unit in outcome.run.site.units}
     regulated = {unit.name: unit for unit in tables.units}
     moved: dict[tuple[str, str], list[tuple[Fraction, Fraction, int]]] = {}
@@ -168,7 +170,7 @@ def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
     for (unit, direction), several in sorted(moved.items()):
         last: tuple[Fraction, Sample] | None = None  # with the begin of its table: each cycle has windows of its own
         for begin, end, size in sorted(several):
-            start, table = _at(played, begin)
+            start, table, _ = regulators.playing(begin)
             sample = Sample(table, regulated[unit], direction, begin - start, end - start, size, 0)
             if last is not None and last[0] == start and sample.start // width < ceil(last[1].end / width):
                 last = start, replace(last[1], end=max(last[1].end, sample.end), used=last[1].used + size)
@@ -180,19 +182,9 @@ def _samples(tables: Tables, outcome: Outcome) -> Iterator[Sample]:
             yield last[1]
 
 
-def _played(tables: Tables, outcome: Outcome) -> list[tuple[Fraction, Table]]:
-    """Return which tables the regulators play from when on: that of a switch may reach into the mode after it."""
-    named = {table.name: table for table in tables.tables}
-    found: list[tuple[Fraction, Table]] = []
-    until = Fraction(-1)
+def _followed(tables: Tables, outcome: Outcome) -> Regulators:
+    """Return the regulators as they followed a run, in nanoseconds from its beginning."""
+    regulators = Regulators(tables, outcome.run.site, 10**9)
     for played in outcome.tables:
-        start, table = played.start.fraction, named.get(played.name)
-        if table is not None and start >= until:
-            found.append((start, table))
-            until = start + table.windows * tables.platform.window_ns
-    return found
-
-
-def _at(played: Sequence[tuple[Fraction, Table]], instant: Fraction) -> tuple[Fraction, Table]:
-    """Return the table that is played at an instant, with its begin; before all of them, the first."""
-    return played[max(bisect_right(played, instant, key=itemgetter(0)) - 1, 0)]
+        regulators.begin(played.name, played.start.fraction)
+    return regulators

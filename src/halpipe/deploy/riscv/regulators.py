@@ -61,7 +61,7 @@ class Regulators:
         self._burst = tables.platform.burst_bytes
         self._begun: list[tuple[Fraction, Table]] = []
 
-    def begin(self, name: str, start: int) -> None:
+    def begin(self, name: str, start: Fraction | int) -> None:
         """Follow the runtime to its next table."""
         table = self._named.get(name)
         if table is not None and (not self._begun or start >= self._end(*self._begun[-1])):
@@ -79,7 +79,7 @@ class Regulators:
         """Yield the windows from `since` on that grant something; it ends if there will be none."""
         barren = 0
         while barren <= len(self._tables):
-            start, table, end = self._playing(since)
+            start, table, end = self.playing(since)
             barren += 1
             for begin, budget in _windows(table, unit.name, direction, int((since - start) // self.width)):
                 opening = Opening(start + begin * self.width, start + (begin + 1) * self.width, budget)
@@ -89,8 +89,8 @@ class Regulators:
                 yield opening
             since = end
 
-    def _playing(self, instant: Fraction) -> tuple[Fraction, Table, Fraction]:
-        """Return the table that is played at an instant, with its begin and end."""
+    def playing(self, instant: Fraction) -> tuple[Fraction, Table, Fraction]:
+        """Return the table that is played at an instant, with its begin and end; before all of them, the first."""
         number = max(bisect_right(self._begun, instant, key=itemgetter(0)) - 1, 0)
         start, table = self._begun[number]
         later = [begin for begin, _ in self._begun[number + 1 : number + 2]]
