@@ -164,6 +164,7 @@ def schemas() -> dict[str, dict[str, Any]]:
         "platform-1.schema.json": _platform(),
         "pipeline-1.schema.json": _pipeline(),
         "profile-1.schema.json": _profile(),
+        "drivers-1.schema.json": _drivers(),
     }
 
 
@@ -195,6 +196,14 @@ def _profile() -> dict[str, Any]:
     outline = Outline((), meanings("riscv-bundle.md"))
     profile._profile("profile", outline)
     return _finished("halpipe profile of a RISC-V target", "halpipe-profile", outline)
+
+
+def _drivers() -> dict[str, Any]:
+    from halpipe.exporters.riscv import drivers
+
+    outline = Outline((), meanings("riscv-bundle.md"))
+    drivers._drivers(outline)
+    return _finished("halpipe drivers of sensors and actuators", "halpipe-drivers", outline)
 
 
 def _pipeline() -> dict[str, Any]:

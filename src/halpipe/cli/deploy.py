@@ -10,7 +10,7 @@ from halpipe.cli import output
 from halpipe.cli.groups import Group
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
 from halpipe.diagnostics import Exit
-from halpipe.exporters.choices import SOURCES
+from halpipe.exporters.choices import DRIVERS, SOURCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 Profile = Annotated[str, typer.Option(help="Target: a profile's name, or a file that ends in .yaml.")]
 Toolchain = Annotated[str, typer.Option(help="zig, gcc, or auto: zig where it is installed.")]
 Sources = Annotated[str, typer.Option(metavar="FOLDER", help=SOURCES, show_default=False)]
+Drivers = Annotated[str, typer.Option(metavar="FILE", help=DRIVERS, show_default=False)]
 
 app = typer.Typer(
     cls=Group, no_args_is_help=True, rich_markup_mode=None, help="Prepare models for a target, and check bundles."
@@ -33,6 +34,7 @@ def prepare(
     profile: Profile = "vcu118",
     toolchain: Toolchain = "auto",
     sources: Sources = "",
+    drivers: Drivers = "",
     dummy: Annotated[bool, typer.Option("--dummy", help="Make sources for versions that have none.")] = False,
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
@@ -48,7 +50,7 @@ def prepare(
     from halpipe.importers.native import read_model
 
     output.choose(format, quiet=quiet, verbose=verbose)
-    options = RiscvOptions(profile=profile, toolchain=toolchain, sources=sources)
+    options = RiscvOptions(profile=profile, toolchain=toolchain, sources=sources, drivers=drivers)
     prepared = prepare_model(read_model(model), options, dummy=dummy)
     output.report(prepared.diagnostics)
     document = format_model(prepared.model)

@@ -135,6 +135,7 @@ def _names(text: str, read: Reader) -> dict[str, Any]:
 # -------------------------------------------------------------------------------- what several formats offer
 
 SOURCES = "Source files are relative to it; otherwise to the model file."
+DRIVERS = "Drivers of sensors and actuators, YAML: called in the phases of their buffers."
 CPUS = "Linux CPU of each unit; otherwise in the model's order."
 
 cpu_number = whole(0, 9999, "CPU")

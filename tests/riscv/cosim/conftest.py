@@ -55,7 +55,7 @@ def export(tmp_path_factory):
     from halpipe.importers.native import parse_schedule
     from halpipe.pipeline.health import with_reactions
 
-    def make(sources=None, profile="vcu118", change=lambda text: text, platform=""):
+    def make(sources=None, profile="vcu118", change=lambda text: text, platform="", drivers=""):
         folder = tmp_path_factory.mktemp("bundle")
         for name in SOURCES:
             folder.joinpath(name).write_text((sources or {}).get(name) or HERE.joinpath(name).read_text())
@@ -68,6 +68,10 @@ def export(tmp_path_factory):
         if platform:
             folder.joinpath("platform.yaml").write_text(platform)
             options = replace(options, regulator=str(folder / "platform.yaml"))
+        if drivers:
+            folder.joinpath("drivers.yaml").write_text(drivers)
+            folder.joinpath("board.c").write_text((sources or {})["board.c"])
+            options = replace(options, drivers=str(folder / "drivers.yaml"))
         path = folder / "out"
         write_directory(str(path), formats.export("riscv", model, schedule, options))
         return formats.open_target(str(path))

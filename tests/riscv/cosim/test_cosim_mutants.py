@@ -205,6 +205,41 @@ def test_tables_that_are_not_those_of_the_schedule_are_found_without_playing(sou
     assert check.static_findings(sound) == []
 
 
+def _with_runtime(export, tmp_path, monkeypatch, what, instead):
+    shutil.copytree(bundle.RUNTIME, tmp_path / "runtime")
+    path = tmp_path / "runtime" / "runtime.c"
+    path.write_text(with_fault(path.read_text(), what, instead))
+    monkeypatch.setattr(bundle, "RUNTIME", tmp_path / "runtime")
+    return export()
+
+
+@pytest.mark.parametrize(
+    ("what", "instead", "said"),
+    [
+        ("clear(HP_BUFFERS, HP_BUFFERS_END);", "(void)0;", "holds after a cold start"),
+        ("clear(HP_BUFFERS, HP_BUFFERS_END);", "clear(HP_BUFFERS, HP_BUFFERS + 8U);", "holds after a cold start"),
+        (
+            "(CONTROL->first < HP_MODES) ? (uint32_t)CONTROL->first : 0U",
+            "(CONTROL->magic == HP_MAGIC) ? (uint32_t)CONTROL->first : 1U",
+            '"calm" begins',
+        ),
+    ],
+)
+def test_a_runtime_that_does_not_prepare_memory_is_found_by_a_cold_start(
+    export, tmp_path, monkeypatch, what, instead, said
+):
+    checked = DEPLOYMENT.check(_with_runtime(export, tmp_path, monkeypatch, what, instead), CheckOptions(inject="none"))
+    found = [d for d in checked.diagnostics if d.is_error]
+    assert {d.code for d in found} == {declared.COLD_START.id}
+    assert all(said in d.message for d in found)
+
+
+def test_a_runtime_that_takes_requests_without_a_table_is_found(export, tmp_path, monkeypatch):
+    what, instead = "if (index != HP_NO_TABLE) {", "if (index != 0U) {"
+    checked = DEPLOYMENT.check(_with_runtime(export, tmp_path, monkeypatch, what, instead), CheckOptions(inject="none"))
+    assert [d for d in checked.diagnostics if d.is_error]
+
+
 @pytest.mark.slow  # seven runs; test_a_unit_of_time_for_slow_cores has the arithmetic
 def test_the_margin_is_found_to_a_tenth(sound):
     lines = DEPLOYMENT.check(sound, CheckOptions(inject="none", margin=True)).lines

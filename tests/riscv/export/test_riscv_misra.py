@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -20,12 +21,25 @@ TARGET = ("-march=rv64imac_zicsr_zifencei", "-mabi=lp64", "-mcmodel=medany", "-s
 pytest.importorskip("ziglang", reason="pip install ziglang")
 
 
-@pytest.fixture(scope="module", params=["vcu118", "virt"])  # with a DMA engine, and without one
+DRIVERS = """halpipe-drivers: 1
+sources: board.c
+inputs: [{buffer: input, function: get, time: 1us}]
+"""
+
+
+@pytest.fixture(scope="module", params=["vcu118", "virt", "drivers"])  # with a DMA engine; without one; with drivers
 def runtime(request, tmp_path_factory):
     """A bundle's folder; its runtime has the generated headers and tables, too."""
     folder = tmp_path_factory.mktemp(request.param)
-    model, tables = on_disk(folder, *single())
-    write_directory(str(folder / "b"), export("riscv", model, tables, RiscvOptions(profile=request.param)))
+    system, schedule = single()
+    has_drivers = request.param == "drivers"
+    options = RiscvOptions(profile="vcu118" if has_drivers else request.param)
+    model, tables = on_disk(folder, system, schedule, board_c="void get(void *data, unsigned long size) {}")
+    if has_drivers:
+        folder.joinpath("drivers.yaml").write_text(DRIVERS)
+        options = replace(options, drivers=str(folder / "drivers.yaml"))
+    write_directory(str(folder / "b"), export("riscv", model, tables, options))
+    assert ("HP_DRIVERS" in (folder / "b" / "runtime" / "platform.h").read_text()) == has_drivers
     return folder / "b"
 
 

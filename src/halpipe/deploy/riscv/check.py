@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes, conditions, containment, dispatch, health
+from halpipe.deploy.riscv.cold import cold_start
 from halpipe.deploy.riscv.comparison import Comparison
 from halpipe.deploy.riscv.containment import Injected
 from halpipe.deploy.riscv.contents import contradictions
 from halpipe.deploy.riscv.cosimulation import CoSimulation, load_program, read_images
 from halpipe.deploy.riscv.dispatch import Dispatch, measured
+from halpipe.deploy.riscv.drivers import REQUEST, read_drivers
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.health import Course
 from halpipe.deploy.riscv.injection import Injection, Saboteur
@@ -67,6 +69,9 @@ MOST_CYCLES = 8
 SWITCHES = 12
 """Transitions into whose tables faults are put."""
 
+ASKING = 12
+"""Tables of the run in which tasks may ask for modes."""
+
 TRIALS = 8
 """Runs that try health rules in a check of every day."""
 
@@ -96,6 +101,7 @@ class Outcome:
     findings: list[Diagnostic]
     planned: Sequence[PlannedJob]
     dispatch: Dispatch = field(default_factory=Dispatch)
+    hears: bool = False
 
 
 @dataclass(slots=True)
@@ -116,7 +122,11 @@ def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
     static = static_findings(target)
     for tour in tours(target.schedule, options.cycles or CYCLES):
         totals.outcomes.append(simulate(target, tour, execution=options.execution))
+    if any(driver.function == REQUEST for driver in read_drivers(target.bundle)):
+        asking = Tour(target.schedule.modes[0].name, (), ASKING)
+        totals.outcomes.append(hearing(target, asking, options.execution))
     site = totals.outcomes[0].run.site
+    static += cold_findings(target, site)
     lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
     held = hold_transfers(target, totals.outcomes)
     lines += held.lines
@@ -150,6 +160,14 @@ def static_findings(target: Target) -> list[Diagnostic]:
     if not found.has_errors:
         found.extend(wrong_operations(target.bundle, site, program, target.model, target.schedule, expectation, images))
     return found.items
+
+
+def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
+    """Yield what a bundle does wrongly that starts by itself: buffers are emptied before, which takes its time."""
+    size = sum(area.size for area in site.buffers.values())
+    spare = budget_of(site, (), ())
+    budget = Budget({**spare.instructions, MANAGEMENT: SPARE + size}, spare.traps, spare.calls + size)
+    return cold_start(target, budget, MARGIN + seconds(size * site.cpi / site.clock))
 
 
 def margin_lines(target: Target) -> Iterator[str]:
@@ -245,7 +263,7 @@ def simulate(
 ) -> Outcome:
     """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
 
-    Without a course, no health rule follows from what is injected.
+    Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard.
     """
     site = read_site(target.bundle)
     refuse_disagreement(target, site)
@@ -264,10 +282,25 @@ def simulate(
         cpi=cpi,
         saboteur=Saboteur(site, jobs, injections) if injections else None,
         health=course is not None or not injections,
+        hears=False,
     )
     longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
     run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
     return judge(target, simulation, run, course or Course(expected, [*injections]))
+
+
+def hearing(target: Target, tour: Tour, execution: str) -> Outcome:
+    """Play a tour in which tasks may ask for modes, and compare it with the plan that follows from that."""
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    every = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
+    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(every)
+    simulation = CoSimulation(
+        target, budget=budget_of(site, jobs, every), cycles=tour.tables, first=tour.first, execution=execution
+    )
+    run = simulation.run(every[-1].start + every[-1].length + MARGIN)
+    expected = played_tables(target.schedule, tour.first, run.requests, tour.tables, site.tick)
+    return replace(judge(target, simulation, run, Course(expected)), hears=True)
 
 
 def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) -> Budget:
@@ -278,7 +311,7 @@ def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) 
         for execution in job.executions:
             cycles = math.ceil((execution.end - execution.begin) * Fraction(site.clock, site.timebase) / site.cpi)
             instructions[execution.hart] += cycles + PER_OPERATION
-        operations += 2 * len(job.executions) + 2 * len(job.transfers)
+        operations += 2 * len(job.executions) + 2 * len(job.transfers) + len(job.calls)
         moved += sum(transfer.size for transfer in job.transfers)
     ticks = math.ceil(sum((table.length for table in tables), ZERO) / site.tick)
     instructions[MANAGEMENT] = SPARE + PER_OPERATION * operations + (moved if site.dma.kind != "copy" else 100 * ticks)
@@ -301,6 +334,7 @@ def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) ->
     findings.stop_on_errors() if expectation.findings.has_errors else None
     comparison = Comparison(run, containment.planned(jobs, injections), tolerance)
     findings.extend(comparison.findings.items)
+    findings.extend(conditions.calls_drivers(run, containment.planned(jobs, injections), tolerance))
     findings.extend(conditions.tells_the_truth(run))
     findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
     findings.extend(health.recorded(run, target.model, course.firings))

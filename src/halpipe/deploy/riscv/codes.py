@@ -156,6 +156,18 @@ WRONG_HEALTH = error(
     "After jobs were made to fail, the health rules of the model have to fire, or must not: the runtime recorded "
     "otherwise, or did otherwise. On the board the system would not go where the model says.",
 )
+COLD_START = error(
+    "HAL1070",
+    "Bundle does not begin by itself",
+    "Where nobody has prepared main memory, the runtime empties the buffers and begins with the first mode. Otherwise "
+    "jobs would read what the memory of the board held when the power came.",
+)
+WRONG_DRIVER = error(
+    "HAL1069",
+    "Driver is not called as planned",
+    "Drivers are called when read phases of their buffers begin, and when write phases of theirs are over, unless the "
+    "job was abandoned before.",
+)
 NOT_CONTAINED = error(
     "HAL1055",
     "Injected fault is not contained",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from fractions import Fraction
 from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING
@@ -11,12 +12,14 @@ from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.observation import Outcome
 from halpipe.deploy.riscv.pmp import TOP, Level, Right
 from halpipe.deploy.riscv.recording import Flag, Kind
-from halpipe.diagnostics import about
+from halpipe.diagnostics import Path, about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.deploy.riscv.cosimulation import Run
+    from halpipe.deploy.riscv.drivers import PlannedCall
+    from halpipe.deploy.riscv.expectation import PlannedJob
     from halpipe.deploy.riscv.pmp import Protection
     from halpipe.deploy.riscv.recording import Record
     from halpipe.deploy.riscv.sequence import Played
@@ -110,6 +113,32 @@ def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator
             yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
 
 
+def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted."""
+    late = int(tolerance / run.site.tick)
+    left: dict[tuple[str, int, int], list[int]] = defaultdict(list)
+    for call in run.recorder.calls:
+        left[call.function, call.data, call.size].append(_tick(run, call.now))
+    lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
+    for job in jobs:
+        for planned in job.calls:
+            seen = left[planned.driver.function, planned.data, planned.size]
+            tick = next((tick for tick in seen if planned.begin <= tick <= planned.begin + late), None)
+            if tick is None:
+                lacking[job.path, planned.what].append(planned)
+            else:
+                seen.remove(tick)
+    for (path, what), calls in lacking.items():
+        more = f", and likewise {len(calls) - 1} times" if calls[1:] else ""
+        message = f"{what} was not called at {run.site.tick * calls[0].begin}{more}"
+        yield codes.WRONG_DRIVER(message, path=path, help=REPORT)
+    for (function, data, size), ticks in left.items():
+        if ticks:
+            message = f"driver {function} was called {len(ticks)} times when it is not planned, first at "
+            message += f"{run.site.tick * ticks[0]}, with {size} bytes at {data:#x}"
+            yield codes.WRONG_DRIVER(message, help=REPORT)
+
+
 def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
     """Yield where the runtime's record differs from what the simulator saw, by more than reading the clock takes."""
     recording = run.recording
@@ -124,6 +153,9 @@ def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
     # What the management core copies itself, it begins to copy when it has nothing else to do.
     if run.site.dma.kind != "copy":
         yield from _pairs("transfers", sorted(transfers), sorted(copies), slack)
+    calls = [(_tick(run, call.now),) for call in run.recorder.calls]
+    told = [(r.time,) for r in recording.records if r.kind in (Kind.INPUT, Kind.OUTPUT) and not r.flags]
+    yield from _pairs("calls of drivers", sorted(calls), sorted(told), slack)
     tables = [(int(t.start / run.site.tick),) for t in run.tables]
     begun = [(r.begin,) for r in recording.records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
     yield from _pairs("tables", tables, begun, 0)

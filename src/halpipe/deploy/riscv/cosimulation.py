@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
+from halpipe.deploy.riscv.drivers import REQUEST, RETURN, places, read_drivers, without_drivers
 from halpipe.deploy.riscv.elf import read_program
-from halpipe.deploy.riscv.expectation import Image
+from halpipe.deploy.riscv.expectation import Expectation, Image
 from halpipe.deploy.riscv.hart import NEVER
-from halpipe.deploy.riscv.machine import MANAGEMENT, Budget, Machine
+from halpipe.deploy.riscv.machine import MANAGEMENT, RUBBISH, Budget, Machine
 from halpipe.deploy.riscv.observation import Recorder
 from halpipe.deploy.riscv.plant import Plant
 from halpipe.deploy.riscv.recording import Recording, meaning, read_recording
 from halpipe.deploy.riscv.regulators import regulators_playing
-from halpipe.deploy.riscv.sequence import Request
-from halpipe.deploy.riscv.target import read_site
+from halpipe.deploy.riscv.sequence import Request, tables_named
+from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import Duration, seconds
+from halpipe.models import AccessKind
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from halpipe.bundles import Bundle
     from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.drivers import Call
     from halpipe.deploy.riscv.elf import Program
     from halpipe.deploy.riscv.expectation import PlannedJob
     from halpipe.deploy.riscv.injection import Saboteur
@@ -125,6 +129,7 @@ class CoSimulation:
     ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
     second; `cpi` are cycles per instruction, by default those of the profile. `budget` ends a run that goes round in
     circles, and a `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
+    Drivers return at once: the plant takes their place. Modes that tasks ask for are taken if it `hears` them.
     """
 
     def __init__(
@@ -141,6 +146,7 @@ class CoSimulation:
         budget: Budget | None = None,
         saboteur: Saboteur | None = None,
         health: bool = True,
+        hears: bool = True,
     ) -> None:
         self.site = read_site(target.bundle)
         self.images = read_images(target.bundle, self.site)
@@ -163,6 +169,7 @@ class CoSimulation:
             help = "pip install 'halpipe[riscv]', or choose --engine qemu"
             raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
         self._recorder.attach(self._machine)
+        self._attend(hears=hears)
         self._recorder.before_read = self._before_read
         self._recorder.after_write = self._after_write
         self._regulators = regulators_playing(target, self.site, self._machine.timing.rate)
@@ -178,6 +185,20 @@ class CoSimulation:
         self._tables: list[TableSeen] = []
         self._next = 0  # instant at which the next table begins, in units from the beginning of the run
         self._made: list[Request] = []
+        self._asked: list[tuple[int, int]] = []
+
+    def _attend(self, *, hears: bool) -> None:
+        """Put the plant in the place of the drivers, and have the runtime take what tasks ask for, or not."""
+        drivers = read_drivers(self._target.bundle)
+        self._sampled = {driver.buffer: driver.kind for driver in drivers}
+        self._buffers = {area.base: name for name, area in self.site.buffers.items()}
+        known = places(self._target.bundle, self.program, drivers)
+        for address, name in known.items():
+            if not (hears and name == REQUEST):
+                self._machine.overwrite(MANAGEMENT, address, RETURN)
+        if known:
+            self._recorder.watch_drivers(known)
+            self._recorder.drives = self._drives
 
     def _bandwidths(self, stated: int | None) -> dict[int, int]:
         """Return the bandwidth of every channel: as asked for, else that of the engine, or of a slower resource."""
@@ -203,21 +224,32 @@ class CoSimulation:
 
     # ------------------------------------------------------------------------------------------ running
 
-    def run(self, limit: Duration | None = None) -> Run:
-        """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case."""
+    def run(self, limit: Duration | None = None, *, is_cold: bool = False) -> Run:
+        """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.
+
+        A run that `is_cold` begins as when the power comes: nobody has prepared main memory.
+        """
         offset = int(BOOT / self.site.tick) or 1
-        self._set(Word.MAGIC, MAGIC)
-        self._set(Word.CYCLES, self._cycles)
-        self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
-        self._set(Word.FIRST, self._modes.index(self._first))
-        self._set(Word.OFFSET, offset)
-        self._set(Word.UNHEALTHY, not self._health)
+        if is_cold:
+            for area in (Area(self.site.control, CONTROL_SIZE), *self.site.buffers.values()):
+                self._memory.write(area.base, RUBBISH * area.size)
+        else:
+            self._prepare(offset)
         self._plant.start(self)
         end = NEVER
         if limit is not None:
             end = self._units(limit) + (offset + 1000 * len(self.site.units)) * self._machine.timing.tick
         self._machine.run(end)
         return self._result()
+
+    def _prepare(self, offset: int) -> None:
+        """Set the words of the control block that those who start a board may set."""
+        self._set(Word.MAGIC, MAGIC)
+        self._set(Word.CYCLES, self._cycles)
+        self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
+        self._set(Word.FIRST, self._modes.index(self._first))
+        self._set(Word.OFFSET, offset)
+        self._set(Word.UNHEALTHY, not self._health)
 
     def _result(self) -> Run:
         machine = self._machine
@@ -238,8 +270,22 @@ class CoSimulation:
             instructions=sum(hart.count for hart in machine.harts),
             is_modelled=self._execution == EXECUTIONS[1],
             exhausted=machine.exhausted,
-            requests=self._made,
+            requests=sorted([*self._made, *self._of_tasks()], key=lambda request: request.instant),
         )
+
+    def _of_tasks(self) -> Iterator[Request]:
+        """Yield what tasks asked for, at the instants at which it counts: where the plan has their phases end."""
+        if not self._asked:
+            return
+        seen = tables_named(self._target.schedule, [table.name for table in self._tables])
+        expectation = Expectation(self._target.bundle, self._target.model, self.site, self.images)
+        jobs = expectation.jobs(seen)
+        due = sorted(call.begin for job in jobs for call in job.calls if call.driver.function == REQUEST)
+        for now, value in self._asked:
+            tick = (now - (self._zero or 0)) // self._machine.timing.tick
+            place = bisect_right(due, tick)
+            mode = self._modes[value - 1] if value <= len(self._modes) else ""
+            yield Request(self.site.tick * (due[place - 1] if place else tick), mode)
 
     def _read_recording(self) -> Recording:
         def word(number: int) -> int:
@@ -266,6 +312,8 @@ class CoSimulation:
             self._machine.stop()
         elif word == Word.STATE and value == RUNNING:
             self._begin()
+        elif word == Word.REQUEST and value:
+            self._asked.append((now, value))
         elif word == Word.TABLE and self._zero is not None:
             self._table(value, now)
         elif word == Word.TRACED and value:
@@ -300,12 +348,21 @@ class CoSimulation:
         if code:
             self._machine.overwrite(execution.hart, execution.function, code)
 
+    def _drives(self, call: Call) -> None:
+        """A driver is called: what it would exchange with a device, it exchanges with the plant."""
+        buffer = self._buffers.get(call.data, "")
+        now = self._duration(call.now - (self._zero or 0))
+        if self._sampled.get(buffer) is AccessKind.READ:
+            self._plant.reads(self, now, buffer)
+        elif buffer in self._sampled:
+            self._plant.written(self, now, buffer)
+
     def _before_read(self, buffer: str, now: int) -> None:
-        if self._zero is not None:
+        if self._zero is not None and self._sampled.get(buffer) is not AccessKind.READ:
             self._plant.reads(self, self._duration(now - self._zero), buffer)
 
     def _after_write(self, buffer: str, now: int) -> None:
-        if self._zero is not None:
+        if self._zero is not None and self._sampled.get(buffer) is not AccessKind.WRITE:
             self._plant.written(self, self._duration(now - self._zero), buffer)
 
     # ------------------------------------------------------------------------------------------ the board
@@ -337,6 +394,16 @@ class CoSimulation:
     def stop(self) -> None:
         """End the run now."""
         self._machine.stop()
+
+
+def silent(target: Target) -> bytes:
+    """Return the program of a bundle with drivers that return at once."""
+    content = target.bundle.files[PROGRAM]
+    drivers = read_drivers(target.bundle)
+    if not drivers:
+        return content
+    program = read_program(content, target.bundle.at(PROGRAM))
+    return without_drivers(content, places(target.bundle, program, drivers))
 
 
 def load_program(bundle: Bundle, site: Site) -> Program:

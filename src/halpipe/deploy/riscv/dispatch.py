@@ -29,7 +29,11 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
     from halpipe.models import TaskModel
 
-_ORDER = {Kind.DONE: 0, Kind.STOP: 0, Kind.TABLE: 1, Kind.RUN: 1, Kind.COPY: 2}
+_ORDER = {
+    **dict.fromkeys((Kind.DONE, Kind.STOP, Kind.OUTPUT), 0),
+    **dict.fromkeys((Kind.TABLE, Kind.RUN), 1),
+    **dict.fromkeys((Kind.COPY, Kind.INPUT), 2),
+}
 _RELEASE, _DECIDE = 1, 3
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
+from halpipe.deploy.riscv.drivers import PlannedCall, read_drivers
 from halpipe.deploy.riscv.observation import Outcome
 from halpipe.diagnostics import Findings, Path, Subject, about
 from halpipe.durations import ZERO
@@ -74,6 +75,7 @@ class PlannedJob:
     end: int
     transfers: tuple[PlannedTransfer, ...]
     executions: tuple[PlannedExecution, ...]
+    calls: tuple[PlannedCall, ...] = ()
 
     @property
     def path(self) -> Path:
@@ -81,6 +83,9 @@ class PlannedJob:
         table, task, index = self.table.name, self.job.task, self.job.index
         subjects = (Subject("table", table), Subject("task", task), Subject("job", str(index)))
         return Path(f'"{table}", job {index} of task "{task}"', subjects)
+
+
+_Template = tuple[list[PlannedTransfer], list[PlannedExecution], list[PlannedCall]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +105,8 @@ class Expectation:
     ) -> None:
         self.findings = Findings()
         self._bundle, self._model, self._site, self._images = bundle, model, site, images
-        self._templates: dict[
-            tuple[str, str, tuple[str, ...], _Parts], tuple[list[PlannedTransfer], list[PlannedExecution]]
-        ] = {}
+        self._drivers = read_drivers(bundle)
+        self._templates: dict[tuple[str, str, tuple[str, ...], _Parts], _Template] = {}
 
     def jobs(self, tables: Iterable[Played]) -> list[PlannedJob]:
         """Return every job of the tables, in the order of their starts."""
@@ -113,7 +117,7 @@ class Expectation:
         key = (job.task, job.version, job.units, _relative(job))
         if key not in self._templates:
             self._templates[key] = self._template(job)
-        transfers, executions = self._templates[key]
+        transfers, executions, calls = self._templates[key]
         base = self._tick(table.start + job.start, job)
         return PlannedJob(
             table=table,
@@ -123,6 +127,7 @@ class Expectation:
             end=base + math.floor((job.end - job.start) / self._site.tick),
             transfers=tuple(replace(t, begin=t.begin + base, end=t.end + base) for t in transfers),
             executions=tuple(replace(e, begin=e.begin + base, end=e.end + base) for e in executions),
+            calls=tuple(replace(c, begin=c.begin + base) for c in calls),
         )
 
     def _tick(self, instant: Duration, job: Job) -> int:
@@ -133,7 +138,7 @@ class Expectation:
             self.findings.add(BROKEN_TARGET(message, at=job.at, path=about(task=job.task), help=help))
         return math.floor(ticks)
 
-    def _template(self, job: Job) -> tuple[list[PlannedTransfer], list[PlannedExecution]]:
+    def _template(self, job: Job) -> _Template:
         """Return what one job of a version does on its units, from tick 0."""
         version = self._model.task(job.task).version(job.version)
         images = [self._images.get((job.task, job.version, unit)) for unit in job.units]
@@ -141,7 +146,7 @@ class Expectation:
         if len(members) < len(images):
             message = f'has no image of version "{job.version}" for every unit of {", ".join(job.units)}'
             self._complain(message, f'task "{job.task}"')
-            return [], []
+            return [], [], []
         moving = moving_phases(version)
         wall = _Wall(_relative(job), version.split.resume)
         transfers = [t for access in moving for t in self._phase(access, members, wall)]
@@ -162,7 +167,18 @@ class Expectation:
         ]
         if len(executions) != functions * len(members):
             self._complain(f"its phases leave no {functions} stretches of execution", f'task "{job.task}"')
-        return transfers, executions
+        calls = [call for access in moving for call in self._calls(job.task, access, members[0], wall)]
+        return transfers, executions, calls
+
+    def _calls(self, task: str, access: Access, leader: Image, wall: _Wall) -> Iterator[PlannedCall]:
+        """Yield the calls of drivers in a phase: for inputs when it begins, for outputs when it is over."""
+        begin = math.ceil(wall.begins(access.start) / self._site.tick)
+        end = math.floor(wall.ends(access.end) / self._site.tick)
+        for driver in self._drivers:
+            area = self._site.buffers.get(driver.buffer)
+            if driver.serves(task, access) and area is not None:
+                at = begin if driver.kind is AccessKind.READ else end
+                yield PlannedCall(driver=driver, hart=leader.hart, data=area.base, size=area.size, begin=at)
 
     def _phase(self, access: Access, members: list[Image], wall: _Wall) -> Iterator[PlannedTransfer]:
         tick = self._site.tick

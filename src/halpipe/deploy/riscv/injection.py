@@ -141,6 +141,7 @@ def consequence(injection: Injection, job: PlannedJob) -> PlannedJob:
     found = victim(injection.kind, job)
     if found is None:
         return job
+    calls = tuple(call for call in job.calls if call.begin < found.end)
     if injection.kind in CODES:
         return replace(
             job,
@@ -148,11 +149,13 @@ def consequence(injection: Injection, job: PlannedJob) -> PlannedJob:
             executions=tuple(
                 replace(e, ends=injection.ends) if e is found else e for e in job.executions if e.stretch == 0
             ),
+            calls=calls,
         )
     return replace(
         job,
         transfers=tuple(_remaining(injection, job, found)),
         executions=tuple(e for e in job.executions if e.begin < found.end),
+        calls=calls,
     )
 
 

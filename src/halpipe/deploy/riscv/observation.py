@@ -8,7 +8,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.contents import BSS
+from halpipe.deploy.riscv.drivers import Call
 from halpipe.deploy.riscv.hart import TIMER
+from halpipe.deploy.riscv.machine import MANAGEMENT
 from halpipe.deploy.riscv.pmp import Level
 
 if TYPE_CHECKING:
@@ -85,6 +87,7 @@ class Recorder:
     def __init__(self, site: Site, images: Sequence[Image], told: Callable[[int, int, int], None]) -> None:
         self.executions: list[Execution] = []
         self.transfers: list[Transfer] = []
+        self.calls: list[Call] = []
         self.traps: list[Trap] = []
         self.disturbances: list[Disturbance] = []
         self.traced: list[tuple[int, int]] = []  # of every record: now, and when the management core woke up last
@@ -93,9 +96,11 @@ class Recorder:
         self.before_read: Callable[[str, int], None] = lambda buffer, now: None
         self.after_write: Callable[[str, int], None] = lambda buffer, now: None
         self.begins: Callable[[Execution], None] = lambda execution: None
+        self.drives: Callable[[Call], None] = lambda call: None
         self._site = site
         self._told = told
         self._machine: Machine | None = None
+        self._drivers: Mapping[int, str] = {}
         self._begun: set[int] = set()  # harts whose monitors have begun: the first time is the boot
         self._running: dict[int, Execution] = {}
         self._loaded: dict[int, list[Image]] = {}  # by hart, the newest first; older ones may have been overwritten
@@ -129,6 +134,9 @@ class Recorder:
 
     def entered(self, hart: int, address: int, now: int) -> None:
         """A core is at the beginning of a function, or back from one."""
+        if hart == MANAGEMENT:
+            self._calls_driver(address, now)
+            return
         running = self._running.get(hart)
         if running is None and address == self._site.unit_of(hart).ispm.base:
             self._begun.add(hart) if hart not in self._begun else self.restarts.update([hart])
@@ -146,6 +154,17 @@ class Recorder:
             self._running[hart] = execution
             self.executions.append(execution)
             self.begins(execution)
+
+    def watch_drivers(self, drivers: Mapping[int, str]) -> None:
+        """Watch the management core at functions, by their addresses."""
+        self._drivers = drivers
+        self.machine.harts[MANAGEMENT].watch(drivers)
+
+    def _calls_driver(self, address: int, now: int) -> None:
+        core = self.machine.harts[MANAGEMENT]
+        call = Call(self._drivers[address], core.x(10), core.x(11), now)
+        self.calls.append(call)
+        self.drives(call)
 
     def _image_at(self, hart: int, address: int) -> Image | None:
         """Return the image that was loaded last over an address."""

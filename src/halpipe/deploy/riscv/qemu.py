@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.base import Checked
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.check import CYCLES, simulate, static_findings, tolerance_of
-from halpipe.deploy.riscv.cosimulation import PROGRAM, read_images
+from halpipe.deploy.riscv.cosimulation import read_images, silent
 from halpipe.deploy.riscv.emulator import EMULATOR, find_emulator, is_over, play
 from halpipe.deploy.riscv.expectation import Expectation
 from halpipe.deploy.riscv.records import hold
@@ -63,7 +63,7 @@ def check_by_qemu(target: Target, options: CheckOptions) -> Checked:
     for leg in legs(target, options.cycles or CYCLES):
         index = {mode.name: i for i, mode in enumerate(target.schedule.modes)}
         request = index[leg.to] + 1 if leg.to else 0
-        played = play(target.bundle.files[PROGRAM], site, emulator, index[leg.first], request, leg.tables)
+        played = play(silent(target), site, emulator, index[leg.first], request, leg.tables)
         tables = played_tables(target.schedule, leg.first, leg.requests, leg.tables, site.tick)
         expectation = Expectation(target.bundle, target.model, site, images)
         jobs = expectation.jobs(tables)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv import codes
 from halpipe.deploy.riscv.containment import FROM_RUNTIME, prefixed
-from halpipe.deploy.riscv.cosimulation import PROGRAM, read_images
+from halpipe.deploy.riscv.cosimulation import read_images, silent
 from halpipe.deploy.riscv.elf import offset_of
 from halpipe.deploy.riscv.emulator import is_over, play
 from halpipe.deploy.riscv.expectation import Expectation
@@ -84,7 +84,7 @@ def _run(
     name = target.schedule.modes[mode].name
     tables = played_tables(target.schedule, name, (), CYCLES, site.tick)
     jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
-    program = bytearray(target.bundle.files[PROGRAM])
+    program = bytearray(silent(target))
     failing: dict[Key, Kind] = {}
     keys = sorted({(job.job.task, job.job.version, job.job.units[-1]) for job in jobs if job.executions})
     for i, key in enumerate(keys):
@@ -140,7 +140,8 @@ def _fail(job: PlannedJob, failing: Mapping[Key, Kind], site: Site) -> PlannedJo
             over, end = True, execution.end
         executions.append(replace(execution, ends=ends))
     transfers = tuple(t for t in job.transfers if t.begin < end)
-    return replace(job, executions=tuple(executions), transfers=transfers)
+    calls = tuple(call for call in job.calls if call.begin < end)
+    return replace(job, executions=tuple(executions), transfers=transfers, calls=calls)
 
 
 def _starved(jobs: Sequence[PlannedJob]) -> set[tuple[int, int]]:

@@ -27,6 +27,8 @@ class Kind(IntEnum):
     RUN = 3
     STOP = 4
     HEALTH = 5
+    INPUT = 6
+    OUTPUT = 7
 
 
 class Flag(IntFlag):

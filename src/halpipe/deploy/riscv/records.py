@@ -6,7 +6,7 @@ compute at that time. Their computing is recorded, too, and excuses exactly as m
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from halpipe.deploy.riscv.comparison import CAUSES, FROM_EXPORT
 from halpipe.deploy.riscv.observation import Outcome
 from halpipe.deploy.riscv.recording import Flag, Kind, Recording, meaning
 from halpipe.diagnostics import Findings
+from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -94,6 +95,7 @@ class _Judge:
         for key in copies.keys() - transfers.keys():
             self._transfers([], copies[key])
         self._strangers(stops, executions)
+        self._calls(jobs)
         self._held.findings = self._findings.items
         return self._held
 
@@ -108,6 +110,22 @@ class _Judge:
             if self._site.tick * record.begin != table.start:
                 message = f'"{table.name}" begins at {self._site.tick * record.begin}, it has to be at {table.start}'
                 self._findings.add(codes.WRONG_TABLE(message, path=f"cycle {table.cycle}", help=FROM_EXPORT))
+
+    def _calls(self, jobs: Sequence[PlannedJob]) -> None:
+        """Hold the calls of drivers to their jobs: each was made, at its instant or later, and no others."""
+        made: Counter[tuple[int, int, int]] = Counter()
+        for r in self._recording.records:
+            if r.kind in (Kind.INPUT, Kind.OUTPUT) and not r.flags:
+                made[r.cycle, r.hart, r.kind] += 1
+        for job in jobs:
+            for call in job.calls:
+                kind = Kind.INPUT if call.driver.kind is AccessKind.READ else Kind.OUTPUT
+                made[job.table.cycle, call.hart, kind] -= 1
+        for (cycle, hart, _), number in sorted(made.items()):
+            if number:
+                what = f"{abs(number)} calls of drivers for {self._site.unit_of(hart).name} "
+                what += "were recorded that are not planned" if number > 0 else "were not recorded"
+                self._findings.add(codes.WRONG_DRIVER(what, path=f"cycle {cycle}", help=FROM_EXPORT))
 
     def _first(self, records: list[Record], planned: Sequence[object]) -> list[Record | None]:
         """Return as many records as are planned, None for those that lack."""

@@ -171,13 +171,19 @@ def _way(schedule: Schedule, mode: str, unplayed: dict[str, list[str]]) -> list[
 
 
 def _tour(schedule: Schedule, walk: list[str], cycles: int) -> Tour:
-    """Request every further mode of `walk` in the middle of the last hyperperiod of the one before."""
+    """Request every further mode of `walk` in the middle of the last hyperperiod of the one before.
+
+    In the first hyperperiod of each, where there are more, a mode is requested to which no table leads.
+    """
     lengths = {(t.source, t.target): t.length for t in schedule.transitions}
     requests = []
     now, tables = ZERO, 0
     for i, mode in enumerate(walk):
         hyperperiod = schedule.mode(mode).hyperperiod
         tables += cycles
+        refused = next((m.name for m in schedule.modes if (mode, m.name) not in lengths and m.name != mode), "")
+        if refused and cycles > 1:
+            requests.append(Request(now + hyperperiod / 2, refused))
         if i + 1 < len(walk):
             requests.append(Request(now + hyperperiod * Fraction(2 * cycles - 1, 2), walk[i + 1]))
             now += hyperperiod * cycles + lengths[mode, walk[i + 1]]

@@ -48,6 +48,7 @@ def summary_lines(target: Target, outcomes: Sequence[Outcome], tolerance: Durati
     )
     lines.append(f"starts may be late by {tolerance}, the time that the management core has for its operations")
     lines += _margins(outcomes)
+    lines += _calls(outcomes)
     return tuple(lines)
 
 
@@ -58,6 +59,18 @@ def _margins(outcomes: Sequence[Outcome]) -> Iterator[str]:
         share, name = max(shares)
         most = _rounded(1 / share)
         yield f'with this data, executions fit up to {most} cycles an instruction ("{name}" is the first)'
+
+
+def _calls(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Yield how often drivers were called, and what tasks asked for."""
+    calls = sum(len(outcome.run.recorder.calls) for outcome in outcomes)
+    if calls:
+        yield f"drivers were called {calls} times; they returned at once, for their devices are not here"
+    heard = [outcome for outcome in outcomes if outcome.hears]
+    if heard:
+        asked = sum(len(outcome.run.requests) for outcome in heard)
+        switches = sum(table.is_transition for outcome in heard for table in outcome.tables)
+        yield f"in {len(heard)} run, tasks asked {asked} times for a mode, which led to {switches} switches"
 
 
 def _rounded(number: Fraction) -> str:

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import WRONG_OPERATIONS
 from halpipe.deploy.riscv.contents import AGAIN, BSS, stored
+from halpipe.deploy.riscv.drivers import read_drivers
 from halpipe.deploy.riscv.recording import Flag
 from halpipe.deploy.riscv.sequence import tables_named
-from halpipe.models import HealthAction, HealthEvent
+from halpipe.models import AccessKind, HealthAction, HealthEvent
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from halpipe.bundles import Bundle
     from halpipe.deploy.riscv.elf import Program
@@ -34,7 +35,8 @@ _RULE = struct.Struct("<IIIBBBB")
 _RELEASE = struct.Struct("<QII")
 _TABLE = struct.Struct("<QQII")
 _INDEX = struct.Struct("<I")
-_COPY, _DONE, _RUN, _STOP = 1, 2, 3, 4
+_ADDRESS = struct.Struct("<Q")
+_COPY, _DONE, _RUN, _STOP, _INPUT, _OUTPUT = 1, 2, 3, 4, 6, 7
 _NO_TABLE = 0xFFFFFFFF
 _EVENTS = {
     HealthEvent.OVERRUN: Flag.LATE | Flag.OVERRUN,
@@ -72,7 +74,7 @@ def wrong_operations(
 ) -> Iterator[Diagnostic]:
     """Yield where the tables in the program are not those that the schedule asks for."""
     at = bundle.at("bundle.elf")
-    reader = Tables(program, model)
+    reader = Tables(program, model, (driver.function for driver in read_drivers(bundle)))
     try:
         for index, table in enumerate(site.tables):
             (played,) = tables_named(schedule, [table.name])
@@ -94,8 +96,9 @@ PER_SLOT = 5
 class Tables:
     """Reads the tables of a program by their symbols and addresses."""
 
-    def __init__(self, program: Program, model: TaskModel) -> None:
+    def __init__(self, program: Program, model: TaskModel, drivers: Iterable[str] = ()) -> None:
         self._program, self._model = program, model
+        self._drivers = frozenset(drivers)
         self._programs: dict[int, list[Operation]] = {}
         self._releases: dict[int, list[int]] = {}
 
@@ -138,6 +141,12 @@ class Tables:
         slots = [self.program(number)[2] for number in range(size // _PROGRAM.size)]
         return max([0, *(slot + 1 - len(site.units) for slot in slots)])
 
+    def driver(self, number: int) -> str:
+        """Return the function that is called for a number."""
+        (address,) = self._at(self._symbol("hp_drivers") + number * _ADDRESS.size, _ADDRESS)
+        names = [name for name, (at, _) in self._program.symbols.items() if at == address]
+        return min((name for name in names if name in self._drivers), default=hex(address))
+
     def rules(self, number: int) -> tuple[int, int]:
         """Return the first health rule of a program, 0 if it has none, and their number."""
         _, _, _, first, count = self.program(number)
@@ -171,7 +180,7 @@ class Tables:
         for job in jobs:
             wanted = _wanted(job, images)
             here = [release for release in left if release[0] == job.begin]
-            fitting = [r for r in here if _found(self.operations(r[1]), job) == wanted]
+            fitting = [r for r in here if _found(self.operations(r[1]), job, self.driver) == wanted]
             if fitting:
                 left.remove(fitting[0])
                 own = (named.index(job.job.task), named.count(job.job.task)) if job.job.task in named else (0, 0)
@@ -181,7 +190,7 @@ class Tables:
             if not here:
                 yield job.path, f"is not released at its start, tick {job.begin}"
                 continue
-            options = [_found(self.operations(number), job) for _, number in here]
+            options = [_found(self.operations(number), job, self.driver) for _, number in here]
             nearest = min(options, key=lambda found: ((found - wanted) + (wanted - found)).total())
             lacking, more = wanted - nearest, nearest - wanted
             yield job.path, f"its operations lack {_shown(lacking)} and have {_shown(more)} instead"
@@ -216,6 +225,9 @@ def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Co
         begin, end = t.begin - job.begin, t.end - job.begin
         wanted["copy", t.source, t.target, t.size, t.channel, t.hart, begin, end] += 1
         wanted["done", t.channel, end] = 1
+    for call in job.calls:
+        word = "input" if call.driver.kind is AccessKind.READ else "output"
+        wanted[f"{word} {call.driver.function}", call.data, call.size, call.begin - job.begin] += 1
     units = {images[job.job.task, job.job.version, unit].hart: unit for unit in job.job.units}
     for e in job.executions:
         begin, end = e.begin - job.begin, e.end - job.begin
@@ -227,7 +239,7 @@ def _wanted(job: PlannedJob, images: Mapping[tuple[str, str, str], Image]) -> Co
     return wanted
 
 
-def _found(operations: Sequence[Operation], job: PlannedJob) -> Counter[_Key]:
+def _found(operations: Sequence[Operation], job: PlannedJob, driver: Callable[[int], str]) -> Counter[_Key]:
     """Return the operations of a program in the same form."""
     found: Counter[_Key] = Counter()
     phases = {(t.begin - job.begin, t.end - job.begin, t.channel) for t in job.transfers}
@@ -245,6 +257,9 @@ def _found(operations: Sequence[Operation], job: PlannedJob) -> Counter[_Key]:
             found["run", o.at, o.hart, o.source, o.limit, o.rank, o.ranks, *clear] += 1
         elif o.kind == _STOP:
             found["stop", o.at, o.hart] += 1
+        elif o.kind in (_INPUT, _OUTPUT):
+            word = "input" if o.kind == _INPUT else "output"
+            found[f"{word} {driver(o.source)}", o.target, o.size, o.at] += 1
     return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import SOURCES, choice
+from halpipe.exporters.choices import DRIVERS, SOURCES, choice
 from halpipe.extent import Extent
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ class RiscvOptions(ExportOptions):
     - `profile` is a name, or a file that ends in ``.yaml``; `toolchain` is ``auto``, ``zig`` or ``gcc``.
     - `sources` is the folder that source files are relative to (empty: that of the model file); nothing outside it
       is read. `regulator` is the platform of the regulators whose tables go with the programs (empty: none).
+    - `drivers` states functions of the board that fill and empty buffers (empty: none).
     """
 
     profile: str = choice(
@@ -39,6 +40,7 @@ class RiscvOptions(ExportOptions):
     regulator: str = choice(
         "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
     )
+    drivers: str = choice("", DRIVERS, metavar="FILE", is_path=True)
 
 
 class RiscvExporter(PlainExporter):
@@ -85,12 +87,15 @@ class RiscvExporter(PlainExporter):
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
-        """Return what the report of the regulators says, where the bundle has any."""
+        """Return what one member of a gang writes alone, and what the report of the regulators says."""
+        from halpipe.diagnostics import version_of
         from halpipe.exporters.regulator.report import findings_of
+        from halpipe.exporters.riscv.phases import written_alone
         from halpipe.exporters.riscv.regulated import FOLDER
 
+        found = list(written_alone((version_of(t.name, v.name), v) for t in model.tasks for v in t.versions))
         report = contents.get(f"{FOLDER}report.json")
-        return [] if report is None else findings_of(report)
+        return found + ([] if report is None else findings_of(report))
 
 
 FORMAT = RiscvExporter()

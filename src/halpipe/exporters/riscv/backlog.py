@@ -51,24 +51,25 @@ def _play(
     line: Sequence[int], tables: Sequence[Table], programs: Sequence[Program], profile: Profile, found: Backlog
 ) -> None:
     """Serve all that is due on a line of tables, first come first served at equal ticks by their order."""
-    due: list[tuple[int, int, int, tuple[int, int] | None]] = []  # tick, order, table, operation
+    due: list[tuple[int, int, int, Duration, tuple[int, int] | None]] = []  # tick, order, table, driver, operation
     start = 0
     for index in line:
         table = tables[index]
         for release in table.releases:
-            due.append((start + release.tick, _RELEASE, index, None))
+            due.append((start + release.tick, _RELEASE, index, ZERO, None))
             for position, operation in enumerate(programs[release.program].operations):
                 tick, order = operation.key
-                due.append((start + release.tick + tick, order, index, (release.program, position)))
+                place = (release.program, position)
+                due.append((start + release.tick + tick, order, index, operation.time, place))
         start += table.length
-        due.append((start, _RELEASE, index, None))
+        due.append((start, _RELEASE, index, ZERO, None))
         if table.is_mode:
-            due.append((start - DECISION, _DECIDE, index, None))
+            due.append((start - DECISION, _DECIDE, index, ZERO, None))
     free = ZERO
-    for tick, _, index, which in sorted(due, key=lambda d: d[:2]):
+    for tick, _, index, time, which in sorted(due, key=lambda d: d[:2]):
         instant = profile.tick * tick
         late = free - instant if free > instant else ZERO
-        free = instant + late + profile.service
+        free = instant + late + profile.service + time
         found.tables[index] = max(found.tables[index], late)
         if which is not None:
             found.operations[which] = max(found.operations.get(which, ZERO), late)

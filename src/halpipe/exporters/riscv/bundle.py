@@ -22,6 +22,8 @@ from halpipe.exporters.riscv.cores import (
     jobs_of,
     main_memory,
 )
+from halpipe.exporters.riscv.drivers import FILE as DRIVERS
+from halpipe.exporters.riscv.drivers import check_drivers, compile_drivers, read_drivers
 from halpipe.exporters.riscv.elf import Elf, read_elf
 from halpipe.exporters.riscv.health import Health, health_of
 from halpipe.exporters.riscv.images import MINIMAL, Image, Part, compile_parts, link_images, measure
@@ -38,6 +40,7 @@ from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
 if TYPE_CHECKING:
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.operations import Program, Table
     from halpipe.exporters.riscv.phases import Clock
     from halpipe.exporters.riscv.profile import Profile
@@ -59,6 +62,8 @@ class Site:
     clock: Clock
     parts: tuple[Part, ...]
     health: Health
+    drivers: Drivers
+    driver_sources: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +81,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     profile = read_profile(options.profile)
     findings = Findings()
     tree = SourceTree(Path(options.sources or Path(model.at.file).parent), findings)
-    site = _survey(model, schedule, profile, tree)
+    site = _survey(model, schedule, profile, tree, read_drivers(options.drivers))
     findings.stop_on_errors()
     toolchain = find_toolchain(options.toolchain)
     render = Renderer(profile)
@@ -88,10 +93,12 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         slots = slots_of(schedule, site.cores)
         cores = list(site.cores.values())
         shop.write(
-            "runtime/platform.h", render.platform(cores, slots.count, len(schedule.modes), site.memory, site.health)
+            "runtime/platform.h",
+            render.platform(cores, slots.count, len(schedule.modes), site.memory, site.health, site.drivers),
         )
         needs = compile_parts(shop, site.parts, tree)
         measured = measure(shop, needs, profile, render)
+        drivers = compile_drivers(shop, site.drivers, site.driver_sources, tree)
         monitors = _monitors(shop, render, site)
         at = site.memory.images + sum(aligned(elf.stored, LINE) for elf in monitors)
         places, crowded = places_of(measured, gapped_versions(schedule), profile)
@@ -99,14 +106,15 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
         findings.stop_on_errors()
         images = link_images(shop, needs, measured, (at, site.memory.buffers_base), places, render)
         by_name = {(i.part.task, i.part.version.name, i.core.unit): i for i in images}
-        operations = Operations(site.clock, site.channels, site.memory, by_name, slots)
+        operations = Operations(site.clock, site.channels, site.memory, by_name, slots, site.drivers)
         tables = operations.tables(schedule)
         backlog = find_backlog(tables, operations.programs, slower(profile, slots))
         findings.extend(too_short(operations.programs, backlog, site.parts, profile))
         findings.stop_on_errors()
         plan = Plan(operations.programs, tables, backlog, images)
-        elf = _program(shop, render, site, model.name, plan, monitors)
+        elf = _program(shop, render, site, model.name, plan, monitors, drivers)
         files = paired(model, schedule) | _descriptions(shop, render, site, model, plan) | _built(shop)
+        files |= {DRIVERS: site.drivers.text} if site.drivers else {}
     files |= {"bundle.elf": elf, "bundle.bin": _flat(elf, site.memory.base)}
     facts = {
         "model": model.name,
@@ -117,7 +125,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     return seal("riscv", files, facts)
 
 
-def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree) -> Site:
+def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: SourceTree, drivers: Drivers) -> Site:
     """Collect what is used and where it will be; findings go where those of the sources go."""
     findings = tree.findings
     used: dict[tuple[str, str], set[str]] = {}
@@ -138,10 +146,13 @@ def _survey(model: TaskModel, schedule: Schedule, profile: Profile, tree: Source
                 parts.append(part)
     versions = [part.version for part in parts]
     channels = channels_of(model, versions, profile, findings)
-    memory = main_memory(profile, buffer_sizes([(part.path, part.version) for part in parts], findings), findings)
+    sizes = buffer_sizes([(part.path, part.version) for part in parts], findings)
+    memory = main_memory(profile, sizes, findings)
+    check_drivers(drivers, parts, sizes, findings)
+    sources = tuple(tree.take(drivers.sources, "drivers"))
     check_grid(schedule, clock, findings)
     check_splits(model, schedule, findings)
-    return Site(profile, cores, channels, memory, clock, tuple(parts), health_of(model, schedule))
+    return Site(profile, cores, channels, memory, clock, tuple(parts), health_of(model, schedule), drivers, sources)
 
 
 def stage_runtime(shop: Workshop) -> None:
@@ -166,7 +177,8 @@ def _compile_runtime(shop: Workshop, names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _link_runtime(shop: Workshop, steps: list[Link]) -> None:
-    help = "the tables may be too many for the space that the runtime has; deploy fewer modes at once"
+    help = "the tables may be too many for the space that the runtime has: deploy fewer modes at once; or drivers need "
+    help += "what none of their sources defines, or define what the runtime does"
     failures = [LINK_FAILED(f"{steps[f.position].target}: {f.said[-500:]}", help=help) for f in shop.link(steps)]
     if failures:
         raise HalpipeError(*failures)
@@ -184,7 +196,15 @@ def _monitors(shop: Workshop, render: Renderer, site: Site) -> list[Elf]:
     return [read_elf(shop.read(step.target)) for step in steps]
 
 
-def _program(shop: Workshop, render: Renderer, site: Site, name: str, plan: Plan, monitors: list[Elf]) -> bytes:
+def _program(
+    shop: Workshop,
+    render: Renderer,
+    site: Site,
+    name: str,
+    plan: Plan,
+    monitors: list[Elf],
+    drivers: tuple[str, ...],
+) -> bytes:
     """Link runtime, tables and images to the one program that is loaded."""
     pieces, places = [], []
     at = front = site.memory.images
@@ -199,10 +219,11 @@ def _program(shop: Workshop, render: Renderer, site: Site, name: str, plan: Plan
             pieces.append((image.file, segment.offset, segment.size, segment.source - front))
             front = segment.source + segment.size
     shop.write("runtime/images.S", render.images(pieces))
-    shop.write("runtime/tables.c", render.tables(name, plan.programs, plan.tables, places, site.health))
+    tables = render.tables(name, plan.programs, plan.tables, places, site.health, site.drivers)
+    shop.write("runtime/tables.c", tables)
     shop.write("link/bundle.ld", render.bundle_script(site.memory))
     objects = _compile_runtime(shop, (*MANAGEMENT, "tables.c", "images.S"))
-    _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, MINIMAL.target))])
+    _link_runtime(shop, [Link("link/bundle.ld", "build/bundle.elf", (*objects, *drivers, MINIMAL.target))])
     return shop.read("build/bundle.elf")
 
 

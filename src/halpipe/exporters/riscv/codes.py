@@ -1,4 +1,4 @@
-"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869."""
+"""The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 and HAL0893."""
 
 from halpipe.diagnostics import error, note, warning
 
@@ -126,6 +126,12 @@ UNDIVIDED = error(
     "Each member of a gang writes its part of a variable into that part of the buffer. The bytes must be a multiple of "
     "the number of members; up to eight bytes are written by the first member alone.",
 )
+FIRST_ALONE = note(
+    "HAL0894",
+    "First member of a gang writes alone",
+    "Up to eight bytes are not divided among the members of a gang. What the others have in that variable is lost; a "
+    "larger variable with a part for each member would keep it.",
+)
 INITIALISED = error(
     "HAL0868",
     "Transfer variable has an initial value",
@@ -136,6 +142,17 @@ OVERWRITTEN = error(
     "HAL0869",
     "Two transfers fill one variable",
     "A later transfer overwrites what an earlier one brought before any function of the job could use it.",
+)
+BAD_DRIVERS = error(
+    "HAL0892",
+    "Drivers do not fit the model",
+    "A driver fills or empties a buffer of the model, in phases of tasks that are deployed. A buffer by which a task "
+    "asks for a mode has eight bytes: the number of the mode, counted from 1, or 0.",
+)
+IDLE_DRIVER = error(
+    "HAL0893",
+    "Driver is never called",
+    "Drivers of inputs are called in read phases, drivers of outputs in write phases that move their buffer.",
 )
 BAD_NAME = error(
     "HAL0866",

@@ -14,16 +14,24 @@ from halpipe.exporters.riscv.phases import load_of, shares
 from halpipe.models import Access, AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from halpipe.exporters.riscv.phases import Clock
     from halpipe.models import Version
 
 
-def grow(version: Version, sizes: Sequence[int], resource: str, clock: Clock, patience: int) -> Version:
+def grow(
+    version: Version,
+    sizes: Sequence[int],
+    resource: str,
+    clock: Clock,
+    patience: int,
+    driving: Callable[[Access], Duration] = lambda access: ZERO,
+) -> Version:
     """Return a version whose phases hold its transfers, each `patience` ticks more than they take.
 
-    `sizes` are those of the parts of its image; a load phase that it lacks is made on `resource`.
+    `sizes` are those of the parts of its image; a load phase that it lacks is made on `resource`. `driving` tells how
+    long drivers take in a phase before its transfers begin.
     """
     assert version.wcet is not None, "models without WCET do not validate"
     load = load_of(version)
@@ -35,7 +43,8 @@ def grow(version: Version, sizes: Sequence[int], resource: str, clock: Clock, pa
     others = []
     for access in sorted((a for a in version.accesses if a is not load), key=lambda a: (a.start, a.end)):
         start, end = _later(access.start, growths), _later(access.end, growths)
-        moved = _with_end(access, start, end, _needs(access, version.gang, clock, patience), clock)
+        waiting = patience + clock.up(driving(access))
+        moved = _with_end(access, start, end, _needs(access, version.gang, clock, waiting), clock)
         growths.append((access.end, moved.end - end))
         others.append(moved)
     if not any(growth for _, growth in growths):

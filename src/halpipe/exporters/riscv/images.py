@@ -31,7 +31,7 @@ from halpipe.models import AccessKind
 from halpipe.quantities import format_size
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.elf import Elf, Segment
@@ -108,28 +108,37 @@ def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> di
             objects.setdefault((source, part.defines), (f"build/obj/{len(objects)}.o", part))
         needs[part] = (*(objects[source, part.defines][0] for source in part.sources), MINIMAL.target)
     steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
-    owners = [part for _, part in objects.values()]
     findings = Findings()
-    findings.extend(_reading(shop, steps, owners, tree))
-    findings.stop_on_errors()
-    for failure in shop.compile(steps):
-        findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
+    compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings)
     findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
     findings.stop_on_errors()
     return needs
 
 
-def _reading(shop: Workshop, steps: list[Compile], owners: list[Part], tree: SourceTree) -> Iterable[Diagnostic]:
+def compile_sources(
+    shop: Workshop, steps: list[Compile], owners: Sequence[str], tree: SourceTree, findings: Findings
+) -> None:
+    """Compile sources that others wrote, and collect what the compiler refuses; `owners` name them in messages.
+
+    Raise `HalpipeError` where one would read a file from elsewhere.
+    """
+    findings.extend(_reading(shop, steps, owners, tree))
+    findings.stop_on_errors()
+    for failure in shop.compile(steps):
+        findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
+
+
+def _reading(shop: Workshop, steps: list[Compile], owners: Sequence[str], tree: SourceTree) -> Iterable[Diagnostic]:
     """Yield the sources whose assembler text, their own or that of their C, could read files."""
     if not any(has_assembler(content) or not name.endswith((".c", ".h")) for name, content in tree.files.items()):
         return
     plain = [shop.read(step.source) if step.source.endswith(".s") else b"" for step in steps]
-    for step, part, text, own in zip(steps, owners, shop.translate(steps), plain, strict=True):
+    for step, path, text, own in zip(steps, owners, shop.translate(steps), plain, strict=True):
         what = assembler_reads(own or text)
         if what:
             at = Location(str(tree.folder / step.source.removeprefix("src/")))
             help = "state the bytes in the source itself"
-            yield OUTSIDE_FILE(f"{what}, which may read files from elsewhere", at=at, path=part.path, help=help)
+            yield OUTSIDE_FILE(f"{what}, which may read files from elsewhere", at=at, path=path, help=help)
 
 
 def _broken(failure: Failure) -> Diagnostic:
@@ -137,15 +146,15 @@ def _broken(failure: Failure) -> Diagnostic:
     return COMPILE_FAILED(f"runtime: {failure.said[:500]}", help=help)
 
 
-def _refused(failure: Failure, step: Compile, part: Part, tree: SourceTree) -> Iterable[Diagnostic]:
+def _refused(failure: Failure, step: Compile, path: str, tree: SourceTree) -> Iterable[Diagnostic]:
     found = compiler_errors(failure.said)
     help = "correct the source; it is compiled freestanding as C11, without a C library"
     for file, line, text in found:
         name = str(tree.folder / file.removeprefix("src/")) if file.startswith("src/") else file
-        yield COMPILE_FAILED(text, at=Location(name, line), path=part.path, help=help)
+        yield COMPILE_FAILED(text, at=Location(name, line), path=path, help=help)
     if not found:
         name = str(tree.folder / step.source.removeprefix("src/"))
-        yield COMPILE_FAILED(failure.said[-400:], at=Location(name), path=part.path, help=help)
+        yield COMPILE_FAILED(failure.said[-400:], at=Location(name), path=path, help=help)
 
 
 def measure(shop: Workshop, needs: dict[Part, tuple[str, ...]], profile: Profile, render: Renderer) -> dict[Part, Elf]:

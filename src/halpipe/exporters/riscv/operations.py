@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
-from halpipe.durations import Duration, greatest_common_divisor
+from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
+from halpipe.exporters.riscv.drivers import NONE, Drivers
 from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
 from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
@@ -21,14 +22,16 @@ if TYPE_CHECKING:
     from halpipe.models import Access, Job, Schedule
 
 COPY, DONE, RUN, STOP = "copy", "done", "run", "stop"
-_ORDER = {DONE: 0, STOP: 0, RUN: 1, COPY: 2}
+INPUT, OUTPUT = "input", "output"
+_ORDER = {DONE: 0, STOP: 0, OUTPUT: 0, RUN: 1, INPUT: 2, COPY: 2}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Operation:
     """One operation, `at` ticks after the job's start. What the fields of each kind mean is in runtime/halpipe.h.
 
-    A transfer knows its phase, and how many ticks it and those after it in the phase need.
+    A transfer knows its phase, and how many ticks it and those after it in the phase need. A driver takes up to `time`,
+    beyond what every operation does.
     """
 
     at: int
@@ -44,6 +47,7 @@ class Operation:
     what: str = ""
     access: Access | None = None
     needs: int = 0
+    time: Duration = ZERO
 
     @property
     def key(self) -> tuple[int, int]:
@@ -96,6 +100,7 @@ class Operations:
     memory: MainMemory
     images: dict[tuple[str, str, str], Image]
     slots: Slots
+    drivers: Drivers = NONE
     programs: list[Program] = field(default_factory=list)
     _known: dict[tuple[str, str, tuple[str, ...], Shape], int] = field(default_factory=dict)
 
@@ -156,6 +161,8 @@ class Operations:
         at, end = self.clock.up(shape.begin(access.start)), self.clock.down(shape.end(access.end))
         channel = self.channels[access.resource]
         transfers = list(self._transfers(access, images))
+        drivers = list(self._drivers(access, images[0]))
+        yield from (replace(driver, at=at) for driver in drivers if driver.kind == INPUT)
         rest = sum(self.clock.transfer(access.resource, size) for _, _, size, _, _ in transfers)
         for source, target, size, unit, what in transfers:
             yield Operation(
@@ -175,6 +182,22 @@ class Operations:
             at, rest = at + taken, rest - taken
         unit = images[0].core.index
         yield Operation(at=max(at, end), kind=DONE, unit=unit, channel=channel, what=str(access.kind))
+        yield from (replace(driver, at=max(at, end)) for driver in drivers if driver.kind == OUTPUT)
+
+    def _drivers(self, access: Access, image: Image) -> Iterable[Operation]:
+        """Yield the calls of drivers in a phase, at no instant yet."""
+        for driver in self.drivers.of(image.part.task, access):
+            buffer = self.memory.buffers[driver.buffer]
+            yield Operation(
+                at=0,
+                kind=INPUT if driver.kind is AccessKind.READ else OUTPUT,
+                unit=image.core.index,
+                source=self.drivers.functions.index(driver.function),
+                target=buffer.base,
+                size=buffer.size,
+                what=f"{driver.function}, {driver.buffer}",
+                time=driver.time,
+            )
 
     def _transfers(self, access: Access, images: list[Image]) -> Iterable[tuple[int, int, int, int, str]]:
         """Yield (from, to, bytes, core, what). Each member of a gang reads all, and writes its part."""

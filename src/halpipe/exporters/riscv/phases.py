@@ -13,13 +13,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, seconds
-from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE, UNDIVIDED
+from halpipe.exporters.riscv.codes import (
+    FIRST_ALONE,
+    KINDLESS_PHASE,
+    NO_LOAD_PHASE,
+    PHASE_ORDER,
+    SHARED_PHASE,
+    UNDIVIDED,
+)
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Findings
+    from halpipe.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import Access, TaskModel, Version
 
@@ -160,6 +167,17 @@ def gaps(moving: list[Access], clock: Clock, wcet: Duration) -> Iterable[Stretch
 
 SCALAR = 8
 """Bytes that the members of a gang do not divide among them: the first one writes them."""
+
+
+def written_alone(versions: Iterable[tuple[str, Version]]) -> Iterable[Diagnostic]:
+    """Yield the scalars of gangs that their first members write; `versions` come with their path for diagnostics."""
+    for path, version in versions:
+        transfers = [t for a in version.accesses if a.kind is AccessKind.WRITE for t in a.transfers]
+        names = [f'"{t.symbol}"' for t in transfers if version.gang > 1 and t.size <= SCALAR]
+        if names:
+            message = f"of its {version.gang} members the first alone writes {', '.join(names)}"
+            help = "nothing, if all members compute the same; otherwise give each member a part of a larger variable"
+            yield FIRST_ALONE(message, at=version.at, path=path, help=help)
 
 
 def shares(access: Access, size: int, members: int) -> list[tuple[int, int, int]]:

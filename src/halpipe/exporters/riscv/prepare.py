@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ from halpipe.durations import ZERO, Duration
 from halpipe.exporters.riscv.bundle import stage_runtime
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
 from halpipe.exporters.riscv.cores import Core
+from halpipe.exporters.riscv.drivers import read_drivers
 from halpipe.exporters.riscv.dummy import FILE, with_dummies
 from halpipe.exporters.riscv.growth import grow
 from halpipe.exporters.riscv.images import Part, compile_parts, measure
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.exporters.riscv import RiscvOptions
+    from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.elf import Elf
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import TaskModel, Version
@@ -71,8 +74,10 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
             shop.write(name, content)
         stage_runtime(shop)
         measured = measure(shop, compile_parts(shop, parts, tree), profile, render)
+    drivers = read_drivers(options.drivers)
     grown = {
-        (part.task, part.version.name): _grow(part, elf, model, profile, findings) for part, elf in measured.items()
+        (part.task, part.version.name): _grow(part, elf, model, profile, drivers, findings)
+        for part, elf in measured.items()
     }
     model = _replaced(model, grown)
     findings.extend(_windows_from_start(model, parts, grown))
@@ -99,13 +104,16 @@ def _parts(model: TaskModel, profile: Profile, tree: SourceTree) -> list[Part]:
     return found
 
 
-def _grow(part: Part, elf: Elf, model: TaskModel, profile: Profile, findings: Findings) -> Version:
+def _grow(part: Part, elf: Elf, model: TaskModel, profile: Profile, drivers: Drivers, findings: Findings) -> Version:
     """Return a version whose phases hold its image and transfers; say what was added."""
     old = part.version
     load = load_of(old)
     resource = load.resource if load else _resource_of(old, model)
     sizes = [segment.size for segment in elf.segments]
-    new = grow(old, sizes, resource, clock_of(model, profile), profile.patience)
+    clock = clock_of(model, profile)
+    # Each other core may have a driver called at the same instant.
+    patience = profile.patience + clock.up(drivers.longest * (len(model.units) - 1))
+    new = grow(old, sizes, resource, clock, patience, partial(drivers.time, part.task))
     if new != old:
         before, after = load.end if load else ZERO, new.accesses[0].end
         message = f"the image has {sum(sizes)} bytes: load phase {before} -> {after}, WCET {old.wcet} -> {new.wcet}"

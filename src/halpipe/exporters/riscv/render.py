@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.exporters.riscv.cores import Core, MainMemory
+    from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.health import Health
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.operations import Program, Table
@@ -76,7 +77,15 @@ class Renderer:
         """Return the linker script of the whole."""
         return self._fill("bundle.ld", memory=memory)
 
-    def platform(self, cores: Sequence[Core], slots: int, modes: int, memory: MainMemory, health: Health) -> str:
+    def platform(
+        self,
+        cores: Sequence[Core],
+        slots: int,
+        modes: int,
+        memory: MainMemory,
+        health: Health,
+        drivers: Drivers,
+    ) -> str:
         """Return the header with the constants of the target."""
         return self._fill(
             "platform.h",
@@ -86,6 +95,7 @@ class Renderer:
             modes=modes,
             memory=memory,
             health=health,
+            drivers=drivers.functions,
             decision=DECISION,
             margin=margin(self.profile),
             trace=TRACE_RECORDS,
@@ -99,6 +109,7 @@ class Renderer:
         tables: Sequence[Table],
         monitors: Sequence[tuple[Core, tuple[int, int]]],
         health: Health,
+        drivers: Drivers,
     ) -> str:
         """Return the operation tables as C; `monitors` are (address in main memory, bytes) for each core."""
         modes = [table for table in tables if table.is_mode]
@@ -116,6 +127,7 @@ class Renderer:
             switches=switches,
             monitors=monitors,
             health=health,
+            drivers=drivers.functions,
             units=lambda program: " ".join(names[u] for u in program.units),
         )
 

@@ -11,8 +11,10 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
 from halpipe.exporters.riscv.confinement import outside_includes
 from halpipe.files import read_bytes
+from halpipe.settings import Stated
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from halpipe.diagnostics import Findings
@@ -50,7 +52,11 @@ class SourceTree:
             if _DEFINE.fullmatch(define) is None:
                 help = "write NAME or NAME=value, without blanks and $"
                 self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
-        taken = [self._take(name, source.at, path) for name in source.files]
+        return self.take([Stated(name, source.at) for name in source.files], path)
+
+    def take(self, files: Iterable[Stated[str]], path: str) -> list[str]:
+        """Take files and what they include; return those to compile, by their names in the bundle."""
+        taken = [self._take(file.value, file.at, path) for file in files]
         return [name for name in taken if name.endswith(COMPILED)]
 
     def _take(self, name: str, at: Location, path: str) -> str:

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
-from halpipe.exporters.riscv.operations import COPY, DONE, RUN
+from halpipe.exporters.riscv.operations import COPY, DONE, INPUT, OUTPUT, RUN
 from halpipe.exporters.riscv.render import DECISION, margin
 from halpipe.quantities import format_rational
 
@@ -154,6 +154,8 @@ def _operation(o: Operation, units: Sequence[str]) -> dict[str, Any]:
         found["channel"] = o.channel
     if o.kind == COPY:
         found |= {"source": hex(o.source), "target": hex(o.target), "size": o.size}
+    if o.kind in (INPUT, OUTPUT):
+        found |= {"buffer": hex(o.target), "size": o.size, "time": str(o.time)}
     if o.kind == RUN:
         found |= {"entry": hex(o.source), "limit": o.limit}
     return found

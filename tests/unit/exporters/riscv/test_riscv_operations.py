@@ -2,17 +2,29 @@
 
 import pytest
 
-from halpipe.diagnostics import Findings
+from halpipe.diagnostics import Findings, Location
 from halpipe.durations import Duration
+from halpipe.exporters.riscv.backlog import find_backlog
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
 from halpipe.exporters.riscv.cores import MainMemory, cores_of
+from halpipe.exporters.riscv.drivers import NONE, Driver, Drivers
 from halpipe.exporters.riscv.elf import Elf, Segment, Symbol
 from halpipe.exporters.riscv.images import Image, Part
-from halpipe.exporters.riscv.operations import COPY, DONE, RUN, STOP, Operations, check_grid, check_version
+from halpipe.exporters.riscv.operations import (
+    COPY,
+    DONE,
+    INPUT,
+    OUTPUT,
+    RUN,
+    STOP,
+    Operations,
+    check_grid,
+    check_version,
+)
 from halpipe.exporters.riscv.phases import Clock, shares
 from halpipe.exporters.riscv.profile import Region, read_profile
 from halpipe.exporters.riscv.splitting import Slots
-from halpipe.models import ModeSchedule, Status, TransitionTable
+from halpipe.models import AccessKind, ModeSchedule, Status, TransitionTable
 from riscv_models import PHASES, deployed, moving, single
 from support import job, ms, schedule
 
@@ -28,10 +40,10 @@ def image_of(version, core, at=0x100):
     return Image(Part("scale", version, (core,), ()), core, "images/0.elf", Elf(segments, places))
 
 
-def operations_of(system, tables, version):
+def operations_of(system, tables, version, drivers=NONE):
     cores = cores_of(system, set(), read_profile("vcu118"), Findings())
     images = {("scale", version.name, unit): image_of(version, core) for unit, core in cores.items()}
-    made = Operations(CLOCK, {"memory": 0}, MEMORY, images, Slots(len(cores)))
+    made = Operations(CLOCK, {"memory": 0}, MEMORY, images, Slots(len(cores)), drivers)
     return made, made.tables(tables)
 
 
@@ -145,3 +157,28 @@ def test_no_order_of_execution():
     findings = Findings()
     check_version(Part("scale", deployed(phases=phases), (), ()), CLOCK, findings)
     assert [d.code for d in findings.items] == [PHASE_ORDER.id]
+
+
+def test_inputs_come_before_the_transfers_of_their_phase_and_outputs_when_all_is_written():
+    drivers = Drivers(
+        (
+            Driver("output", "put", US, AccessKind.WRITE, "", Location("d")),
+            Driver("input", "get", US * 5, AccessKind.READ, "scale", Location("d")),
+            Driver("input", "other", US, AccessKind.READ, "another", Location("d")),
+        )
+    )
+    system, tables = single()
+    version = system.tasks[0].versions[0]
+    made, found = operations_of(system, tables, version, drivers)
+    kinds = [(o.at, o.kind, o.what) for o in made.programs[0].operations if o.kind in (COPY, DONE, INPUT, OUTPUT)]
+    assert kinds[kinds.index((100, INPUT, "get, input")) + 1] == (100, COPY, "input")
+    assert kinds[-2:] == [(1000, DONE, "write"), (1000, OUTPUT, "put, output")]
+    assert sum(kind in (INPUT, OUTPUT) for _, kind, _ in kinds) == 2
+    # Its time delays the transfer, and is reckoned with.
+    late = find_backlog(found, made.programs, read_profile("vcu118"))
+    place = next(i for i, o in enumerate(made.programs[0].operations) if o.what == "input")
+    none, plain = operations_of(system, tables, version)
+    before = next(i for i, o in enumerate(none.programs[0].operations) if o.what == "input")
+    without = find_backlog(plain, none.programs, read_profile("vcu118"))
+    service = read_profile("vcu118").service
+    assert late.operations[0, place] == without.operations[0, before] + service + US * 5

@@ -6,8 +6,8 @@ import pytest
 
 from halpipe.diagnostics import Findings
 from halpipe.durations import Duration
-from halpipe.exporters.riscv.codes import KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
-from halpipe.exporters.riscv.phases import Clock, Stretch, check_phases, clock_of, stretches
+from halpipe.exporters.riscv.codes import FIRST_ALONE, KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
+from halpipe.exporters.riscv.phases import Clock, Stretch, check_phases, clock_of, stretches, written_alone
 from halpipe.exporters.riscv.profile import read_profile
 from halpipe.models import Resource, Task, TaskModel, Version
 from riscv_models import PHASES, deployed, moving, single
@@ -117,3 +117,15 @@ def test_phases_that_move_nothing_are_left_alone():
     findings = Findings()
     phases = (*PHASES, moving("memory", "0.5ms", "0.6ms", None, bound="1/2"))
     assert check_phases(deployed(phases=phases), "here", findings)
+
+
+def test_scalars_of_gangs_are_told():
+    def version_with(size, gang):
+        phases = (*PHASES[:2], moving("memory", "0.9ms", "1ms", "write", ("output", "scaled", size)))
+        return deployed(phases=phases, units="u1 u2", gang=gang)
+
+    def told(size, gang):
+        return [(d.code, d.path) for d in written_alone([("here", version_with(size, gang))])]
+
+    assert told(8, 2) == [(FIRST_ALONE.id, "here")]
+    assert told(16, 2) == told(8, 1) == []

@@ -16,14 +16,16 @@
 #define OP_RUN 3U
 #define OP_STOP 4U
 #define OP_HEALTH 5U /* in records only */
+#define OP_INPUT 6U
+#define OP_OUTPUT 7U
 
 /* One operation of a program. Its key is (ticks from the job's start) << 2 | order: at equal ticks, checks come first
  * (0), then executions begin (1), then transfers (2). */
 typedef struct {
     uint64_t key;
-    uint64_t source; /* COPY: from; RUN: function */
-    uint64_t target; /* COPY: to;   RUN: begin of .bss */
-    uint64_t size;   /* COPY: bytes; RUN: bytes of .bss, 0 if it is not to be cleared */
+    uint64_t source; /* COPY: from; RUN: function; INPUT, OUTPUT: number of the driver */
+    uint64_t target; /* COPY: to;   RUN: begin of .bss; INPUT, OUTPUT: the buffer */
+    uint64_t size;   /* COPY: bytes; RUN: bytes of .bss, 0 if it is not to be cleared; INPUT, OUTPUT: of the buffer */
     uint32_t limit;  /* RUN: ticks until STOP; COPY: until the end of its phase */
     uint8_t kind;
     uint8_t channel;
@@ -83,6 +85,14 @@ extern const hp_rule hp_rules[HP_RULES];
 extern const hp_table hp_tables[];                     /* modes, then transitions */
 extern const uint32_t hp_switches[HP_MODES][HP_MODES]; /* index of the transition table, or HP_NO_TABLE */
 extern const hp_unit hp_units[HP_UNITS];
+
+#ifdef HP_DRIVERS
+/* Fills a buffer before it is read, or takes what was written into it. */
+typedef void (*hp_driver)(void *data, uint64_t size);
+extern const hp_driver hp_drivers[HP_DRIVERS];
+/* The driver of a buffer of one word by which a task asks for a mode: its number + 1; 0: for none. */
+void hp_request_mode(void *data, uint64_t size);
+#endif
 
 /* ---- memory shared with simulators, debuggers and board software ---- */
 

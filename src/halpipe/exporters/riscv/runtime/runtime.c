@@ -186,6 +186,15 @@ static inline uint64_t again(const slot *s, const hp_operation *o, uint64_t now)
     return (now < end) ? next : 0U;
 }
 
+#ifdef HP_DRIVERS
+void hp_request_mode(void *data, uint64_t size) {
+    const volatile uint64_t *wanted = (const volatile uint64_t *)data;
+    if ((size == sizeof(uint64_t)) && (*wanted != 0U)) {
+        CONTROL->request = *wanted;
+    }
+}
+#endif
+
 /* Does what is due in a slot, then writes it down. */
 static inline void step(uint32_t place) {
     slot *s = &slots[place];
@@ -200,6 +209,10 @@ static inline void step(uint32_t place) {
         flags = run(s, o);
     } else if (o->kind == OP_STOP) {
         flags = stop(o, &at);
+#ifdef HP_DRIVERS
+    } else if (o->kind >= OP_INPUT) {
+        hp_drivers[o->source]((void *)o->target, o->size);
+#endif
     } else {
         uint32_t state = dma_state(o->channel, s->number);
         flags = failure_of(state);

@@ -7,6 +7,9 @@
 #define HP_MODES {{ modes }}U
 #define HP_RULES {{ [health.rules | length, 1] | max }}U
 #define HP_HISTORY {{ [health.events, 1] | max }}U /* events that all health rules count together */
+{%- if drivers %}
+#define HP_DRIVERS {{ drivers | length }}U
+{%- endif %}
 #define HP_CLINT {{ profile.clint | hex }}UL
 #define HP_TICKS_PER_MS {{ [profile.timebase // 1000, 1] | max }}U
 #define HP_DECISION {{ decision }}U /* ticks before the end of a hyperperiod at which mode requests are read */

@@ -12,6 +12,18 @@ static const hp_operation program_{{ loop.index0 }}[] = {
 };
 {%- endfor %}
 
+{%- if drivers %}
+{%- for name in drivers if name != "hp_request_mode" %}
+extern void {{ name }}(void *data, uint64_t size);
+{%- endfor %}
+
+const hp_driver hp_drivers[HP_DRIVERS] = {
+{%- for name in drivers %}
+    {{ name }},
+{%- endfor %}
+};
+
+{% endif -%}
 const hp_program hp_programs[] = {
 {%- for program in programs %}
     {program_{{ loop.index0 }}, {{ program.operations | length }}U, {{ program.slot }}U, {{ health.of(program.task) | join(", ") }}},
