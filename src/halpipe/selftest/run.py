@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tempfile
+from copy import deepcopy
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model, format_schedule
@@ -21,7 +22,7 @@ from halpipe.selftest import second
 from halpipe.selftest.mutants import OPERATORS, SCHEDULE, scaled, with_tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from halpipe.models import Schedule, TaskModel
 
@@ -79,16 +80,9 @@ def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -
     with tempfile.TemporaryDirectory(prefix="halpipe-selftest-") as folder:
         model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
         for number in range(mutants):
-            rng = Random(f"{seed}:{number // MUTANTS_OF_ONE}")
-            name, *texts = known[number // MUTANTS_OF_ONE % len(known)]
-            model, schedule = (parse_xml(text, name) for text in texts)
-            schedule.attrib.pop("model-sha256", None)
-            _without_costs(schedule)
-            factor = Fraction(rng.randrange(1, 40), rng.randrange(1, 40))
-            scaled(model, factor)
-            scaled(schedule, factor)
-            if rng.random() < TABLES:
-                with_tables(schedule)
+            if number % MUTANTS_OF_ONE == 0:
+                name, *pair = _sound(known, seed, number // MUTANTS_OF_ONE)
+            model, schedule = deepcopy(pair)
             rng = Random(f"{seed}/{number}")
             faults = [] if number % MUTANTS_OF_ONE == 0 else rng.choices(sorted(OPERATORS), k=rng.choice((1, 1, 1, 2)))
             for fault in faults:
@@ -99,6 +93,21 @@ def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -
             outcome.count(" and ".join(faults) or "none", _verified(*files), second.accepts(*files), f"{name} {number}")
             told(number + 1)
     return outcome
+
+
+def _sound(known: Sequence[tuple[str, bytes, bytes]], seed: int, group: int) -> tuple[str, Any, Any]:
+    """Return a system by its name, with its model and schedule in times of another scale."""
+    rng = Random(f"{seed}:{group}")
+    name, *texts = known[group % len(known)]
+    model, schedule = (parse_xml(text, name) for text in texts)
+    schedule.attrib.pop("model-sha256", None)
+    _without_costs(schedule)
+    factor = Fraction(rng.randrange(1, 40), rng.randrange(1, 40))
+    scaled(model, factor)
+    scaled(schedule, factor)
+    if rng.random() < TABLES:
+        with_tables(schedule)
+    return name, model, schedule
 
 
 @cache

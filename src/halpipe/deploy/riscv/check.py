@@ -72,7 +72,7 @@ SWITCHES = 12
 ASKING = 12
 """Tables of the run in which tasks may ask for modes."""
 
-TRIALS = 8
+TRIALS = 12
 """Runs that try health rules in a check of every day."""
 
 PER_OPERATION = 2_000

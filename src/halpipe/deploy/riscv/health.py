@@ -167,14 +167,14 @@ def _trials_of(target: Target, number: int, rule: HealthRule) -> Iterator[Trial]
 
 
 def _patterns(rule: HealthRule, jobs: int) -> Iterator[tuple[Kind, tuple[int, ...]]]:
-    """Yield kinds and the cycles of failing jobs: enough of them, too few, too far apart, and others than count."""
+    """Yield kinds and the cycles of failing jobs: enough of them, others than count, too far apart, and too few."""
     kind, other = (Kind.TRAP, Kind.SPIN) if rule.event is HealthEvent.FAULT else (Kind.SPIN, Kind.TRAP)
     near = tuple(1 + i // jobs for i in range(rule.count))
     yield kind, near
     yield other, near
     if rule.count > 1:
-        yield kind, near[:-1]
         yield kind, (*near[:-1], near[0] + rule.cycles)
+        yield kind, near[:-1]
 
 
 def failing(
