@@ -70,7 +70,7 @@ def test_the_trials_switch_restart_and_stop(ruled):
 def test_the_check_of_every_day_tries_rules(ruled):
     checked = check.check_by_simulation(ruled, CheckOptions())
     assert errors(checked.diagnostics) == []
-    assert any("health rules: 8 runs" in line for line in checked.lines)
+    assert any("health rules: 12 runs" in line for line in checked.lines)
 
 
 @pytest.mark.parametrize(
