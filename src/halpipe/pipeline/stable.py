@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
-    from halpipe.models import Access, Job, Schedule, Task, TaskModel
+    from halpipe.models import Access, Job, Schedule, Task, TaskModel, Unit
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 
 NEAR = note(
@@ -45,7 +45,7 @@ def schedule_near(
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
     held = options.shipped
-    changed = {task.name: why for task in model.tasks if (why := _changed(model, task, earlier))}
+    changed = _changed(model, earlier)
     free = frozenset(changed) | _displaced(earlier, held)
     for _ in range(ROUNDS):
         kept = _together(held, _without(earlier, free))
@@ -132,17 +132,24 @@ def _together(held: Schedule | None, kept: Schedule) -> Schedule:
     return kept.alone(tuple(modes))
 
 
-def _changed(model: TaskModel, task: Task, earlier: Schedule) -> str:
-    """Return why some job of a task cannot be what it was; nothing if all can."""
-    jobs = [job for mode in earlier.modes for job in mode.jobs if job.task == task.name]
-    if not jobs:
-        return "is new"
-    return next((why for job in jobs if (why := _hinders(model, task, job))), "")
-
-
-def _hinders(model: TaskModel, task: Task, job: Job) -> str:
-    version = next((v for v in task.versions if v.name == job.version), None)
+def _changed(model: TaskModel, earlier: Schedule) -> dict[str, str]:
+    """Return the tasks of which some job cannot be what it was, and why."""
     units = {unit.name: unit for unit in model.units}
+    jobs: dict[str, list[Job]] = {}
+    for mode in earlier.modes:
+        for job in mode.jobs:
+            jobs.setdefault(job.task, []).append(job)
+    why = {
+        task.name: next((why for job in jobs[task.name] if (why := _hinders(units, task, job))), "")
+        if task.name in jobs
+        else "is new"
+        for task in model.tasks
+    }
+    return {name: reason for name, reason in why.items() if reason}
+
+
+def _hinders(units: Mapping[str, Unit], task: Task, job: Job) -> str:
+    version = next((v for v in task.versions if v.name == job.version), None)
     if version is None or version.wcet is None:
         return f'has no version "{job.version}"'
     if not set(job.units) <= set(version.units) & set(units) or len(job.units) != version.gang:

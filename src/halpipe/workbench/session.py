@@ -12,7 +12,7 @@ from halpipe.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostic
 from halpipe.exporters.native import format_model
 from halpipe.files import read_bytes, sha256, write_output
 from halpipe.importers.native import parse_model
-from halpipe.pipeline.checked import schedule_model, validate_model
+from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.workbench.edits import edited
@@ -282,16 +282,12 @@ class Session:
         began = time.monotonic()
         self._cancelled = False
         model = self._as_read(state.model)
-        findings = [found for found in validate_model(model) if found.is_error]
         schedule = before
-        if not findings:
-            options = SearchOptions(
-                budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before)
-            )
-            try:
-                schedule, findings = self._search(model, options, before)
-            except HalpipeError as refused:
-                findings = list(refused.diagnostics)
+        options = SearchOptions(budget=BUDGET, workers=self._workers, near=before, shipped=self._pinned(state, before))
+        try:
+            schedule, findings = self._search(model, options, before)
+        except HalpipeError as refused:
+            findings = list(refused.diagnostics)
         self.answered = _answered(before, None if findings else schedule, time.monotonic() - began)
         self.progress = None
         return replace(state, schedule=schedule, findings=tuple(sort_diagnostics(findings)))

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, about
-from halpipe.durations import greatest_common_divisor
+from halpipe.durations import ZERO, greatest_common_divisor
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
-    from halpipe.pipeline.jobs import Expansion
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.goals import Polish
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper, Kept
     from halpipe.pipeline.solve.kernel.search import Outcome
@@ -269,9 +269,25 @@ class _WholeJobs(_Search):
         return self._stated(grouped=not self.shipped)
 
     def _stated(self, *, grouped: bool = True, every_chain: bool = False) -> Problem:
+        pinned = self.pinned | self.settled
         return stated_problem(
-            self.model, self.expansion, self.tick, grouped=grouped, every_chain=every_chain, pinned=self.pinned
+            self.model, self.expansion, self.tick, grouped=grouped, every_chain=every_chain, pinned=pinned
         )
+
+    @cached_property
+    def settled(self) -> dict[str, tuple[str, ...]]:
+        """The units of the tasks all of whose jobs have shipped, and can stay: no others need to be looked at."""
+        found: dict[str, tuple[str, ...]] = {}
+        for active in self.expansion.tasks if self.shipped else ():
+            jobs = [job for index in range(active.jobs) if (job := self.shipped.get((active.name, index)))]
+            if len(jobs) == active.jobs and all(self._stays(active, job) for job in jobs):
+                found[active.name] = tuple(dict.fromkeys(unit for job in jobs for unit in job.units))
+        return found
+
+    def _stays(self, active: ActiveTask, job: Job) -> bool:
+        in_time = ZERO <= job.start < self.expansion.hyperperiod
+        versions = [version for version in active.versions if version.name == job.version]
+        return in_time and any({*job.units} <= {*v.units} and len(job.units) == v.gang for v in versions)
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.exact import is_installed

@@ -207,7 +207,9 @@ class _Builder:
         self.options: list[Option] = []
         self.units = {unit.name: unit for unit in units}
         self.pinned = pinned
+        self.is_interrupted = any(unit.interrupts for unit in units)
         self._known_times: dict[tuple[str, str, Service[Duration]], tuple[int, int]] = {}
+        self._known_choices: dict[tuple[str, str], list[tuple[tuple[int, int], ...]]] = {}
 
     def ticks(self, duration: Duration) -> int:
         """Return whole ticks, rounded down; exact for every duration that the tick divides."""
@@ -262,6 +264,7 @@ class _Builder:
         rows: list[list[tuple[int, int, int, int]]] = []
         for active in self.expansion.tasks:
             numbers: dict[tuple[tuple[int, int], ...], int] = {}
+            chooses_once = is_bound(active)
             for version in active.versions:
                 constraints = [self._row(row) for row in version.precedences]
                 if any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints):
@@ -280,7 +283,7 @@ class _Builder:
                     wcet.append(length)
                     late.append(slip)
                     present.append(1)
-                    sets.append(numbers.setdefault(choice, len(numbers)) if is_bound(active) else ANY_SET)
+                    sets.append(numbers.setdefault(choice, len(numbers)) if chooses_once else ANY_SET)
             task_sets.append(max(1, len(numbers)))
             if self._may_be_absent(active):
                 self.options.append(Option(None, ()))
@@ -309,13 +312,21 @@ class _Builder:
 
     def _recency(self) -> Ints:
         """Rank the options by what their ends lack of a whole tick, and by their WCETs: what lacks least ends last."""
-        wcets = [self._reserved(option) for option in self.options]
-        keys = [(self.tick * self.ticks_up(wcet) - wcet, wcet) for wcet in wcets]
+        known: dict[tuple[int, Service[Duration]], tuple[Duration, Duration]] = {}
+        keys = []
+        for option in self.options:
+            alike = (id(option.version), self._service(option.groups))
+            if alike not in known:
+                wcet = self._reserved(option)
+                known[alike] = (self.tick * self.ticks_up(wcet) - wcet, wcet)
+            keys.append(known[alike])
         place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
         return ints(place[key] for key in keys)
 
     def _service(self, choice: tuple[tuple[int, int], ...]) -> Service[Duration]:
         """Return the interrupts of the units of a choice, of which those of one group are alike."""
+        if not self.is_interrupted:
+            return ()
         return service_of(self.units, [name for group, count in choice for name in self.groups[group][:count]])
 
     def _reserved(self, option: Option) -> Duration:
@@ -390,6 +401,12 @@ class _Builder:
 
     def _choices(self, active: ActiveTask, version: Version) -> list[tuple[tuple[int, int], ...]]:
         """List how many units of each group a job may take: one group, or all splits of a gang."""
+        key = (active.name, version.name)
+        if key not in self._known_choices:
+            self._known_choices[key] = self._listed_choices(active, version)
+        return self._known_choices[key]
+
+    def _listed_choices(self, active: ActiveTask, version: Version) -> list[tuple[tuple[int, int], ...]]:
         available: dict[int, int] = {}
         pinned = self.pinned.get(active.name, ())
         for name in pinned if pinned and set(pinned) <= set(version.units) else dict.fromkeys(version.units):
@@ -470,8 +487,8 @@ class _Builder:
         """Return the latest end of a job after its release, in ticks."""
         lengths, slips = [0], [0]
         for version in active.versions:
-            for choice in self._choices(active, version):
-                length, slip = self._times(active, version, self._service(choice))
+            for service in dict.fromkeys(self._service(choice) for choice in self._choices(active, version)):
+                length, slip = self._times(active, version, service)
                 lengths.append(length)
                 slips.append(slip)
         return max(lengths) + max(slips)

@@ -2,6 +2,8 @@
 // The page of the workbench. It holds no rules: it shows the state that the server gives, and sends orders.
 const $ = id => document.getElementById(id);
 let state = null, busy = false, sorted = null;
+// The rows of each task, as long as it is what it was: to make all of them takes longer than to schedule the tasks.
+const made = new Map();
 
 const viewer = new Viewer($("chart"), {
   chosen(job) {
@@ -99,6 +101,7 @@ function field(value, edit, wide) {
   const input = element("input", "", {value, className: wide ? "wide" : ""});
   input.setAttribute("aria-label", `${edit.name} ${edit.inner || ""} ${edit.field}`);
   input.addEventListener("change", async () => {
+    made.delete(edit.name); // what was typed is no content of the model
     const told = await order("edit", {...edit, value: input.value}, true);
     if (told && told.refused) { input.classList.add("wrong"); input.title = told.refused[0].message; }
     else { taskTable(); chainTable(); }
@@ -115,24 +118,38 @@ function taskTable() {
   const needle = $("search").value.toLowerCase(), rows = [];
   const wanted = state.tasks.filter(task => task.name.toLowerCase().includes(needle) || !needle);
   if (sorted) wanted.sort((a, b) => compare(sorted.key, a, b) * sorted.sign);
-  for (const task of wanted) {
-    task.versions.forEach((version, place) => {
-      const row = element("tr"), own = figures(task);
-      const name = cell(row);
-      if (!place) {
-        const swatch = element("span", "", {className: "swatch"}); swatch.style.setProperty("background", task.colour);
-        name.append(swatch, task.name);
-      }
-      cell(row, version.name);
-      cell(row, ...(place ? [] : [field(task.period, {kind: "task", name: task.name, field: "period"})]));
-      cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
-      cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
-      cell(row, ...(place ? [] : [field(task.deadline, {kind: "task", name: task.name, field: "deadline"})]));
-      for (const key of ["response", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
-      rows.push(row);
-    });
-  }
-  $("tasks").tBodies[0].replaceChildren(...rows);
+  for (const task of wanted) rows.push(...rowsOf(task));
+  fill($("tasks").tBodies[0], rows);
+}
+
+// Puts rows into the body of a table, and leaves alone those that are at their place: the browser lays out the others.
+function fill(body, rows) {
+  const kept = new Set(rows);
+  for (const row of [...body.children]) if (!kept.has(row)) row.remove();
+  rows.forEach((row, place) => { if (body.children[place] !== row) body.insertBefore(row, body.children[place] || null); });
+}
+
+function rowsOf(task) {
+  const own = figures(task), {versions, colour, period, deadline} = task;
+  const content = JSON.stringify([versions, colour, period, deadline, own.response, own.jitter, own.gaps]);
+  const known = made.get(task.name);
+  if (known && known.content === content) return known.rows;
+  const rows = versions.map((version, place) => {
+    const row = element("tr"), name = cell(row);
+    if (!place) {
+      const swatch = element("span", "", {className: "swatch"}); swatch.style.setProperty("background", colour);
+      name.append(swatch, task.name);
+    }
+    cell(row, version.name);
+    cell(row, ...(place ? [] : [field(period, {kind: "task", name: task.name, field: "period"})]));
+    cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
+    cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
+    cell(row, ...(place ? [] : [field(deadline, {kind: "task", name: task.name, field: "deadline"})]));
+    for (const key of ["response", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
+    return row;
+  });
+  made.set(task.name, {content, rows});
+  return rows;
 }
 
 function compare(key, a, b) {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.integers import ints
-from halpipe.pipeline.solve.kernel.kernel import put, total_cost
+from halpipe.pipeline.solve.kernel.kernel import putting, total_cost
 from halpipe.pipeline.solve.kernel.state import BEST, COST, FROZEN, FROZEN_HINT, INSERTED, State
 
 if TYPE_CHECKING:
@@ -23,12 +23,14 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
     it still has. An empty `state` is given and filled.
     """
     arrays = problem.arrays
+    put, group_of = putting(arrays, state), {names[0]: group for group, names in enumerate(problem.groups)}
     kept, changed = [], []
     for number, active in enumerate(problem.expansion.tasks):
         jobs = [shipped[active.name, index] for index in range(active.jobs) if (active.name, index) in shipped]
-        options = [option for job in jobs if (option := _option(problem, number, job)) is not None]
         if not jobs:
             continue
+        numbers = _numbers(problem, number)
+        options = [option for job in jobs if (option := _option(problem, numbers, group_of, job)) is not None]
         if len(options) < active.jobs:
             changed.append(active.name)
             continue
@@ -41,7 +43,7 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
             drift = (start - place * cycle - base + half) % arrays.hyperperiod - half
             state.start[first + place], state.option[first + place] = start, option
             state.phase[first + place] = base + drift
-            put(arrays, state, first + place)
+            put(first + place)
         kept += sorted({arrays.job_entry[first + place] for place in range(active.jobs)})
     for entry in kept:
         state.hint[entry] = FROZEN_HINT
@@ -55,20 +57,27 @@ def freeze(problem: Problem, state: State, shipped: Mapping[tuple[str, int], Job
     return problem, tuple(changed)
 
 
-def _option(problem: Problem, task: int, job: Job) -> int | None:
+_Choice = tuple[str, tuple[tuple[int, int], ...]]
+
+
+def _numbers(problem: Problem, task: int) -> dict[_Choice, int]:
+    """Return the options of a task by their version and groups of units; the first of several."""
+    found: dict[_Choice, int] = {}
+    arrays = problem.arrays
+    for number in range(arrays.task_option[task], arrays.task_option[task + 1]):
+        option: Option = problem.options[number]
+        if option.version is not None:
+            found.setdefault((option.version.name, option.groups), number)
+    return found
+
+
+def _option(problem: Problem, numbers: Mapping[_Choice, int], group_of: Mapping[str, int], job: Job) -> int | None:
     """Return the option that puts a job's version on its units; None if the task no longer has it.
 
     Nor does a job have one that starts outside of the hyperperiod, as in a schedule that nobody verified.
     """
     if not 0 <= job.start // problem.tick < int(problem.arrays.hyperperiod):
         return None
-    group_of = {names[0]: group for group, names in enumerate(problem.groups)}
     if not all(name in group_of for name in job.units):
         return None
-    groups = tuple(sorted((group_of[name], 1) for name in job.units))
-    arrays = problem.arrays
-    for number in range(arrays.task_option[task], arrays.task_option[task + 1]):
-        option: Option = problem.options[number]
-        if option.version is not None and option.version.name == job.version and option.groups == groups:
-            return number
-    return None
+    return numbers.get((job.version, tuple(sorted((group_of[name], 1) for name in job.units))))

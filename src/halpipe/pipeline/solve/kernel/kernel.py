@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.kernel.library import INTEGER, ask, function, tell
+from halpipe.pipeline.solve.kernel.library import INTEGER, ask, bound, function, tell
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.problem import Arrays
@@ -45,9 +47,9 @@ def total_cost(arrays: Arrays, state: State) -> int:
     return ask("total_cost", arrays, state)
 
 
-def put(arrays: Arrays, state: State, job: int) -> None:
-    """Enter a job's rectangles into the profiles."""
-    tell("put", arrays, state, job)
+def putting(arrays: Arrays, state: State) -> Callable[[int], object]:
+    """Return what enters a job's rectangles into the profiles."""
+    return bound("put", arrays, state)
 
 
 def worst_reaction(arrays: Arrays, state: State, begin: int, end: int) -> int:

@@ -15,7 +15,7 @@ from halpipe.libraries import library
 from halpipe.pipeline.solve.integers import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
@@ -31,10 +31,20 @@ COUNTED = {
 INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
 
 
+def bound(name: str, arrays: Arrays, state: State) -> Callable[..., int]:
+    """Return a function that takes a problem, a state and integers, for many calls that differ by the integers."""
+    native, pointers = function(name), _structs(arrays, state)
+    return lambda *numbers: int(native(*pointers, *map(INTEGER, numbers)))
+
+
+def _structs(arrays: Arrays, state: State) -> list[Any]:
+    lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
+    return [words([*arrays, *lengths]), words(state)]
+
+
 def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> int:
     """Call a function that takes a problem, a state, the table of noise if it is given, and integers."""
-    lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
-    pointers: list[Any] = [words([*arrays, *lengths]), words(state)]
+    pointers = _structs(arrays, state)
     if noise is not None:
         pointers.append(POINTER(address(noise)))
     return int(function(name)(*pointers, *map(INTEGER, numbers)))
