@@ -1,6 +1,5 @@
 """The workbench as a person uses it, in headless Chromium: open, edit, drag, conflict, undo, keyboard, export."""
 
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,8 +11,6 @@ from halpipe.starters import first_model
 pytest.importorskip("starlette", reason="the extra [serve]")
 pytest.importorskip("selenium", reason="drives the browser")
 
-from selenium import webdriver
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.common.actions.pointer_actions import PointerActions
@@ -35,26 +32,9 @@ units:
   core1: {manager: 0}
   core2: {manager: 1}
 """
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-DRIVER = shutil.which("chromedriver")
 PATIENCE = 300
 
-pytestmark = [
-    pytest.mark.slow,  # a browser starts
-    pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="apt-get install chromium chromium-driver"),
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for word in ("--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1400,900"):
-        options.add_argument(word)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    made = webdriver.Chrome(options=options, service=Service(DRIVER))
-    yield made
-    made.quit()
+pytestmark = pytest.mark.slow  # a browser starts
 
 
 @pytest.fixture

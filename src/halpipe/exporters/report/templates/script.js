@@ -75,3 +75,11 @@ for (const table of document.querySelectorAll("table.sortable")) {
     head.replaceChildren(button);
   });
 }
+
+// What is folded is unfolded for print: nobody can open it on paper.
+let folded = [];
+addEventListener("beforeprint", () => {
+  folded = [...document.querySelectorAll("details:not([open])")];
+  for (const box of folded) box.open = true;
+});
+addEventListener("afterprint", () => { for (const box of folded) box.open = false; });
