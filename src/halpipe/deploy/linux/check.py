@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import tempfile
 from collections import deque
 from pathlib import Path
@@ -14,6 +13,7 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.deploy.linux.judging import Judgement, judge, read_recording
 from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import CheckOptions, Target
@@ -67,12 +67,13 @@ def _build(target: Target, folder: Path) -> Path:
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-    made = subprocess.run(
-        ["make", f"CC={compiler}"], cwd=folder, capture_output=True, text=True, timeout=_BUILD_SECONDS, check=False
-    )
+    help = "correct the sources, or the entry and definitions of the version, and export again"
+    try:
+        made = run(["make", f"CC={compiler}"], folder, seconds=_BUILD_SECONDS)
+    except TimeoutExpired:
+        raise HalpipeError(codes.NOT_BUILT(f"make took more than {_BUILD_SECONDS} s", at=at, help=help)) from None
     if made.returncode:
         lines = [line for line in made.stderr.splitlines() if "error" in line.lower()] or made.stderr.splitlines()
-        help = "correct the sources, or the entry and definitions of the version, and export again"
         raise HalpipeError(*(codes.NOT_BUILT(line.strip()[:300], at=at, help=help) for line in lines[:5] or ["make"]))
     return folder / "build"
 
@@ -93,10 +94,8 @@ def _run(target: Target, options: CheckOptions, built: Path) -> tuple[bytes, lis
     at = target.bundle.at("manifest.json")
     help = "run build/dispatcher by hand to see what happens"
     try:
-        ran = subprocess.run(
-            command, cwd=built, capture_output=True, text=True, timeout=total + _SPARE_SECONDS, check=False
-        )
-    except subprocess.TimeoutExpired:
+        ran = run(command, built, seconds=total + _SPARE_SECONDS)
+    except TimeoutExpired:
         text = f"it did not end {_SPARE_SECONDS} s after the {total:.1f} s that it was to run"
         raise HalpipeError(codes.NOT_RUN(text, at=at, help=help)) from None
     said = ran.stderr.splitlines()

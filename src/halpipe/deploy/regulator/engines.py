@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from halpipe.caches import cache_folder, is_ours, keep
 from halpipe.deploy.regulator.codes import ENGINE_FAILED
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import sha256
+from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -134,19 +134,16 @@ def _write(folder: str, contents: Mapping[str, bytes]) -> list[str]:
 
 
 def _version(command: Sequence[str]) -> str:
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout.partition("\n")[0]
+    return run(command).stdout.partition("\n")[0]
 
 
 def _call(command: Sequence[str], folder: str, seconds: int) -> None:
     """Run a tool; its own last words are the message when it fails."""
     tool = os.path.basename(command[0])
     try:
-        done = subprocess.run(
-            command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=seconds, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as failure:
-        reason = f"took more than {seconds} s" if isinstance(failure, subprocess.TimeoutExpired) else str(failure)
-        raise HalpipeError(_failed(f"{tool}: {reason}")) from None
+        done = run(command, folder, seconds=seconds)
+    except TimeoutExpired:
+        raise HalpipeError(_failed(f"{tool}: took more than {seconds} s")) from None
     if done.returncode != 0:
         said = [line.strip() for line in (done.stderr + done.stdout).splitlines() if line.strip()]
         telling = [line for line in said if "rror" in line] or said

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import struct
-import subprocess
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from halpipe.deploy.riscv.cosimulation import MAGIC, PROGRAM, Word
 from halpipe.deploy.riscv.machine import RUBBISH
 from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
+from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -113,23 +113,20 @@ def _with_memory(arguments: tuple[str, ...], file: Path) -> list[str]:
     return [*found, "-object", f"memory-backend-file,id=main,size={size},mem-path={file},share=on"]
 
 
-def start(command: list[str]) -> bytes | None:
+def start(command: list[str]) -> str | None:
     """Run a command; return what it said, None if it had to be ended."""
     try:
-        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False)
-    except subprocess.TimeoutExpired:
+        done = run(command, seconds=SECONDS)
+    except TimeoutExpired:
         return None
-    except OSError as failure:
-        help = "apt-get install qemu-system-misc, or use --engine cosim"
-        raise HalpipeError(codes.ENGINE_ABSENT(f"{command[0]} cannot be run: {failure.strerror}", help=help)) from None
     return done.stderr or done.stdout
 
 
-def _read(file: Path, site: Site, said: bytes | None) -> Played:
+def _read(file: Path, site: Site, said: str | None) -> Played:
     try:
         memory = file.open("rb")
     except OSError:
-        text = " ".join((said or b"").decode("ascii", "replace").split())[-200:]
+        text = " ".join((said or "").split())[-200:]
         help = "use --engine cosim to see more"
         raise HalpipeError(codes.ENGINE_UNFIT(f"QEMU did not start; it said: {text}", help=help)) from None
     with memory:

@@ -66,12 +66,15 @@ def render_svg(dot: str) -> bytes:
 
     from halpipe.diagnostics import HalpipeError
     from halpipe.exporters.codes import DOT_FAILED, DOT_MISSING
+    from halpipe.programs import not_started
 
     try:
         drawn: bytes = graphviz.pipe("dot", "svg", dot.encode(), quiet=True)
     except graphviz.ExecutableNotFound:
         help = "install it (apt install graphviz, dnf install graphviz or brew install graphviz), or write .dot"
         raise HalpipeError(DOT_MISSING("drawing SVG needs the program `dot` of Graphviz", help=help)) from None
+    except OSError as failure:
+        raise not_started("dot", failure) from None
     except subprocess.CalledProcessError as failure:
         said = " ".join((failure.stderr or b"").decode("utf-8", "replace").split())
         message = f"`dot` stopped with status {failure.returncode}" + (f": {said[:300]}" if said else "")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
+from halpipe.programs import run as program
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -130,11 +130,10 @@ def _gcc() -> Toolchain:
 
 
 def _version(command: list[str]) -> str:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError) as failure:
-        help = "repair or reinstall it"
-        raise HalpipeError(TOOLCHAIN_MISSING(f"{command[0]} cannot be run: {failure}", help=help)) from None
+    done = program(command)
+    if done.returncode:
+        message = f"{Path(command[0]).name} stopped with status {done.returncode}"
+        raise HalpipeError(TOOLCHAIN_MISSING(message, help="repair or reinstall it"))
     return done.stdout.strip()
 
 
@@ -147,18 +146,8 @@ def run_all(commands: Sequence[list[str]], folder: Path, jobs: int) -> list[Fail
     environment = {key: os.environ[key] for key in _KEPT if key in os.environ} | {"LC_ALL": "C"}
 
     def run(position: int) -> Failure | None:
-        try:
-            done = subprocess.run(
-                commands[position],
-                cwd=folder,
-                env=environment,
-                capture_output=True,
-                stdin=subprocess.DEVNULL,
-                check=False,
-            )
-        except OSError as failure:
-            return Failure(position, str(failure))
-        said = done.stderr.decode("utf-8", "replace").strip()
+        done = program(commands[position], folder, environment=environment)
+        said = done.stderr.strip()
         return Failure(position, said or f"status {done.returncode}") if done.returncode else None
 
     with ThreadPoolExecutor(jobs) as pool:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 import tempfile
 import time
 from dataclasses import dataclass, field, replace
@@ -23,9 +22,11 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
 from halpipe.diagnostics import HalpipeError
+from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+    from subprocess import CompletedProcess
 
     from halpipe.bundles import Bundle
     from halpipe.deploy.regulator.reading import Tables, Unit
@@ -332,9 +333,9 @@ def _solve(folder: Path, mode: list[str]) -> list[str]:
     return list(dict.fromkeys(re.findall(r"Assert failed in \w+: (\w+)", said))) or ["(undecided)"]
 
 
-def _run(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
+def _run(command: list[str], folder: Path) -> CompletedProcess[str]:
     try:
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=SECONDS, check=False)
-    except subprocess.TimeoutExpired:
+        return run(command, folder, seconds=SECONDS)
+    except TimeoutExpired:
         help = "run it on a machine that is not busy; --engine auto simulates"
         raise HalpipeError(ENGINE_FAILED(f"{command[0]} took more than {SECONDS} s", help=help)) from None
