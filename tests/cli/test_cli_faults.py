@@ -17,6 +17,12 @@ exports:
   - {format: report, output: out/r.html}
 """
 
+OVERLAY = """\
+halpipe-overlay: 1
+units: [u]
+tasks: {"*": {wcet: 1ms, period: 10ms}}
+"""
+
 VERBS = {
     "schedule": ("schedule model.xml -o out/s.xml -q", ["s.xml"]),
     "a search that fails": ("schedule hopeless.xml --budget 5 -o out/h.xml -q", ["h.best.xml", "h.resume"]),
@@ -25,6 +31,10 @@ VERBS = {
     "export a folder": ("export regulator model.xml s.xml --platform platform.yaml -o out/cfg -q", ["cfg"]),
     "import": ("import amalthea a.amxmi -o out/m.xml --report out/i.json -q", ["m.xml", "i.json"]),
     "run": ("run pipe.yaml -q", ["s.xml", "r.html"]),
+    "new": ("new out/first", ["first"]),
+    "schedule a fleet": ("schedule one.xml model.xml -o out/fleet -q", ["fleet/one.xml", "fleet/model.xml"]),
+    "import a graph": ("import ros a.dot --overlay o.yaml -o out/m.xml --report out/i.json -q", ["m.xml", "i.json"]),
+    "export to a diagram": ("export graph model.xml s.xml -o out/g.dot -q", ["g.dot"]),
 }
 KNOWN = (0, 1, 3)
 
@@ -40,6 +50,9 @@ def sources(tmp_path_factory):
     (folder / "hopeless.xml").write_bytes(format_model(hopeless_model()))
     (folder / "platform.yaml").write_text(PLATFORM)
     (folder / "pipe.yaml").write_text(PIPELINE)
+    (folder / "one.xml").write_bytes((folder / "model.xml").read_bytes())
+    (folder / "a.dot").write_text("digraph g { a -> b [label=topic]; }\n")
+    (folder / "o.yaml").write_text(OVERLAY)
     assert run_here(folder, "schedule", "model.xml", "-o", "s.xml", "-q").returncode == 0
     assert run_here(folder, "export", "amalthea", "model.xml", "s.xml", "-o", "a.amxmi", "-q").returncode == 0
     return folder

@@ -13,7 +13,7 @@ import typer
 from halpipe.cli import output, streams
 from halpipe.cli.stopping import Stop
 from halpipe.diagnostics import Exit
-from halpipe.files import STDIO, read_bytes, refuse_inputs
+from halpipe.files import STDIO, make_folder, read_bytes, refuse_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +39,7 @@ def schedule_fleet(
     _refuse_twins(sources)
     variants = [Variant(source, read_bytes(source), plain) for source in sources]
     target = Path(folder)
-    target.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     refuse_inputs(*(str(target / variant.target) for variant in variants))
     stop = Stop("stopping; finished schedules are kept", time_limit)
     run = _Run(Ledger(target), stop, len(variants))

@@ -7,7 +7,7 @@ so that a failed or killed run leaves the old file whole. A command never writes
 
 from __future__ import annotations
 
-from halpipe.files.folders import FOREIGN_FOLDER, MANIFEST, MANIFEST_KEY, write_directory, write_new_folder
+from halpipe.files.folders import FOREIGN_FOLDER, MANIFEST, MANIFEST_KEY, make_folder, write_directory, write_new_folder
 from halpipe.files.protection import OUTPUT_IS_INPUT, STDIO, is_input, protecting_inputs, refuse_inputs
 from halpipe.files.reading import (
     CANNOT_READ,
@@ -60,6 +60,7 @@ __all__ = [
     "folders_with",
     "input_size",
     "is_input",
+    "make_folder",
     "mapped",
     "open_input",
     "parse_xml",

@@ -60,9 +60,21 @@ def write_directory(path: str, contents: Mapping[str, bytes]) -> None:
 
 def write_new_folder(path: str, contents: Mapping[str, bytes]) -> None:
     """Write a folder that was not there, or was empty; see `write_directory`."""
-    if os.path.lexists(path) and not (os.path.isdir(path) and not os.listdir(path)):
+    try:
+        is_free = not os.path.lexists(path) or (os.path.isdir(path) and not os.listdir(path))
+    except OSError as failure:
+        raise cannot_write(path, failure) from None
+    if not is_free:
         raise _foreign(path, "is there already, and is not empty; nothing was written")
     write_directory(path, contents)
+
+
+def make_folder(path: str) -> None:
+    """Make a folder into which files are to be written one by one, if it is not there."""
+    try:
+        os.makedirs(path, exist_ok=True)
+    except (OSError, ValueError) as failure:
+        raise cannot_write(path, failure) from None
 
 
 def _mend(former: str, target: str) -> None:
