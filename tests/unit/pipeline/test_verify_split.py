@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
 
+from halpipe.durations import Duration
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import Binding, Interrupt, Job, Part, Split, UnitLoad
 from halpipe.pipeline.verify import codes, verify
@@ -122,7 +123,9 @@ def test_a_gap_beside_a_split_point(at):
 
 def test_a_job_that_is_not_split_has_no_gaps():
     system = long_and_short(Split())
-    assert "is not split" in only(system, cut(system, (0, 3, 0, 3), (5, 8, 3, 6)), codes.WRONG_GAP)
+    assert 'has 1 gaps, but version "v" is not split' in only(
+        system, cut(system, (0, 3, 0, 3), (5, 8, 3, 6)), codes.WRONG_GAP
+    )
 
 
 def test_too_many_gaps():
@@ -131,6 +134,13 @@ def test_too_many_gaps():
     assert not errors(system, fine)
     more = cut(system, (0, 1, 0, 1), ("1.5ms", "2.5ms", 1, 2), (5, 6, 2, 3), (7, 10, 3, 6))
     assert "has 3 gaps, at most 2" in only(system, more, codes.WRONG_GAP)
+
+
+def test_the_least_part_may_be_nothing_and_no_less():
+    for least, expected in ((Duration(0), 0), (Duration(-1), 1)):
+        system = long_and_short(Split(anywhere=True, max_gaps=1, min_part=least))
+        found = [d for d in errors(system, cut(system, (0, 3, 0, 3), (5, 8, 3, 6))) if "negative" in d]
+        assert len(found) == expected
 
 
 def anywhere(**more):
