@@ -30,13 +30,19 @@ SWAPS = {
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.FloorDiv, ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv,
 }  # fmt: skip
+DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict"}
+"""Options of classes, and of `zip` over what is of one length."""
+
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
 
 
 def places(tree: ast.AST) -> list[tuple[ast.AST, str]]:
     """Return what can be changed: a node, and which of its fields."""
     found: list[tuple[ast.AST, str]] = []
+    undecided = {id(node) for node in ast.walk(tree) if isinstance(node, ast.keyword) and node.arg in DECIDE_NOTHING}
     for node in ast.walk(tree):
+        if id(node) in undecided:
+            undecided.add(id(node.value))  # comes later in the walk
         if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
             found.append((node, "ops"))
         elif isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPS and not _is_text(node):
@@ -45,7 +51,7 @@ def places(tree: ast.AST) -> list[tuple[ast.AST, str]]:
             found.append((node, "not"))
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in NAMES:
             found.append((node, "call"))
-        elif isinstance(node, ast.Constant) and type(node.value) in (int, bool):
+        elif isinstance(node, ast.Constant) and type(node.value) in (int, bool) and id(node) not in undecided:
             found.append((node, "constant"))
     return found
 

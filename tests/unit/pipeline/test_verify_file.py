@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import pytest
 from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
@@ -9,7 +10,7 @@ from verify_helpers import codes_found, errors, messages, only, plan_of, switch,
 from halpipe.diagnostics import Location
 from halpipe.durations import Duration
 from halpipe.models import Run, Schedule, Status
-from halpipe.pipeline.verify import RULES, codes, verify
+from halpipe.pipeline.verify import RULES, codes, tables, verify
 from support import access, after, chain, job, mode, model, ms, schedule, task, version
 
 
@@ -209,3 +210,19 @@ def test_switches_are_checked_only_where_both_modes_can_be():
         found = codes_found(system, replace(switch(good, 0), modes=kept))
         assert codes.MISSING_MODE.id in found
         assert not [code for code in found if code >= codes.NOT_ALLOWED.id and code != codes.NO_TABLE.id]
+
+
+@pytest.mark.parametrize(("bits", "is_fine"), [(tables.MAX_BITS, True), (tables.MAX_BITS + 1, False)])
+def test_a_hyperperiod_of_many_bits(bits, is_fine):
+    period = Duration(1 << bits - 1)
+    system = model(replace(task("a", 10, version("v", 1)), period=period))
+    written = schedule(system, 10, job(system, "a", 0, 0, "u1"))
+    found = errors(system, replace(written, modes=(replace(written.modes[0], hyperperiod=period),)))
+    assert any(f"more than {tables.MAX_BITS} bits" in each for each in found) is not is_fine
+
+
+@pytest.mark.parametrize(("most", "cycles"), [(20, 5), (19, 2)])
+def test_a_line_of_too_many_jobs_has_two_cycles(monkeypatch, most, cycles):
+    monkeypatch.setattr(tables, "MAX_LINE", most)
+    line = SimpleNamespace(cycles_needed=lambda jobs: 5, target=SimpleNamespace(jobs=[None] * 4))
+    assert tables.Switch.cycles_of(line, []) == cycles
