@@ -389,6 +389,7 @@ class Machine(DmaWork):
     def overwrite(self, hart: int, address: int, code: bytes) -> None:
         """Have a core that stands at `address` execute something else."""
         self.memory.write(address, code)
+        self._code = {at: data for at, data in self._code.items() if not at <= address < at + len(data)}
         self.harts[hart].forget_code(address, len(code))
         self.harts[hart].hook_registers(code, address)
 

@@ -121,8 +121,14 @@ class _Judge:
             for call in job.calls:
                 kind = Kind.INPUT if call.driver.kind is AccessKind.READ else Kind.OUTPUT
                 made[job.table.cycle, call.hart, kind] -= 1
+        excused = {
+            (job.table.cycle, call.hart)
+            for job in jobs
+            for call in job.calls
+            if (job.table.cycle, job.row) in self._starved
+        }
         for (cycle, hart, _), number in sorted(made.items()):
-            if number:
+            if number and (cycle, hart) not in excused:
                 what = f"{abs(number)} calls of drivers for {self._site.unit_of(hart).name} "
                 what += "were recorded that are not planned" if number > 0 else "were not recorded"
                 self._findings.add(codes.WRONG_DRIVER(what, path=f"cycle {cycle}", help=FROM_EXPORT))
