@@ -1,6 +1,7 @@
 """Standard streams that are closed, full or abandoned, signals at any moment, little memory: never a traceback."""
 
 import ast
+import errno
 import os
 import resource
 import signal
@@ -89,6 +90,8 @@ def test_ctrl_c_at_any_moment_is_no_traceback(folder):
     [
         MemoryError(),
         OSError(12, "Cannot allocate memory"),
+        BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable"),
+        OSError(errno.EMFILE, "Too many open files"),
         RuntimeError("can't start new thread"),
         ImportError("libx.so: failed to map segment from shared object"),
     ],

@@ -11,10 +11,11 @@ from halpipe.diagnostics import Exit, HalpipeError, error
 OUT_OF_MEMORY = error(
     "HAL0007",
     "Memory does not suffice",
-    "The system gave no more memory, or no more threads. Whatever stood in the outputs before is untouched.",
+    "The system gave no more memory, threads, processes or open files. What stood in the outputs before is untouched.",
 )
 
 _NO_MEMORY = ("can't start new thread", "cannot allocate memory", "failed to map segment")
+_SHORT = (errno.ENOMEM, errno.EAGAIN, errno.EMFILE, errno.ENFILE)
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF)
 
 
@@ -30,7 +31,9 @@ def told(failure: Exception) -> int:
         return int(Exit.INTERRUPTED)
     if _is_want_of_memory(failure):
         help = "free some, lift the limit on it, use fewer --workers, or split the file"
-        output.report([OUT_OF_MEMORY("the system gives no more memory", help=help)])
+        is_other = isinstance(failure, OSError) and failure.errno in (errno.EAGAIN, errno.EMFILE, errno.ENFILE)
+        what = "open files, processes or threads" if is_other else "memory"
+        output.report([OUT_OF_MEMORY(f"the system gives no more {what}", help=help)])
         return int(Exit.FINDINGS)
     if isinstance(failure, OSError) and failure.errno in _NO_ROOM:
         output.say(f"error: standard output: {failure.strerror}")
@@ -52,7 +55,7 @@ def _tell_usage(failure: Exception) -> int:
 def _is_want_of_memory(failure: Exception) -> bool:
     if isinstance(failure, MemoryError):
         return True
-    if isinstance(failure, OSError) and failure.errno == errno.ENOMEM:
+    if isinstance(failure, OSError) and failure.errno in _SHORT:
         return True
     return isinstance(failure, (RuntimeError, ImportError, OSError)) and any(
         text in str(failure).lower() for text in _NO_MEMORY
