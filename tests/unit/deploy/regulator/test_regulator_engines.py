@@ -9,6 +9,7 @@ import pytest
 from halpipe.deploy.regulator import codes, engines, simulate
 from halpipe.deploy.regulator.engines import Design, Icarus, Player, Verilator
 from halpipe.diagnostics import HalpipeError
+from halpipe.programs import NOT_STARTED
 
 
 def design(**changes):
@@ -93,7 +94,10 @@ def test_a_bench_that_does_not_end_is_stopped(tools, tmp_path, monkeypatch):
 
 
 def test_a_program_that_is_not_there(tmp_path):
-    assert "No such file" in failure(lambda: Player((str(tmp_path / "none"),)).run(str(tmp_path)))
+    with pytest.raises(HalpipeError) as failure:
+        Player((str(tmp_path / "none"),)).run(str(tmp_path))
+    (found,) = failure.value.diagnostics
+    assert (found.code, found.message) == (NOT_STARTED.id, "none cannot be started: No such file or directory")
 
 
 # ------------------------------------------------------------------------------------------------ what is kept

@@ -1,6 +1,5 @@
 """The QEMU engine without QEMU: what it says when it is absent or hangs, and how the records of a run are judged."""
 
-import subprocess
 from dataclasses import replace
 
 import pytest
@@ -15,6 +14,7 @@ from halpipe.deploy.riscv.records import hold
 from halpipe.deploy.riscv.sequence import Played
 from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import HalpipeError
+from halpipe.programs import NOT_STARTED, TimeoutExpired
 from support import job, model, ms, schedule, task, version
 
 SYSTEM = model(task("a", "10ms", version("v", "1ms", "core1")), units="core1 core2")
@@ -61,10 +61,10 @@ def test_an_engine_that_there_is_none_of():
 
 
 def test_a_run_that_does_not_end(monkeypatch):
-    def hang(command, **options):
-        raise subprocess.TimeoutExpired(command, options["timeout"])
+    def hang(command, *, seconds):
+        raise TimeoutExpired(command, seconds)
 
-    monkeypatch.setattr(emulator.subprocess, "run", hang)
+    monkeypatch.setattr(emulator, "run", hang)
     assert emulator.start(["qemu"]) is None
     words = (0,) * 9 + (1,) + (0,) * 8
     (found,) = is_over(emulator.Played(Recording((), (), 0), words, {}, is_over=False))
@@ -76,7 +76,7 @@ def test_a_run_that_does_not_end(monkeypatch):
 def test_a_program_that_cannot_be_run():
     with pytest.raises(HalpipeError) as failure:
         emulator.start(["/nonexistent/qemu"])
-    assert failure.value.diagnostics[0].code == codes.ENGINE_ABSENT.id
+    assert failure.value.diagnostics[0].code == NOT_STARTED.id
 
 
 TABLE = Played(0, "all", ms(0), ms(10), (JOB,))

@@ -6,6 +6,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.riscv import toolchain
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
 from halpipe.exporters.riscv.toolchain import compiler_errors, find_toolchain, run_all
+from halpipe.programs import NOT_STARTED
 
 
 @pytest.fixture
@@ -47,10 +48,16 @@ def test_errors_of_compilers_have_file_and_line():
 
 
 def test_all_failures_are_collected_in_order(tmp_path):
-    commands = [["false"], ["true"], ["sh", "-c", "echo wrong >&2; exit 3"], ["/absent/program"]]
+    commands = [["false"], ["true"], ["sh", "-c", "echo wrong >&2; exit 3"]]
     found = run_all(commands, tmp_path, 2)
-    assert [failure.position for failure in found] == [0, 2, 3]
-    assert [failure.said for failure in found[:2]] == ["status 1", "wrong"]
+    assert [failure.position for failure in found] == [0, 2]
+    assert [failure.said for failure in found] == ["status 1", "wrong"]
+
+
+def test_a_compiler_that_cannot_be_started_is_no_fault_of_a_source(tmp_path):
+    with pytest.raises(HalpipeError) as failure:
+        run_all([["true"], ["/absent/program"]], tmp_path, 2)
+    assert failure.value.diagnostics[0].code == NOT_STARTED.id
 
 
 def test_the_environment_decides_nothing(tmp_path, monkeypatch):
