@@ -47,7 +47,6 @@ FILES = {
 def application(session: Session, token: str, port: int) -> Any:
     """Return the ASGI application; `port` is the one that it will be asked at."""
     from starlette.applications import Starlette
-    from starlette.middleware.base import BaseHTTPMiddleware
     from starlette.routing import Route
 
     hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
@@ -59,36 +58,58 @@ def application(session: Session, token: str, port: int) -> Any:
         Route("/{name:path}", _file),
     ]
     app = Starlette(routes=routes)
-    app.add_middleware(BaseHTTPMiddleware, dispatch=partial(_guard, token, hosts))
+    app.add_middleware(_Guard, token=token, hosts=hosts)
     return app
 
 
 # ------------------------------------------------------------------------------------------------ who may ask
 
 
-async def _guard(token: str, hosts: set[str], request: Any, go_on: Callable[[Any], Any]) -> Any:
+HEADERS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+class _Guard:
+    """Lets through who may ask, and puts on every answer what keeps the page to itself."""
+
+    def __init__(self, app: Any, *, token: str, hosts: set[str]) -> None:
+        self._app, self._token, self._hosts = app, token, hosts
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        from starlette.datastructures import MutableHeaders
+        from starlette.requests import Request
+
+        async def sealed(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        refusal = _refusal(self._token, self._hosts, Request(scope)) if scope["type"] == "http" else None
+        await (refusal or self._app)(scope, receive, sealed)
+
+
+def _refusal(token: str, hosts: set[str], request: Any) -> Any:
+    """Return the answer to who may not ask, or comes with the token; None for who may go on."""
     from starlette.responses import PlainTextResponse, RedirectResponse
 
-    response: Any
     origin = request.headers.get("origin")
     if request.headers.get("host") not in hosts:
-        response = PlainTextResponse("this server answers on 127.0.0.1 only", 403)
-    elif origin is not None and origin.removeprefix("http://") not in hosts:
-        response = PlainTextResponse("orders are taken from the page of the workbench only", 403)
-    elif int(request.headers.get("content-length") or 0) > MAX_BODY or "transfer-encoding" in request.headers:
-        response = PlainTextResponse("the order is too long", 413)
-    elif _same(request.query_params.get("token", ""), token):
+        return PlainTextResponse("this server answers on 127.0.0.1 only", 403)
+    if origin is not None and origin.removeprefix("http://") not in hosts:
+        return PlainTextResponse("orders are taken from the page of the workbench only", 403)
+    if int(request.headers.get("content-length") or 0) > MAX_BODY or "transfer-encoding" in request.headers:
+        return PlainTextResponse("the order is too long", 413)
+    if _same(request.query_params.get("token", ""), token):
         response = RedirectResponse("/", 303)
         response.set_cookie(COOKIE, token, httponly=True, samesite="strict")
-    elif not _same(request.cookies.get(COOKIE, ""), token):
-        response = PlainTextResponse("open the address that `halpipe serve` has printed, with its token", 403)
-    else:
-        response = await go_on(request)
-    response.headers["Content-Security-Policy"] = POLICY
-    response.headers["X-Content-Type-Options"] = "nosniff"
-    response.headers["Referrer-Policy"] = "no-referrer"
-    response.headers["Cache-Control"] = "no-store"
-    return response
+        return response
+    if not _same(request.cookies.get(COOKIE, ""), token):
+        return PlainTextResponse("open the address that `halpipe serve` has printed, with its token", 403)
+    return None
 
 
 def _same(given: str, token: str) -> bool:
