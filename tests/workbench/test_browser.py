@@ -103,6 +103,14 @@ def test_an_edit_is_solved_and_can_be_undone(page):
     assert field(page, "camera full wcet").get_attribute("value") == "6ms"
 
 
+def test_an_edit_made_while_another_is_answered_is_not_lost(page):
+    edit = "order('edit', {kind: 'task', name: 'brake', field: 'deadline', value: '%s'}, true);"
+    page.execute_script(edit % "4ms" + edit % "3ms")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("3ms"))
+    page.find_element(By.ID, "undo").click()
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("4ms"))
+
+
 def test_a_wrong_value_is_answered_beside_its_field(page):
     change(page, "camera full wcet", "fast")
     verdict(page, "not a duration")

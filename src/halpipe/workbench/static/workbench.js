@@ -15,8 +15,15 @@ const viewer = new Viewer($("chart"), {
   },
 });
 
-async function order(name, stated = {}, quiet = false) {
-  if (busy) return null;
+// Orders go to the server one after the other: what is typed while it works is not lost.
+let before = Promise.resolve();
+
+function order(...words) {
+  before = before.then(() => send(...words));
+  return before;
+}
+
+async function send(name, stated = {}, quiet = false) {
   busy = true; document.body.setAttribute("aria-busy", "true");
   const watch = setTimeout(follow, 400);
   try {
