@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, Findings, HalpipeError, Location, error
 from halpipe.files import MANIFEST, MANIFEST_KEY, read_bytes, sha256
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +34,7 @@ SCHEDULE = "schedule.xml"
 _SAFE_NAME = re.compile(r"(?!\.)[A-Za-z0-9_.+@~%=-]+(/(?!\.)[A-Za-z0-9_.+@~%=-]+)*")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bundle:
     """A bundle on disk: its `kind`, the `facts` of its manifest, and its files as they were sealed."""
 

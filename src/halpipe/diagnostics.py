@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from halpipe.records import record
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -37,7 +39,7 @@ class Exit(IntEnum):
     INTERRUPTED = 130
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Location:
     """A place in an input file; line 0 means the file as a whole."""
 
@@ -121,7 +123,7 @@ def version_of(task: str, version: str) -> Path:
     return Path(f'task "{task}", version "{version}"', about(task=task, version=version).subjects)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Fix:
     """A change that mends what is wrong: at a place, the text `old` becomes `new`."""
 
@@ -130,7 +132,7 @@ class Fix:
     new: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Code:
     """A kind of diagnostic: its number, weight, one-line title and a paragraph for the reference page."""
 
@@ -211,7 +213,7 @@ def note(id: str, title: str, explanation: str = "") -> Code:
     return Code(id, Severity.NOTE, title, explanation)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Diagnostic:
     """One finding: `path` names the element inside the file, `help` says what to do.
 

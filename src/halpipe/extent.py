@@ -5,8 +5,9 @@ Every importer and exporter states its extent; the table of formats in the manua
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,7 +37,7 @@ ASPECTS = {
 """What models and schedules consist of (MODEL 2, 3, 5 and 8), in the order of the table of formats."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Extent:
     """What a format carries, by aspect, with the element of the format that does; and what is lost, in sentences."""
 

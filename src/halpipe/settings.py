@@ -5,12 +5,12 @@ Readers of single values turn text into a value and raise ``ValueError("what is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from halpipe.diagnostics import Location, error
 from halpipe.files import YamlList, YamlMap
 from halpipe.quantities import quoted
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ MAX_UNKNOWN = 1000
 """Unknown keys of one mapping that are named before the rest is counted."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stated(Generic[T_co]):
     """A value and the place in the overlay that states it."""
 

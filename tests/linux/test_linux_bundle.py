@@ -449,7 +449,9 @@ def test_without_rights_only_order_and_completeness_count():
     assert found(owner, tables, late, is_timed=False) == []
 
 
-@pytest.mark.parametrize("data", [b"", b"a,b\n", b"task,job,mode,cycle,start,end,units,busy,planned\n", b"\xff"])
+@pytest.mark.parametrize(
+    "data", [b"", b"a,b\n", b"task,job,mode,cycle,start,end,units,busy,planned\n", b"\xff", b"a" * 200_000]
+)
 def test_recordings_that_cannot_be_read(data):
     with pytest.raises(HalpipeError) as caught:
         read_recording(data)

@@ -6,7 +6,6 @@ whole ticks of a millisecond, and only whole numbers are drawn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from random import Random
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, milliseconds
 from halpipe.models import Access, Mode, Precedence, Resource, Run, Task, TaskModel, Unit, Version
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ FINE = 60
 """Bounds on resources are multiples of one in so many."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PerfectFit:
     """`tasks` on each of `units` units alike fill them to the last tick; every task runs once."""
 
@@ -41,7 +41,7 @@ class PerfectFit:
         return _model("perfect-fit", names, (_task(n, PERIOD, [_version(0, c, names)]) for n, c in enumerate(lengths)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Rectangles:
     """`tasks` rectangles fill a board of `height` by the period; it is one resource, or that many units as gangs."""
 
@@ -78,7 +78,7 @@ class Rectangles:
         return Access(resource="r", start=Duration(0), end=milliseconds(length), bound=Fraction(height, self.height))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ManyVersions:
     """`tasks` tasks with `versions` versions each, of which one choice fills `units` unlike units to the last tick."""
 
@@ -102,7 +102,7 @@ class ManyVersions:
         return _model("many-versions", names, tasks)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class FullSlack:
     """Tasks with slack 1 fill `units` units: on each, `slots` stretches of a frame are served by one to three tasks."""
 
@@ -124,7 +124,7 @@ class FullSlack:
         return _model("slack-1", names, tasks)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RigidChains:
     """`chains` chains of `length` tasks on `units` units alike, with windows of so many ticks either side (0: none)."""
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import sys
 from contextlib import contextmanager
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from importlib import import_module
@@ -25,6 +24,7 @@ from halpipe.pipeline.generate import SetParameters, achieved, generate
 from halpipe.pipeline.measure.circle import Instants
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,7 +39,7 @@ VALID, NOT_FOUND, STOPPED, FAULT = "valid", "not-found", "stopped", "fault"
 """Outcomes. Only `STOPPED`, by the time limit, depends on the machine."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Instance:
     """One set to measure: `budget` counts moves per task, `limit` and `exact_seconds` seconds (0: none, no CP-SAT).
 

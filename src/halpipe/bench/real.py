@@ -9,7 +9,7 @@ drawn from an exponential distribution, tasks are scaled to the load of a row, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import accumulate
 from random import Random
@@ -30,12 +30,13 @@ from halpipe.models import (
     Unit,
     Version,
 )
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Rate:
     """Runnables of one period: their share in percent, execution times in ns, and factors of the worst case in %."""
 
@@ -74,7 +75,7 @@ GRID = 100
 RESUME = Duration(2000)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class EngineControl:
     """Systems of `cores` cores, each loaded by `load`: on each core a task for each period, split at its runnables."""
 
@@ -89,7 +90,7 @@ class EngineControl:
         return _model("engine-control", (Unit(name=name, type="core") for name in names), tasks)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Engine:
     """One engine on four cores, in the manner of the FMTV challenge of 2017: each period once, angle task, interrupts.
 
@@ -205,7 +206,7 @@ PIECE = milliseconds(5)
 """No piece of a task is longer: what is offloaded runs in kernels of the GPU, and cores are preempted."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Waters2019:
     """The autonomous driving system, cut into pieces of at most 5 ms; its tasks choose their units."""
 

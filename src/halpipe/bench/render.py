@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from halpipe.bench.real import PUBLISHED, Waters2019
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -163,7 +163,7 @@ def duration_text(nanoseconds: int) -> str:
 # ------------------------------------------------------------------------------------------------ plot
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Box:
     """The spread of a sample on the plot: whiskers, quartiles, median."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.bench.instance import FAULT, VALID, Instance
 from halpipe.files import sha256
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     Record = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Spread:
     """Least value, quartiles and greatest value of a sample, each of them one of the sample's values."""
 
@@ -46,7 +47,7 @@ class Ratio:
     is_bound: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RowResult:
     """What came of a row. Times, in nanoseconds, and moves are those of the instances that were solved.
 
@@ -96,7 +97,7 @@ class RowResult:
         return self.row.goal_kernel is None or self.kernel_ns.median <= self.row.goal_kernel.ns
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Report:
     """A whole benchmark: `about` says with what, and on which machine, it was made."""
 
@@ -202,13 +203,13 @@ def _ratios(records: Iterable[Record]) -> Iterator[Ratio]:
 
     What CP-SAT did not solve counts with the time that it had; what it alone solved counts as 0.
     """
-    for record in records:
-        found = record["timing"].get("exact", {"answer": "none"})
-        is_solved = record["result"]["outcome"] == VALID
+    for row in records:
+        found = row["timing"].get("exact", {"answer": "none"})
+        is_solved = row["result"]["outcome"] == VALID
         if found["answer"] == "feasible":
-            yield Ratio(found["ns"] // record["timing"]["whole_ns"] if is_solved else 0, is_bound=False)
+            yield Ratio(found["ns"] // row["timing"]["whole_ns"] if is_solved else 0, is_bound=False)
         elif found["answer"] != "none" and is_solved:
-            yield Ratio(found["ns"] // record["timing"]["whole_ns"], is_bound=True)
+            yield Ratio(found["ns"] // row["timing"]["whole_ns"], is_bound=True)
 
 
 def _row_json(result: RowResult) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -13,6 +13,7 @@ from halpipe.importers.native import read_model
 from halpipe.models import Binding
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
 from halpipe.pipeline.solve.goals import Quality
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -31,7 +32,7 @@ Cell: TypeAlias = "SetParameters | Family"
 """What sets are drawn from: parameters of generated ones, or systems of another kind."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Row:
     """A line of the table: sets of several parameters, with what was aimed at and what the paper reports for them."""
 
@@ -47,7 +48,7 @@ class Row:
     """What a search goes on for, as with `schedule --quality`."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Given:
     """A model of the user's: one system, whatever the seed."""
 
@@ -64,7 +65,7 @@ def given_rows(paths: Sequence[str]) -> tuple[Row, ...]:
     return tuple(Row(name=read_model(path).name, cells=(Given(path),)) for path in paths)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bound:
     """The sets of some parameters, each task bound to one set of units in the whole system."""
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Protocol
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class CheckOptions:
     """What the user may choose: the `engine` that plays the bundle, the `seed` of what it draws, and how long.
 
@@ -32,7 +34,7 @@ class CheckOptions:
     margin: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Target:
     """A bundle with the model and the schedule that it carries, read and verified."""
 
@@ -41,7 +43,7 @@ class Target:
     schedule: Schedule
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Checked:
     """The answer: the bundle is sound if no finding is an error; `lines` tell people what was done and measured.
 

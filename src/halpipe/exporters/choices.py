@@ -2,20 +2,21 @@
 
 A format states each choice beside its default, as a field of its options:
 
-    @dataclass(frozen=True, slots=True, kw_only=True)
+    @record(kw_only=True)
     class BtfOptions(ExportOptions):
         cycles: int = choice(2, "Hyperperiods of a mode before the next switch.", whole(1, 1000), metavar="N")
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from enum import Enum
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.durations import Duration
 from halpipe.quantities import quoted, whole
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,7 +39,7 @@ class Form(Enum):
     NAMES = "names"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Choice:
     """One option: `name` is its key in a pipeline file, and ``--name`` on the command line.
 

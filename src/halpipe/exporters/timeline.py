@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import defaultdict
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Anchor
 from halpipe.pipeline.parts import parts_of, phase_instants, service_of
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,7 +27,7 @@ CONTEXT_JOBS = 2000
 Steps = list[tuple[Duration, Fraction]]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Placement:
     """One occurrence of `job` on the line, from `start`, which is negative for what began before the line.
 
@@ -51,7 +51,7 @@ class Placement:
         return [(start + by, end + by) for start, end in self.job.occupations()]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Window:
     """The half-open stretch [start, end) of the line that is drawn."""
 
@@ -72,7 +72,7 @@ class Window:
         return start < self.end and (end > self.start or start >= self.start)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Link:
     """The predecessor job that satisfies a constraint of `job`: of those in the window, the newest.
 

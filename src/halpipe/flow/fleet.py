@@ -6,7 +6,7 @@ What comes out for a model depends on it and the options alone, so it has the sa
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
 from halpipe.files import read_own, refuse_foreign, sha256, write_output
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -52,7 +53,7 @@ EXITS = {
 """The exit code of each outcome; that of a fleet is the code of the first of these that it has."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Variant:
     """A model of a fleet: its file, what that holds, and the options of the search as plain data."""
 
@@ -71,7 +72,7 @@ class Variant:
         return sha256(repr((__version__, sha256(self.content), sorted(self.options.items()))).encode())
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Solved:
     """What became of a variant: the bytes of its schedule, if it has one, and what there is to say."""
 

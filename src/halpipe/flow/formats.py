@@ -8,13 +8,14 @@ The one place where formats and pipeline meet. Nothing is exported that does not
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
 from halpipe.pipeline.checked import refuse_invalid, validate_model
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ def export(format: str, model: TaskModel, schedule: Schedule | None, options: Ex
     return export_with_remarks(format, model, schedule, options).contents
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Exported:
     """The contents by relative file name, the main output as ``""``, and what the user should know of them."""
 

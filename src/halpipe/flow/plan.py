@@ -5,7 +5,7 @@ Paths in it are relative to the file itself, so that a pipeline means the same f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
 from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.quantities import parse_rational, whole
+from halpipe.records import record
 from halpipe.settings import Fields
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ BESIDES = {"arxml": ("onto",)}
 """Keys of an export besides the options of its format."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ImportStep:
     """What to read; see `halpipe.flow.formats.import_model`."""
 
@@ -55,7 +56,7 @@ class ImportStep:
     options: ImportOptions
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ExportStep:
     """What to write from the verified schedule; with `onto`, onto the project that was imported with `source`."""
 
@@ -66,7 +67,7 @@ class ExportStep:
     source: ImportOptions = field(default_factory=ImportOptions)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Plan:
     """A pipeline file: without `imports`, the model file is the source."""
 

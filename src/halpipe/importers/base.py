@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from halpipe.diagnostics import NOWHERE, Location
 from halpipe.durations import milliseconds
 from halpipe.quantities import parse_rational, quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -55,7 +56,7 @@ class Supplement(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ImportOptions:
     """What the user may choose: `overlay` adds what the source lacks.
 
@@ -102,7 +103,7 @@ def group_rule(text: str) -> str:
     return text
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ignored:
     """An element of the source that has no effect on the model, and why."""
 
@@ -112,7 +113,7 @@ class Ignored:
     at: Location = NOWHERE
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Defaulted:
     """A value that the source does not state and that the importer chose."""
 
@@ -159,7 +160,7 @@ class Coverage:
         ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Imported:
     """The result of an import: the model, what to tell the user, and the account of every element.
 

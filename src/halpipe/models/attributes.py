@@ -9,7 +9,7 @@ that a new attribute is one field::
 from __future__ import annotations
 
 import re
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import MISSING, Field, fields
 from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from halpipe.quantities import (
     parse_rational,
     parse_size,
 )
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -32,7 +33,7 @@ _ITEM = re.compile(r"[^ \t\r\n]+")
 _KEY = "attribute"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@record(eq=False)
 class Codec:
     """A type of attributes: `schema` is its simple type in the XML schemas, `blank` a value where one must stand.
 
@@ -94,7 +95,7 @@ def word(kind: type[Enum]) -> Codec:
     return Codec(schema, lambda text: kind(text.strip()), str, next(iter(kind)), kind)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Attribute:
     """A scalar attribute: `field` in Python, `name` in files, there in the child called `element` if that is given.
 

@@ -6,8 +6,9 @@ a schedule.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Item:
     """A module configuration or container: path, definition and its class as written, UUID (empty if none), place.
 
@@ -38,7 +39,7 @@ class Item:
         return self.path.rpartition("/")[2]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Value:
     """A value or reference of a container: the short name of its definition, its text, whether a generator owns it."""
 
@@ -48,7 +49,7 @@ class Value:
     is_generated: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Call:
     """An event mapping of a task: container, event and OsTask (paths, empty if none), and what triggers it now.
 
@@ -66,7 +67,7 @@ class Call:
     has_period: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ProjectTask:
     """An OsTask: its unit of the model (empty if not bound), its OsApplication, and whether it waits for OS events.
 
@@ -81,7 +82,7 @@ class ProjectTask:
     is_preemptive: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ProjectCounter:
     """An OsCounter: its unit of the model (empty if any), its tick (None: not stated, or impossible), and its range."""
 
@@ -93,7 +94,7 @@ class ProjectCounter:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ProjectAlarm:
     """An OsAlarm that the OS starts: its autostart container, cycle and start in ticks, the OsTasks concerned."""
 
@@ -104,7 +105,7 @@ class ProjectAlarm:
     tasks: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Project:
     """A project for one model.
 

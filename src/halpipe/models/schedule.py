@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
 from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
 from halpipe.models.system import HealthAction, HealthEvent, Word
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -22,7 +23,7 @@ class Status(Word):
     NOT_FOUND = "not-found"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Part:
     """A part k of a job with gaps: wall-clock [start, end), execution [executed_from, executed_to) (MODEL 8.2)."""
 
@@ -37,7 +38,7 @@ class Part:
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Job:
     """Job `index` of a task: start theta in [0, t_P), end (may pass t_P), version lambda, units phi.
 
@@ -65,7 +66,7 @@ class Job:
         return tuple((part.start, part.end) for part in self.parts) or ((self.start, self.end),)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class CostTerms:
     """The terms of the cost function F (paper, section III; MODEL 4), exact.
 
@@ -82,7 +83,7 @@ class CostTerms:
     timeliness: Fraction = field(metadata=attribute(NUMBER))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class UnitLoad:
     """Busy time of a unit in one hyperperiod, and its share of it."""
 
@@ -91,7 +92,7 @@ class UnitLoad:
     share: Fraction = field(metadata=attribute(NUMBER, "Of the hyperperiod."))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ResourceLoad:
     """Highest and mean sum of the bounds in force on a resource over one hyperperiod."""
 
@@ -100,7 +101,7 @@ class ResourceLoad:
     mean: Fraction = field(metadata=attribute(NUMBER, "Mean sum of the bounds in force."))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ChainLatency:
     """Worst reaction time and data age of a chain (MODEL 3); None where no instance ever gets through."""
 
@@ -111,7 +112,7 @@ class ChainLatency:
     age: Duration | None = field(default=None, metadata=attribute(DURATION, "Absent as above."))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ModeSchedule:
     """The cyclic schedule of one mode."""
 
@@ -130,7 +131,7 @@ def _latencies(mode: ModeSchedule) -> str:
     return "; ".join(f"{c.name}: {c.reaction or 'never'}, {c.age or 'never'}" for c in mode.chains)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class TransitionTable:
     """The jobs started between the last hyperperiod of `source` and the first of `target` (MODEL 5)."""
 
@@ -145,7 +146,7 @@ class TransitionTable:
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Reaction:
     """What a health rule leads to in `mode`: the rule, and the longest time from its last event to the end (MODEL 9).
 
@@ -170,7 +171,7 @@ class Reaction:
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Schedule:
     """Schedules of all modes of one model, tied to it by `model` (its name) and `model_sha256` (its file)."""
 

@@ -6,7 +6,7 @@ an `origin`, the place in the OEM's file it was imported from (part of its value
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -34,6 +34,7 @@ from halpipe.models.attributes import (
     word,
 )
 from halpipe.models.coercion import Coercion
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +55,7 @@ class Element:
         _COERCIONS[kind](self)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Origin:
     """Where an element was imported from: file name, line, and the element's own path in that file."""
 
@@ -122,7 +123,7 @@ class HealthAction(Word):
     """Play no further table."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Interrupt(Element):
     """Sporadic work of a unit: `wcet` c at most once in `distance` T; it interrupts every job at once (MODEL 8.1)."""
 
@@ -133,7 +134,7 @@ class Interrupt(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Unit(Element):
     """An execution unit u of U, with the interrupts that it serves besides the table."""
 
@@ -144,7 +145,7 @@ class Unit(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Resource(Element):
     """A shared resource r of R; `bandwidth` is its peak in bytes per second, for the exporters."""
 
@@ -156,7 +157,7 @@ class Resource(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Transfer(Element):
     """Data moved in an access phase between a buffer in main memory and a symbol of the task; `size` in bytes."""
 
@@ -166,7 +167,7 @@ class Transfer(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Access(Element):
     """An access phase of A_i^v with its bound B_i^v: in force on [start, end) from the job's start."""
 
@@ -183,7 +184,7 @@ class Access(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Precedence(Element):
     """A constraint of P_i^v: some job of `task` starts (or ends) between `min` and `max` before this job starts."""
 
@@ -200,7 +201,7 @@ class Precedence(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Source(Element):
     """The C sources of a version, for deployment: files, entry function, preprocessor definitions."""
 
@@ -212,7 +213,7 @@ class Source(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Split(Element):
     """Where the jobs of a version may be interrupted, in execution time: 0 is their start, C their end (MODEL 8.1).
 
@@ -248,7 +249,7 @@ WHOLE = Split()
 """Jobs run in one piece."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Version(Element):
     """A version v of a task: WCET C, valid units U, gang size, access phases, precedence constraints, sources.
 
@@ -280,7 +281,7 @@ class Version(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Task(Element):
     """A task tau of T: period D (None: on demand), slack gamma, optional offset and deadline, versions.
 
@@ -335,7 +336,7 @@ class Task(Element):
         raise KeyError(name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Chain(Element):
     """A cause-effect chain: tasks in order, with optional limits on reaction time and data age."""
 
@@ -356,7 +357,7 @@ class Chain(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Run(Element):
     """A task that runs in a mode, with the versions available there."""
 
@@ -365,7 +366,7 @@ class Run(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Mode(Element):
     """An execution mode M_n; a task without a run is not scheduled in it."""
 
@@ -375,7 +376,7 @@ class Mode(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Transition(Element):
     """An ordered pair of modes that may be switched, optionally within a maximum length of the table."""
 
@@ -388,7 +389,7 @@ class Transition(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class HealthRule(Element):
     """After `count` events of jobs of `task` within `cycles` tables in a row the target takes an action (MODEL 9).
 
@@ -422,7 +423,7 @@ class HealthRule(Element):
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class TaskModel(Element):
     """A whole system. `digest` is the SHA-256 of the file it was read from (hexadecimal, empty if none).
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, Location
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Execution:
     """One job as it was seen: from the first instant at which it ran to the last, on the clock of the trace.
 
@@ -33,7 +34,7 @@ class Execution:
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Trace:
     """The executions on one line of time, by start; `name` tells the lines of one recording apart."""
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.models import Access, Precedence, Schedule, Split, TaskModel
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -21,7 +22,7 @@ ADDED, REMOVED, CHANGED = "added", "removed", "changed"
 MOVED, PARTS, VERSION, UNITS = "moved", "parts", "version", "units"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Change:
     """A value that differs: which element, what of it, and both values as text ("" where there is none)."""
 
@@ -31,7 +32,7 @@ class Change:
     after: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class JobChange:
     """A job that only one schedule has, or that differs: `before` or `after` is None where it is absent."""
 
@@ -62,7 +63,7 @@ class JobChange:
         return tuple(kind for kind, differs in found if differs) or (CHANGED,)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TaskSummary:
     """How many jobs of a task in a table changed, and how; `shift` is set where all moved by the same time."""
 
@@ -73,7 +74,7 @@ class TaskSummary:
     shift: Duration | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ScheduleDiff:
     """The differences of two schedules; `about` (who made them, with which seed) does not count as one."""
 

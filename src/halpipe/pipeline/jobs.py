@@ -12,6 +12,7 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, greatest_common_divisor, least_common_multiple
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Demand:
     """The reason for a job of an on-demand task: constraint `slot` of job `index` of `task`."""
 
@@ -29,7 +30,7 @@ class Demand:
     slot: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ActiveTask:
     """A task of a mode with the versions available there and its number of jobs N (paper, section III)."""
 

@@ -7,13 +7,13 @@ row only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from halpipe.records import record
 
 LEVELS = {("TI1", degree): "TCL1" for degree in ("TD1", "TD2", "TD3")}
 LEVELS |= {("TI2", "TD1"): "TCL1", ("TI2", "TD2"): "TCL2", ("TI2", "TD3"): "TCL3"}
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Use:
     """One use case with the malfunction that matters; `name` is that of the command."""
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import HalpipeError, error
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ OPTIONAL = ("offset", "deadline", "max_reaction", "max_age")
 """Attributes that an empty text removes."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Edit:
     """`kind` is task, version, window or chain; `inner` is a version's name, or the number of its window.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostics
@@ -15,6 +15,7 @@ from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
+from halpipe.records import record
 from halpipe.workbench.edits import edited
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
@@ -48,7 +49,7 @@ BUDGET = 2_000
 HISTORY = 200
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Pin:
     """A job that stays where a person has put it."""
 
@@ -59,7 +60,7 @@ class Pin:
     unit: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class State:
     """A model, what is pinned in it, and its schedule, which `findings` may say is none of this model any more."""
 
@@ -75,7 +76,7 @@ class State:
         return self.schedule is not None and not any(found.is_error for found in self.findings)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Answered:
     """How the last answer came about: jobs that stayed of how many, and seconds."""
 

@@ -156,6 +156,27 @@ def test_times_that_are_no_numbers(value):
     assert [d.code for d in found] == [codes.BROKEN_ROW.id]
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n"])
+def test_tables_have_the_line_ends_of_any_system(end):
+    text = end.join(["", "task,start,end", "a,1,2", "b,3,4", ""])
+    assert [(e.task, e.start.ns, e.end.ns) for e in parse_traces(text.encode(), "t").traces[0].executions] == [
+        ("a", 1, 2),
+        ("b", 3, 4),
+    ]
+
+
+def test_equal_rows_of_a_table_are_two_jobs():
+    (trace,) = parse_traces(b"task,start,end\na,1,2\na,1,2\n", "t").traces
+    assert len(trace.executions) == 2
+
+
+@pytest.mark.parametrize(
+    "text", ["task,start,end," + "c" * 200_000 + "\na,1,2\n", "task,start,end\na,1," + "2" * 200_000]
+)
+def test_cells_that_the_library_refuses_are_told(text):
+    assert codes.BROKEN_ROW.id in [d.code for d in refusal(text)]
+
+
 # ------------------------------------------------------------------------------------------------ all
 
 

@@ -3,6 +3,7 @@
 import ctypes
 import re
 from array import array
+from dataclasses import replace
 
 import pytest
 
@@ -50,12 +51,12 @@ def example():
 
 
 @pytest.mark.parametrize(("struct", "value"), list(zip(("Arrays", "State"), example(), strict=True)))
-def test_structs_have_the_fields_of_the_tuples_in_their_order(struct, value):
+def test_structs_have_the_fields_of_the_records_in_their_order(struct, value):
     fields = members(struct)
     counts = list(border.COUNTED) if struct == "Arrays" else []
     names = [name.replace("registers", "register") for name, _, _ in fields]  # a word that C keeps for itself
-    assert names == [*{"Arrays": Arrays, "State": State}[struct]._fields, *counts]
-    for (name, kind, is_array), field in zip(fields, value, strict=False):
+    assert names == [*{"Arrays": Arrays, "State": State}[struct].__slots__, *counts]
+    for (name, kind, is_array), field in zip(fields, border.values(value), strict=False):
         assert isinstance(field, array | Table) == is_array, name
         if isinstance(field, Table):
             assert field.width == len(members(kind)), name
@@ -83,9 +84,9 @@ def test_rows_of_the_state_are_as_long_as_its_structs():
 
 def test_the_struct_holds_addresses_integers_and_lengths():
     arrays, _ = example()
-    words = list(border.words([*arrays, 4711]))
+    words = list(border.words([*border.values(arrays), 4711]))
     assert words[0] == arrays.hyperperiod
-    assert words[Arrays._fields.index("rect")] == arrays.rect.flat.buffer_info()[0]
+    assert words[Arrays.__slots__.index("rect")] == arrays.rect.flat.buffer_info()[0]
     assert words[-1] == 4711
     assert [len(getattr(arrays, name)) for name in border.COUNTED.values()] == [3, 2, 2, 2, 1]
 
@@ -97,7 +98,7 @@ WRONG = [array("i", [0] * 8), array("d", [0.0] * 8), [0] * 8, memoryview(ints(ra
 def test_what_the_kernel_would_misread_is_refused(wrong):
     arrays, fresh = example()
     with pytest.raises(TypeError):
-        anneal(arrays, fresh._replace(start=wrong), filled(SIZE), 1)
+        anneal(arrays, replace(fresh, start=wrong), filled(SIZE), 1)
 
 
 def test_only_what_is_meant_to_be_called_can_be():

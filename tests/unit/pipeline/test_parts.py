@@ -1,5 +1,7 @@
 """Each part of the search can be switched off, and then it does nothing."""
 
+from dataclasses import replace
+
 import pytest
 
 from halpipe.pipeline.jobs import expand
@@ -65,8 +67,8 @@ def test_a_demand_that_is_not_looked_at_is_not_missed():
     assert runs == [asks, True]
     (state.option[0],) = [n for n in (0, 1) if n != state.option[0]]  # to run, and not to
     missed = problem.arrays.missing_cost
-    off = state._replace(enabled=int(ALL_PARTS & ~(Part.DEMANDS | Part.WINDOWS)))
-    assert total_cost(problem.arrays, off._replace(enabled=int(off.enabled | Part.DEMANDS))) == missed
+    off = replace(state, enabled=int(ALL_PARTS & ~(Part.DEMANDS | Part.WINDOWS)))
+    assert total_cost(problem.arrays, replace(off, enabled=int(off.enabled | Part.DEMANDS))) == missed
     assert total_cost(problem.arrays, off) == 0
 
 

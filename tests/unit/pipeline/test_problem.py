@@ -5,7 +5,7 @@ import pytest
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import milliseconds
 from halpipe.pipeline.jobs import expand, natural_tick
-from halpipe.pipeline.solve import codes, problem
+from halpipe.pipeline.solve import codes, lanes
 from halpipe.pipeline.solve.problem import NO_TICK, build_problem
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from support import access, after, chain, model, ms, task, version
@@ -60,7 +60,7 @@ def test_a_gang_has_an_option_for_every_split_over_the_groups():
 
 
 def test_a_gang_over_many_unlike_units_is_cut_and_says_so(monkeypatch):
-    monkeypatch.setattr(problem, "MAX_OPTIONS_PER_VERSION", 2)
+    monkeypatch.setattr(lanes, "MAX_OPTIONS_PER_VERSION", 2)
     monkeypatch.setattr("halpipe.pipeline.solve.limits.MAX_OPTIONS_PER_VERSION", 2)
     lone = [task(f"t{n}", 10, version("v", 1, f"u{n}")) for n in (1, 2, 3)]
     system = model(task("a", 10, version("v", 1, "u1 u2 u3", gang=2)), *lone, units="u1 u2 u3")
@@ -77,14 +77,14 @@ def test_a_resource_has_the_common_denominator_of_its_bounds():
     )
     arrays = build(system).arrays
     assert arrays.lane_capacity.tolist() == [1, 12, 1, 1]
-    assert arrays.lane_weight.tolist() == [12, *(problem.RESOURCE_WEIGHT * weight for weight in (1, 12, 12))]
+    assert arrays.lane_weight.tolist() == [12, *(lanes.RESOURCE_WEIGHT * weight for weight in (1, 12, 12))]
     assert column(build(system), "rect") == [(0, 0, 4, 1), (1, 0, 1, 4), (1, 1, 1, 9), (2, 0, 1, 1)]
 
 
 def test_bounds_beyond_the_grid_are_rounded_up():
     system = model(task("a", 10, version("v", 1, "u1", access("r", 0, 1, "1/3000017"))), resources="r")
     built = build(system)
-    assert built.arrays.lane_capacity.tolist()[1] == problem.MAX_QUANTA
+    assert built.arrays.lane_capacity.tolist()[1] == lanes.MAX_QUANTA
     assert column(built, "rect")[1] == (1, 0, 1, 1)
 
 

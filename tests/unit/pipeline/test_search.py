@@ -5,7 +5,7 @@ from placed_cases import roborace
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import explain_failure
-from halpipe.pipeline.solve import problem
+from halpipe.pipeline.solve import lanes
 from halpipe.pipeline.solve.codes import NOT_FOUND
 from halpipe.pipeline.solve.kernel import assign_units as dealing
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -104,7 +104,7 @@ def test_a_chain_through_a_task_without_jobs_is_not_kept():
 
 
 def test_gangs_too_large_for_all_their_sets_go_on_unit_by_unit(monkeypatch):
-    monkeypatch.setattr(problem, "MAX_OPTIONS_PER_VERSION", 3)
+    monkeypatch.setattr(lanes, "MAX_OPTIONS_PER_VERSION", 3)
     monkeypatch.setattr(
         dealing, "assign_units", lambda arcs, units, _: None if units > 1 else {a.job: (0,) for a in arcs}
     )

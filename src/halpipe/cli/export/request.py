@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.base import Exporter, ExportOptions
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Request:
     """What the user asks of an exporter: the files, and the options of the format; `given` are the further ones."""
 

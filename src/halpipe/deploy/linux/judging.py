@@ -6,12 +6,12 @@ import csv
 import io
 import itertools
 from collections import Counter, defaultdict
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.deploy.linux import codes
 from halpipe.diagnostics import Findings, HalpipeError, about
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -34,7 +34,7 @@ class Ran(NamedTuple):
     planned: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Judgement:
     """What was found; `start_errors` are the median, the 99th percentile and the maximum, in nanoseconds.
 
@@ -53,11 +53,11 @@ class Judgement:
 def read_recording(data: bytes) -> list[Ran]:
     """Read what the dispatcher recorded; raise `HalpipeError` if it is not of its form."""
     try:
-        rows = list(csv.reader(io.StringIO(data.decode())))
+        rows = list(csv.reader(io.StringIO(data.decode(), newline="")))
         if tuple(rows[0]) != _COLUMNS:
             raise ValueError("other columns")
         found = [Ran(r[0], int(r[1]), r[2], int(r[3]), int(r[4]), int(r[5]), int(r[8])) for r in rows[1:]]
-    except (ValueError, IndexError) as failure:
+    except (ValueError, IndexError, csv.Error) as failure:
         text = f"the recording cannot be read: {failure}"
         raise HalpipeError(codes.NOT_RUN(text, help="export the bundle again")) from None
     if not found:

@@ -10,6 +10,7 @@ from halpipe.deploy.regulator import codes, promise
 from halpipe.deploy.regulator.reading import TABLES
 from halpipe.diagnostics import about
 from halpipe.files import sha256
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 _AGAIN = "export the bundle again; if it stays so, the exporter is wrong: report it"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Planned:
     """A table that the schedule demands, as it is in the bundle, and what it should promise."""
 

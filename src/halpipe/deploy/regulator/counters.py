@@ -19,6 +19,7 @@ from halpipe.deploy.regulator.promise import ZERO, promised_bursts
 from halpipe.deploy.regulator.reading import DIRECTIONS, read_tables
 from halpipe.diagnostics import HalpipeError, Location, sort_diagnostics
 from halpipe.quantities import parse_rational, quoted
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ MOST_WINDOWS = 2**20
 """Windows that one row may span."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Sample:
     """What a unit moved in a direction, in [start, end) nanoseconds from the begin of a table; and its line."""
 
@@ -61,7 +62,7 @@ class Usage:
     used: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Counted:
     """The findings, and the bytes by table, unit and direction."""
 
@@ -107,7 +108,7 @@ class _Reader:
         self._scales: dict[str, int] = {}
 
     def samples(self, text: str, findings: list[Diagnostic]) -> Iterator[Sample]:
-        rows = csv.reader(io.StringIO(text))
+        rows = csv.reader(io.StringIO(text, newline=""))
         try:
             self._header(next(rows, []))
             for cells in rows:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from halpipe.deploy.regulator.codes import ENGINE_FAILED
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import sha256
 from halpipe.programs import TimeoutExpired, run
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,7 +32,7 @@ BUILD_SECONDS = 600
 RUN_SECONDS = 1800
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Design:
     """What an engine compiles: Verilog files by name, what only Verilator and only Icarus need, and parameters."""
 
@@ -49,7 +50,7 @@ class Design:
         return sha256("\n".join(parts).encode())
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Player:
     """A compiled bench: the command that runs it, in a folder that holds the files it reads."""
 

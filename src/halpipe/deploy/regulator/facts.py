@@ -6,7 +6,6 @@ Read here on its own, by the documented form (docs/reference/regulator-platform.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.files import parse_yaml
 from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -38,7 +38,7 @@ DEFAULTS: Mapping[str, Mapping[str, str]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Facts:
     """A platform: Hz, bytes, cycles, bytes per second; keys of units and settings of back-ends as they are written."""
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.regulator import codes
 from halpipe.deploy.regulator.reading import DIRECTIONS
 from halpipe.diagnostics import about
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +32,7 @@ _FAULTS = (
 _HELP = "the Verilog in the bundle or its tables were changed; export the bundle again"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Count:
     """One direction of one unit in one window, in bytes: taken; of these carried over; shown and left waiting."""
 

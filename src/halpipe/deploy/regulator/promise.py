@@ -6,11 +6,12 @@ bounds of its access phases in force, each shared equally by the units of a gang
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from math import ceil, floor, lcm
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -22,7 +23,7 @@ Row = tuple[str, str]
 ZERO = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Phase:
     """One access of one job on one row: in force on [start, end), with this share of the resource."""
 
@@ -36,7 +37,7 @@ class Phase:
         return Phase(self.row, self.start + by, self.end + by, self.share)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Timeline:
     """The phases of a table of `span` nanoseconds; on a circle what passes the end comes in again at 0."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
 from halpipe.diagnostics import HalpipeError
 from halpipe.quantities import parse_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -22,7 +22,7 @@ MAX_WORD = 2**32 - 1
 MAX_WINDOWS = 2**22
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Platform:
     """The facts that every figure follows from; bandwidths in bytes per second, exact."""
 
@@ -53,7 +53,7 @@ class Platform:
         return int(self.capacity * self.window_cycles / self.clock_hz)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Unit:
     """A regulated unit: its place in the files, its bus manager, default budgets and reserve by direction."""
 
@@ -64,7 +64,7 @@ class Unit:
     overshoot: Mapping[str, int]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Entry:
     """Budgets in bytes from a window on, until the next entry."""
 
@@ -77,7 +77,7 @@ class Entry:
         return self.read if direction == "read" else self.write
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Table:
     """The budgets of a mode's hyperperiod, or of a switch from `source` to `mode`."""
 
@@ -106,7 +106,7 @@ class Table:
         ]  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Switch:
     """Which table software requests to go from one mode to another."""
 
@@ -115,7 +115,7 @@ class Switch:
     request: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Tables:
     """The table object; what is derived stands beside the facts as it was stated."""
 

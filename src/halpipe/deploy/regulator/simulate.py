@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +13,7 @@ from halpipe.deploy.regulator.engines import ENGINES, Design
 from halpipe.deploy.regulator.forms import FOLDER, image_names
 from halpipe.deploy.regulator.observe import judge
 from halpipe.diagnostics import HalpipeError
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,7 +32,7 @@ STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}
 """Cycles of the run that steps through every table: whatever it takes, or what an interpreter does in some seconds."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Played:
     """A run that was simulated, and what is to be said of it."""
 

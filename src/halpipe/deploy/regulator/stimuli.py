@@ -6,12 +6,12 @@ Nothing is drawn but from SHA-256 of the seed, so that a run can be repeated on 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
 from halpipe.deploy.regulator.reading import DIRECTIONS
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -71,7 +71,7 @@ class Draw:
         return int.from_bytes(digest[:8], "big") % limit
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Traffic:
     """How the masters of a run behave; of the memory, its queues' depth and its latency in cycles."""
 
@@ -116,7 +116,7 @@ TRAFFIC = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Expected:
     """What a window must be: the table played and its window; none while the defaults hold, or no budget at all."""
 
@@ -130,7 +130,7 @@ class Expected:
         return self.window != NOT_RUNNING
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Run:
     """One simulation: the script of the software, what the masters do, and which window of which table is expected."""
 

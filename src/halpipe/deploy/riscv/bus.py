@@ -14,6 +14,7 @@ from math import ceil
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.deploy.riscv.hart import NEVER
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 NONE = Fraction(0)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Opening:
     """A window in which bursts may pass: its begin and end, and the bytes that it grants."""
 

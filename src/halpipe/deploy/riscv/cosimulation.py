@@ -23,6 +23,7 @@ from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.durations import Duration, seconds
 from halpipe.models import AccessKind
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Word:
     REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TableSeen:
     """A table that was played: where it begins by the lengths of those before it, and when it was seen to begin."""
 

@@ -7,10 +7,10 @@ and its protection is our own (`pmp`). Such instructions are found in the code, 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.pmp import ADDRESS, CONFIG, ENTRIES
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +31,7 @@ EBREAK = 0x00100073
 C_EBREAK = 0x9002
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Access:
     """One instruction on a register: what it reads into `target`, and by which `operation` it writes `source`."""
 

@@ -7,7 +7,6 @@ least such time that explains all of it: since the core woke up, it has done so 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from halpipe.deploy.riscv.sequence import DECISION
 from halpipe.deploy.riscv.tables import PER_SLOT, Tables
 from halpipe.durations import ZERO, Duration, seconds
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -37,7 +37,7 @@ _ORDER = {
 _RELEASE, _DECIDE = 1, 3
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Dispatch:
     """The worst time of an operation in a run, and what the profile reserves for it; `at` since the run's beginning."""
 
@@ -61,14 +61,14 @@ def measured(run: Run, program: Program, model: TaskModel, played: Sequence[Play
     worst, at = Fraction(0), 0
     since = first = extra = 0
     is_waiting = False
-    for i, (record, (now, woken)) in enumerate(zip(records, seen, strict=True)):
+    for i, (entry, (now, woken)) in enumerate(zip(records, seen, strict=True)):
         if woken != since:
             since, first, extra, is_waiting = woken, i, 0, False
-        if i == 0 or record.kind == Kind.HEALTH or record.flags & Flag.REFUSED or record.cycle >= len(starts):
+        if i == 0 or entry.kind == Kind.HEALTH or entry.flags & Flag.REFUSED or entry.cycle >= len(starts):
             extra += 1  # a part of the operation that is recorded next, or before
             continue
-        due, wake = _due(tables, record, starts), (woken - zero) // run.tick
-        is_waiting = is_waiting or _waits(tables, record, due[0])
+        due, wake = _due(tables, entry, starts), (woken - zero) // run.tick
+        is_waiting = is_waiting or _waits(tables, entry, due[0])
         if is_waiting or due[0] < wake:
             continue
         number = i - first + 1 - extra + bisect_right(others, due) - bisect_left(others, (wake, -1))

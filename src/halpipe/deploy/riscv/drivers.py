@@ -6,7 +6,6 @@ plant takes its place. Written from docs/reference/riscv-bundle.md; nothing is s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
@@ -14,6 +13,7 @@ from halpipe.deploy.riscv.elf import offset_of
 from halpipe.diagnostics import HalpipeError
 from halpipe.files import YamlMap, parse_yaml
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +28,7 @@ RETURN = (0x00008067).to_bytes(4, "little")
 _HELP = "export the bundle again; edit the file of drivers, not the bundle"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Driver:
     """A function that is called with a buffer when a phase of `kind` begins or ends, of all tasks or of one."""
 
@@ -43,7 +43,7 @@ class Driver:
         return moves and access.kind is self.kind and self.task in ("", task)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PlannedCall:
     """A call of a driver at tick `begin`, for the job of a core, with the area of a buffer."""
 
@@ -59,7 +59,7 @@ class PlannedCall:
         return f'driver {self.driver.function} of buffer "{self.driver.buffer}"'
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Call:
     """A call that was seen, in units of the machine's time."""
 

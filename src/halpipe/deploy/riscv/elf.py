@@ -6,11 +6,11 @@ Read here and not by a library, because programs are input: every offset is chec
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_PROGRAM
 from halpipe.diagnostics import HalpipeError
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +27,7 @@ _SECTION = struct.Struct("<IIQQQQIIQQ")
 _SYMBOL = struct.Struct("<IBBHQQ")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Segment:
     """A part that is loaded: `data` lies at `source` (physical) and runs at `target` (virtual)."""
 
@@ -38,7 +38,7 @@ class Segment:
     is_executable: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Program:
     """An ELF file: where it begins, what of it is loaded, and its symbols with address and size."""
 

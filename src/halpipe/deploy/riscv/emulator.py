@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import struct
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ from halpipe.deploy.riscv.machine import RUBBISH
 from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
 from halpipe.programs import TimeoutExpired, run
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,7 +42,7 @@ _STATES = {
 FINISHED = 2
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Played:
     """What a run left: the runtime's record, the words of its control block, and the contents of the buffers."""
 

@@ -7,7 +7,7 @@ operation tables is a difference and not an agreement. All instants here are tic
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
@@ -16,6 +16,7 @@ from halpipe.deploy.riscv.observation import Outcome
 from halpipe.diagnostics import Findings, Path, Subject, about
 from halpipe.durations import ZERO
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -32,7 +33,7 @@ SCALAR = 8
 """Bytes that the members of a gang do not divide."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PlannedTransfer:
     """Bytes that a phase from `begin` to `end` moves; `what` for people."""
 
@@ -47,7 +48,7 @@ class PlannedTransfer:
     end: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PlannedExecution:
     """A function that `hart` has to enter at `begin` and to have left by `end`; `stretch` counts them in the job.
 
@@ -64,7 +65,7 @@ class PlannedExecution:
     ends: frozenset[Outcome] = frozenset({Outcome.RETURNED})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PlannedJob:
     """A job of a table that is played."""
 
@@ -88,7 +89,7 @@ class PlannedJob:
 _Template = tuple[list[PlannedTransfer], list[PlannedExecution], list[PlannedCall]]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Image:
     """The image of a version on a unit: where target.json says that it is, and the program itself."""
 
@@ -262,7 +263,7 @@ def _relative(job: Job) -> _Parts:
     return tuple((part.start - job.start, part.executed_from, part.executed_to) for part in job.parts)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Wall:
     """Where the execution of a job lies on the wall: in its parts, after each gap by `resume` later (MODEL 8.2)."""
 

@@ -16,6 +16,7 @@ from halpipe.deploy.riscv.recording import Kind as Recorded
 from halpipe.deploy.riscv.sequence import Wish, played_tables
 from halpipe.diagnostics import about
 from halpipe.models import HealthAction, HealthEvent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -44,7 +45,7 @@ class Event:
     event: HealthEvent
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Firing:
     """A rule (by its place in the model) that fires, in a table of the run, for one of the jobs of its task."""
 
@@ -132,7 +133,7 @@ def course_of(
 # ---------------------------------------------------------------------------------------------------- runs of rules
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Trial:
     """A run that tries one rule in one mode: jobs of its task fail in these cycles, in a way."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.riscv.observation import Outcome
 from halpipe.deploy.riscv.recording import Flag
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -92,7 +93,7 @@ def code_of(kind: Kind, site: Site, unit: UnitSite) -> bytes:
     return b"".join(word.to_bytes(4, "little") for word in words)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Injection:
     """One fault: of a `kind`, into the job of `row` of the `cycle`-th table.
 

@@ -21,6 +21,7 @@ from halpipe.deploy.riscv.devices import Clint, DmaPort, DmaWork, Finisher, Uart
 from halpipe.deploy.riscv.dma import Transfer
 from halpipe.deploy.riscv.hart import NEVER, SOFTWARE, Device, Hart
 from halpipe.deploy.riscv.memory import PAGE, Memory, Region
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -37,7 +38,7 @@ RUBBISH = b"\xa5"
 _EXIT, _EXIT_STATUS = 0x20, 0x20026
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Timing:
     """The machine's unit of time, so that cycles and ticks are whole numbers of it; `rate` is units per second."""
 

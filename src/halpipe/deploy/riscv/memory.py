@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import mmap
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.riscv.block_hook import HEADER
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 PAGE = 4096
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Region:
     """A memory at `base`; `hart` is the hart whose scratchpad it is, 0 for main memory."""
 

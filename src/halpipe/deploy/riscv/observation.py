@@ -12,6 +12,7 @@ from halpipe.deploy.riscv.drivers import Call
 from halpipe.deploy.riscv.hart import TIMER
 from halpipe.deploy.riscv.machine import MANAGEMENT
 from halpipe.deploy.riscv.pmp import Level
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -61,7 +62,7 @@ class Execution:
     status: int = 0  # as the monitor tells the management core
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Trap:
     """An exception that a core took, in units; `execution` is what it was doing."""
 
@@ -73,7 +74,7 @@ class Trap:
     execution: Execution | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Disturbance:
     """A transfer that touched the scratchpads of a core which was executing."""
 

@@ -8,7 +8,6 @@ have to be modelled; and its transfers take no time. See docs/explanation/co-sim
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -23,6 +22,7 @@ from halpipe.deploy.riscv.sequence import Request, Tour, played_tables
 from halpipe.deploy.riscv.target import read_site
 from halpipe.diagnostics import Findings, named, sort_diagnostics
 from halpipe.durations import ZERO
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 __all__ = ["EMULATOR", "Leg", "check_by_qemu", "legs"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Leg:
     """One run: a mode for a hyperperiod, and where it may be left, the transition and the mode that it leads to."""
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +53,7 @@ MEANING = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Record:
     """One operation of the runtime; instants in ticks from the beginning of the run."""
 
@@ -69,7 +70,7 @@ class Record:
     hart: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Abandoned:
     """A job that the runtime gave up."""
 
@@ -85,7 +86,7 @@ class Abandoned:
     flags: Flag
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Recording:
     """What the rings hold; `lost` records were overwritten by later ones."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from halpipe.diagnostics import sort_diagnostics
 from halpipe.durations import Duration
 from halpipe.models import AccessKind
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -43,7 +44,7 @@ def with_tables(target: Target, checked: Checked) -> Checked:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Held:
     """Transfers held against the tables: what is wrong, what people are told, and every memory phase as CSV."""
 
@@ -73,7 +74,7 @@ def hold_transfers(target: Target, outcomes: Sequence[Outcome]) -> Held:
     return Held(tuple(findings), tuple(_figures(phases)), _csv(phases))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Phase:
     """A memory phase of a job on one unit as it was played; times in nanoseconds from the begin of its table."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from operator import itemgetter
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from halpipe.deploy.regulator import DEPLOYMENT as REGULATORS
 from halpipe.deploy.regulator.arithmetic import RATES
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.riscv.bus import Opening
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -103,7 +104,7 @@ class Regulators:
         return start + table.windows * self.width
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TableGate:
     """One direction of one unit; see `Gate`."""
 

@@ -7,11 +7,11 @@ mode follow. Written from docs/reference/riscv-bundle.md, not from the runtime, 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ DECISION = 2
 """Ticks before the end of a hyperperiod at which the mailbox is read."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Played:
     """A table in a run: the `cycle`-th, from `start` for `length`; a mode, or ``a->b`` for a transition."""
 
@@ -39,7 +39,7 @@ class Played:
         return bool(self.source)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Request:
     """A mode that is asked for at an instant from the beginning of the run."""
 
@@ -47,7 +47,7 @@ class Request:
     mode: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Wish:
     """A mode that a health rule wants from an instant on; the least `priority` goes before others."""
 
@@ -56,7 +56,7 @@ class Wish:
     priority: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Tour:
     """A run: the mode it begins with, what is requested in it, and how many tables it plays."""
 

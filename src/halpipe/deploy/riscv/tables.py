@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -18,6 +17,7 @@ from halpipe.deploy.riscv.drivers import read_drivers
 from halpipe.deploy.riscv.recording import Flag
 from halpipe.deploy.riscv.sequence import tables_named
 from halpipe.models import AccessKind, HealthAction, HealthEvent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -47,7 +47,7 @@ _ACTIONS = {HealthAction.SWITCH: 1, HealthAction.RESTART: 2, HealthAction.STOP: 
 _MOST = 1 << 20
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Operation:
     """One operation, `at` ticks from the job's start; its numbers as in the runtime's header."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -12,6 +11,7 @@ from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.diagnostics import Findings, HalpipeError
 from halpipe.durations import ZERO, Duration
 from halpipe.quantities import parse_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -24,7 +24,7 @@ MAX_UNITS = 64
 CONTROL_SIZE = 18 * 8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Area:
     """Bytes at an address."""
 
@@ -37,7 +37,7 @@ class Area:
         return self.base + self.size
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class UnitSite:
     """An application core: its hart, its two scratchpads, and the mailbox through which it is given work.
 
@@ -52,7 +52,7 @@ class UnitSite:
     reserved: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class DmaSite:
     """The DMA engine; `bandwidth` in bytes per second, `latency` before the first byte arrives.
 
@@ -69,7 +69,7 @@ class DmaSite:
     bus: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ring:
     """A ring of records in main memory."""
 
@@ -78,7 +78,7 @@ class Ring:
     record: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TableSite:
     """A table of the runtime: a mode or a transition; `length` in ticks, `lateness` as the export computed it."""
 
@@ -87,7 +87,7 @@ class TableSite:
     lateness: Duration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ImageSite:
     """The image of a version on a unit: the file, the functions called one after the other, what is loaded to where."""
 
@@ -101,7 +101,7 @@ class ImageSite:
     bss: Area
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Site:
     """All of it; `clock` and `timebase` (ticks of mtime) in Hz.
 

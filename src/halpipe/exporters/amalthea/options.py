@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.choices import choice
+from halpipe.records import record
 
 RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class AmaltheaOptions(ExportOptions):
     """`release`: the version of APP4MC whose format is written, one of `RELEASES`; the title is not used."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, named, ref
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,7 @@ def version_label(task: str) -> str:
     return f"{task}/version"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stimulus:
     """One stimulus: a recurrence with an offset, or with several instants; the modes it is active in (none: all)."""
 

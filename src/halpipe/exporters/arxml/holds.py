@@ -8,18 +8,18 @@ splits no job and serves no interrupts holds none.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.exporters.timeline import PhaseTimes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import Job, Schedule, TaskModel
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Hold:
     """A position in the execution of a version: the OsTask waits before it goes on from there."""
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions
 from halpipe.exporters.choices import choice, positive_duration
 from halpipe.quantities import whole
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.durations import Duration
@@ -34,7 +34,7 @@ def _points(text: str) -> int | None:
     return _ticks(text) or None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ArxmlOptions(ExportOptions):
     """What may be chosen of an ARXML file; the title is not used.
 

@@ -7,7 +7,6 @@ A core on which a table has no job gets one all the same, which activates an idl
 from __future__ import annotations
 
 from collections import Counter as Counts
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,6 +16,7 @@ from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CY
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.exporters.priorities import levels_of, relation_of
 from halpipe.models import Binding
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -41,7 +41,7 @@ class Work(NamedTuple):
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ExpiryPoint:
     """An offset from the beginning of a table, in ticks, the OsTasks activated there, and then the events set.
 
@@ -54,7 +54,7 @@ class ExpiryPoint:
     events: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Table:
     """A table of one core. `mode` is played repeatedly; with `target` it is the switch there, played once."""
 
@@ -77,7 +77,7 @@ class Table:
         return about(of, on=self.unit)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Plan:
     """All that an OS needs: its cores, the OsTasks and idle tasks by name, the tables, and the switches without one.
 
@@ -101,7 +101,7 @@ class Plan:
         return next((t for t in self.tables if (t.unit, t.mode, t.target) == wanted), None)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Played:
     """A table as it is played on all cores: its jobs, each moved by some time, and whether it starts them.
 

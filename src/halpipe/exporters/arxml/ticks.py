@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, about
 from halpipe.durations import ZERO, Duration, greatest_common_divisor, seconds
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
 from halpipe.exporters.arxml.document import seconds_text
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,7 +24,7 @@ _SHOWN = 3
 _TRIED = 1000
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Counter:
     """The counter of every core: its tick, OsCounterMinCycle, OsCounterMaxAllowedValue."""
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
 from halpipe.quantities import whole
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class BtfOptions(ExportOptions):
     """`cycles`: how often each mode is played before the next switch."""
 

@@ -7,11 +7,11 @@ task's with ``TASK``. The start of each table is marked by a stimulus, so that a
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.exporters.btf import BtfOptions
@@ -24,7 +24,7 @@ _TERMINATE, _MARK, _ACTIVATE, _START = range(4)
 """At one instant: what ends or pauses first, then marks, then what begins or goes on."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Piece:
     """A table of the run, played from `start` on."""
 

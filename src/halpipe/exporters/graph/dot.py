@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,7 +21,7 @@ FONT = "Helvetica,Arial,sans-serif"
 MANY_UNITS = 4
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Part:
     """The tasks that are drawn together, with the versions available there; `prefix` keeps node ids apart."""
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import CPUS, SOURCES, Form, choice, cpu_number
 from halpipe.extent import Extent
 from halpipe.quantities import whole
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +21,7 @@ HIGHEST_PRIORITY = 98
 """The conductor has a priority above those of the tasks, and 99 is the highest (sched(7))."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class LinuxOptions(ExportOptions):
     """What may be chosen of a bundle.
 

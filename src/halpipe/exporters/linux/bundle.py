@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -36,7 +36,7 @@ RUNTIME = ("dispatch.c", "dispatch.h", "record.c")
 _DUMMY = "src/dummy.c"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Move:
     """Data of `size` bytes between buffer number `buffer` and a variable."""
 
@@ -45,7 +45,7 @@ class Move:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Program:
     """A version as a shared object: compiled from `files`, or, `is_ready`, one that is there already."""
 

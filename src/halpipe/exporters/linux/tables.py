@@ -11,6 +11,7 @@ from halpipe.durations import ZERO
 from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
 from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import HealthAction, HealthEvent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Part:
     """From `start` (ns) on, the functions [first, last) run."""
 
@@ -29,7 +30,7 @@ class Part:
     last: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Row:
     """A job as a thread plays it: times in ns, `parts` as an index of all parts, `program` of all programs."""
 
@@ -54,7 +55,7 @@ class Worker:
     tables: list[list[Row]]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Table:
     """A mode or a table between modes; its length is `length` + `rest` / `Tables.parts` ns."""
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import choice, file_name
 from halpipe.exporters.regulator.words import AUTO, BACKENDS, RULES
 from halpipe.extent import Extent
+from halpipe.records import record
 from halpipe.settings import Words
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 KIND = "regulator"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RegulatorOptions(ExportOptions):
     """The `platform` file, the `backend` (empty: the one that the file names), and the rule of `rounding`.
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +15,7 @@ from halpipe.diagnostics import NOWHERE, Location, Path, named
 from halpipe.exporters.regulator.platform import READ, WRITE
 from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -33,7 +33,7 @@ class Row(NamedTuple):
     direction: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Phase:
     """An access phase of one job on one of its units, in ticks of its table.
 
@@ -49,7 +49,7 @@ class Phase:
     bound: Fraction
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Frame:
     """A table to be filled: what it covers, in ticks, and the phases in it.
 
@@ -73,7 +73,7 @@ class Frame:
         return named(self.kind, self.name)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Grid:
     """The ticks: `per_ns` of them are a nanosecond, `window` of them a window."""
 

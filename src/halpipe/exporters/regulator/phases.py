@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
 from math import ceil
@@ -12,6 +11,7 @@ from halpipe.diagnostics import about
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Served:
     """A phase with what it was promised and granted, in bytes, when it ends.
 

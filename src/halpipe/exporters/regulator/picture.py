@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from itertools import accumulate, pairwise
@@ -22,6 +21,7 @@ from halpipe.exporters.regulator.tables import run_starts
 from halpipe.exporters.report.axis import ticks
 from halpipe.exporters.timeline import Window
 from halpipe.quantities import format_bandwidth, format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ WIDTH, HEIGHT = 900, 120
 _TONES = 8  # the first of the fills, and the same darkened from 16 on
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Steps:
     """A step function in ticks: `values[i]` holds from `instants[i]` on, the first of which is 0."""
 
@@ -58,7 +58,7 @@ class Steps:
         return found
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Panel:
     """One table: `full` is the value at the capacity line; `kept`, in per cent of it, is reserved for overshoot."""
 
@@ -70,7 +70,7 @@ class Panel:
     rows: dict[Row, Steps]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Area:
     """A row as a closed path in a panel."""
 
@@ -79,7 +79,7 @@ class Area:
     path: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Drawing:
     """A panel as the template needs it: `y` is its top."""
 

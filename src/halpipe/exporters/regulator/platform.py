@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from pathlib import PurePath
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.words import BACKENDS
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted, whole
+from halpipe.records import record
 from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
@@ -56,7 +57,7 @@ _FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class UnitPort:
     """How a unit reaches memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
 
@@ -73,7 +74,7 @@ class UnitPort:
     at: Location = field(default=Location(), compare=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Platform:
     """A platform file: clock in Hz, window in cycles of it, sizes in bytes, bandwidths in bytes per second.
 

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.regulator.frames import MODE
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 Bursts = dict["Row", list[int]]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Overload:
     """A window in which more bursts are needed than there is room for."""
 
@@ -38,7 +38,7 @@ class Overload:
     room: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Promise:
     """The promise of one row: ``numerators[k] / denominator`` bursts in windows [0, k), exact."""
 

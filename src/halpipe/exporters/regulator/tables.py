@@ -34,6 +34,7 @@ from halpipe.exporters.regulator.rounding import (
 from halpipe.exporters.regulator.windows import check_windows
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
 from halpipe.quantities import format_bandwidth, format_size
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 MAX_TABLES = 255
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Entry:
     """Budgets from a window on, until the next entry, in whole bursts."""
 
@@ -58,7 +59,7 @@ class Entry:
     write: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RegulatedUnit:
     """A unit with its regulator: `default` and `overshoot` in bytes per window for each direction."""
 
@@ -113,7 +114,7 @@ def run_starts(values: Sequence[int]) -> Iterator[int]:
     return compress(count(1), map(ne, values[1:], values))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Switch:
     """What software requests to go from one mode to another: a transition table, or the mode's own where none is."""
 

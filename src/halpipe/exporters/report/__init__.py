@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import choice
 from halpipe.extent import Extent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ReportOptions(ExportOptions):
     """`import_report`: the file in which the import of the model gave its account; empty: none."""
 

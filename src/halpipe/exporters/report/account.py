@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report.numbers import percent
 from halpipe.files import read_bytes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ _KINDS = ("units", "resources", "tasks", "versions", "chains", "modes", "transit
 _MOST_REASONS = 30
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SourceRow:
     """A source file and how many elements of each kind of the model came from it."""
 
@@ -30,7 +30,7 @@ class SourceRow:
     counts: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Account:
     """What the report says of the import; `elements` and what follows are empty without an import report."""
 

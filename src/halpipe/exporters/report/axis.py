@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration
 from halpipe.exporters.report.numbers import position
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.exporters.timeline import Window
@@ -20,7 +20,7 @@ _FINER = {1: 5, 2: 4, 5: 5}
 _MARGIN = 7
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Tick:
     """A mark at `x` per cent; shown from zoom `level` on; `anchor` is how its text hangs on the mark."""
 

@@ -7,7 +7,6 @@ schedule states and verify has checked.
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
@@ -15,6 +14,7 @@ from halpipe.exporters.palette import tone
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, position
 from halpipe.exporters.timeline import Window
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -26,7 +26,7 @@ ROW_HEIGHT = 24
 AXIS_HEIGHT = 26
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Hop:
     """A job on the way: of which task, from when to when on the line of the mode."""
 
@@ -35,7 +35,7 @@ class Hop:
     end: Duration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class HopBar:
     """A hop as it is drawn, with the wait before it; places are per cent of the time shown."""
 
@@ -49,7 +49,7 @@ class HopBar:
     title: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PathChart:
     """The way of a stimulus, or of data, through a chain: a row for each job."""
 

@@ -6,7 +6,6 @@ a free shape (access phases, step areas) is a path over `GRID` columns that the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from halpipe.exporters.palette import RESOURCES, tone
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, percent, position
 from halpipe.exporters.timeline import PhaseTimes, resource_steps
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -39,7 +39,7 @@ CHARACTER = Fraction(66, 10)
 MANY_LANES = 24
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bar:
     """An occurrence of a job on a lane. `label` fits from zoom `level` on, `short` stands in for it before."""
 
@@ -54,7 +54,7 @@ class Bar:
     cut_right: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Gap:
     """The thin line between two parts of a job."""
 
@@ -63,7 +63,7 @@ class Gap:
     tone: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Lane:
     """A unit: its bars, the gaps between those of one job, and a path of access phases per resource, by position."""
 
@@ -76,7 +76,7 @@ class Lane:
     gaps: tuple[Gap, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Meter:
     """A resource: the sum of bounds as a path, the part above capacity 1 as another, and the capacity line."""
 
@@ -90,7 +90,7 @@ class Meter:
     capacity: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Region:
     """A stretch of the line with a caption: a mode or a transition table."""
 
@@ -100,7 +100,7 @@ class Region:
     kind: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Chart:
     """Everything the template needs to draw one chart."""
 
@@ -120,7 +120,7 @@ class Chart:
     wraps: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Caption:
     """What a chart says of itself; `fine` asks for the ticks that zooming shows."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.models import Status
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel, TransitionTable
@@ -22,7 +22,7 @@ _CHARACTERS = 19
 _SINES = (0, 383, 707, 924, 1000, 924, 707, 383, 0, -383, -707, -924, -1000, -924, -707, -383)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Node:
     """A mode: its place (middle of the box), caption, and the anchor of its section."""
 
@@ -34,7 +34,7 @@ class Node:
     valid: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Arrow:
     """An allowed switch: a curve, and where its label stands. `kind` is ``ok``, ``missing`` or ``bad``."""
 
@@ -46,7 +46,7 @@ class Arrow:
     kind: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeGraph:
     """Everything that the template needs to draw the graph."""
 

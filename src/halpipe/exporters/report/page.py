@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from importlib import resources
@@ -32,6 +31,7 @@ from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scen
 from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.models import Anchor, Status
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     import jinja2
@@ -84,7 +84,7 @@ LARGE = 1500
 """Jobs of all modes beyond which charts are drawn by the viewer and tables are filled as they are looked at."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Gauge:
     """A bar with its text: a load, or a latency against its limit."""
 
@@ -95,7 +95,7 @@ class Gauge:
     over: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class JobRow:
     """A line of the table of jobs."""
 
@@ -109,7 +109,7 @@ class JobRow:
     waits: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class FigureRow:
     """What a task comes to in a mode; the times as text, and in milliseconds to sort by."""
 
@@ -124,7 +124,7 @@ class FigureRow:
     gaps: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ChainRow:
     """A chain with its two latencies."""
 
@@ -134,7 +134,7 @@ class ChainRow:
     ways: tuple[PathChart, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ModeView:
     """One mode, ready to be printed."""
 
@@ -155,7 +155,7 @@ class ModeView:
     figures: tuple[FigureRow, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class TransitionView:
     """One switch, ready to be printed."""
 
@@ -170,7 +170,7 @@ class TransitionView:
     chart: Chart | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class VersionRow:
     """A version of a task in the table of tasks."""
 
@@ -182,7 +182,7 @@ class VersionRow:
     used: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TaskRow:
     """A line of the table of tasks."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import DRIVERS, SOURCES, choice
 from halpipe.extent import Extent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ def _is_profile_file(text: str) -> bool:
     return text.endswith((".yaml", ".yml"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RiscvOptions(ExportOptions):
     """What may be chosen of a bundle.
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.exporters.riscv.codes import PHASE_TOO_SHORT
 from halpipe.exporters.riscv.render import DECISION
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -27,7 +27,7 @@ _RELEASE, _DECIDE = 1, 3
 """The orders of a release or the end of a table, and of the look at the mailbox, among what is due at one tick."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Backlog:
     """The greatest lateness of every operation, by (program, position), and of all in each table, by its index."""
 

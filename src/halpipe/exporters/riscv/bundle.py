@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +35,7 @@ from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, pla
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.exporters.riscv import RiscvOptions
@@ -51,7 +51,7 @@ MANAGEMENT = ("start.S", "runtime.c", "dma.c", "health.c", "console.c")
 MONITOR = ("monitor.S", "monitor.c")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Site:
     """What is known before anything is compiled."""
 
@@ -66,7 +66,7 @@ class Site:
     driver_sources: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Plan:
     """What the management core does, and with which images."""
 

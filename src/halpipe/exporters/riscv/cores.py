@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
@@ -11,6 +10,7 @@ from halpipe.exporters.riscv.phases import moves_data
 from halpipe.exporters.riscv.profile import MAILBOX, RESERVED, Region
 from halpipe.models import AccessKind
 from halpipe.quantities import format_size
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -36,7 +36,7 @@ def aligned(value: int, to: int) -> int:
     return -(-value // to) * to
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Core:
     """Application core `index`, counted from 0; its hart is one more, since hart 0 manages."""
 
@@ -124,7 +124,7 @@ def _outside(transfer: Transfer, reserved: int, path: str) -> Diagnostic:
     return OUTSIDE_BUFFER(message, at=transfer.at, path=path, help=help)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class MainMemory:
     """Where things lie: [runtime | control | images ... | buffers | trace | faults]."""
 

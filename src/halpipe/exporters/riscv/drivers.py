@@ -8,7 +8,7 @@ is reserved meanwhile. A request is an output whose driver is the runtime's own:
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
@@ -19,6 +19,7 @@ from halpipe.exporters.riscv.images import compile_sources
 from halpipe.exporters.riscv.workshop import Compile
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.models import AccessKind
+from halpipe.records import record
 from halpipe.settings import Fields, Stated
 from halpipe.suggest import did_you_mean
 
@@ -43,7 +44,7 @@ _DRIVER, _REQUEST = ("buffer", "function", "time", "task"), ("buffer", "task")
 _FUNCTION = re.compile(r"(?!hp_)[A-Za-z_][A-Za-z0-9_]{0,200}")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Driver:
     """A function that is given a buffer, in phases of `kind` of all tasks or of one; `time` is the longest it takes."""
 
@@ -55,7 +56,7 @@ class Driver:
     at: Location
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Drivers:
     """The drivers of a board in the order in which they are called, the files that define them, and the file itself."""
 

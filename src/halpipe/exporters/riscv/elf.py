@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from dataclasses import dataclass
 from typing import Any
 
+from halpipe.records import record
 
-@dataclass(frozen=True, slots=True)
+
+@record
 class Segment:
     """Bytes to load: at `offset` in the file, stored at `source` in main memory, executed or used at `target`."""
 
@@ -18,7 +19,7 @@ class Segment:
     size: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Symbol:
     """A symbol's address and size in bytes; `is_unique` is False where several have its name."""
 
@@ -27,7 +28,7 @@ class Symbol:
     is_unique: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Elf:
     """Loadable segments that are not empty, as they lie in main memory, and the symbols by name."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.models import HealthAction, HealthEvent
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -14,7 +14,7 @@ _OVERRUN, _FAULT = ("FLAG_LATE", "FLAG_OVERRUN"), ("FLAG_FAULT", "FLAG_STUCK", "
 _FLAGS = {HealthEvent.OVERRUN: _OVERRUN, HealthEvent.FAULT: _FAULT, HealthEvent.ANY: (*_OVERRUN, *_FAULT)}
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Rule:
     """One rule, in the words of C; what its fields mean is in runtime/halpipe.h."""
 
@@ -28,7 +28,7 @@ class Rule:
     action: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Health:
     """The rules of a model, and how many events they count together."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Findings, Location, Path, version_of
@@ -29,6 +28,7 @@ from halpipe.exporters.riscv.toolchain import compiler_errors
 from halpipe.exporters.riscv.workshop import Compile, Link
 from halpipe.models import AccessKind
 from halpipe.quantities import format_size
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 MINIMAL = Compile("runtime/minimal.c", "build/runtime/minimal.o")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Part:
     """A version that is deployed: `cores` are those that it is linked for, `sources` its files to compile."""
 
@@ -70,7 +70,7 @@ class Part:
         return self.version.source.defines if self.version.source else ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Image:
     """A version as it is executed on one core."""
 

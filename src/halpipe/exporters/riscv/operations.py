@@ -12,6 +12,7 @@ from halpipe.exporters.riscv.drivers import NONE, Drivers
 from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
 from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +27,7 @@ INPUT, OUTPUT = "input", "output"
 _ORDER = {DONE: 0, STOP: 0, OUTPUT: 0, RUN: 1, INPUT: 2, COPY: 2}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Operation:
     """One operation, `at` ticks after the job's start. What the fields of each kind mean is in runtime/halpipe.h.
 
@@ -55,7 +56,7 @@ class Operation:
         return self.at, _ORDER[self.kind]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Program:
     """What is done for one job of a version on its units (core indices; the first leads), in a slot of the runtime."""
 
@@ -66,7 +67,7 @@ class Program:
     slot: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Release:
     """A job of a table: starts at `tick`, and is done by `program` (index)."""
 
@@ -75,7 +76,7 @@ class Release:
     job: Job
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Table:
     """A mode, or the transition from mode `origin` to mode `target` (indices of modes)."""
 

@@ -7,7 +7,6 @@ several such stretches. Everything is exact; boundaries of phases are rounded in
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -22,6 +21,7 @@ from halpipe.exporters.riscv.codes import (
     UNDIVIDED,
 )
 from halpipe.models import AccessKind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.models import Access, TaskModel, Version
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clock:
     """The ticks of the timer, and how long transfers take on each resource."""
 
@@ -76,7 +76,7 @@ def _share(rates: list[int], bus: int) -> int:
     return bus
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stretch:
     """An execution from tick `begin` to tick `end`: one function of the entry."""
 

@@ -6,7 +6,7 @@ A model that is prepared already stays as it is.
 from __future__ import annotations
 
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,6 +27,7 @@ from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Workshop
 from halpipe.models import Anchor, Resource
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -42,7 +43,7 @@ MAIN_MEMORY = "main-memory"
 """The resource that loads use where the model has none."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Prepared:
     """The model for the target, files that belong beside it, and what was changed."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +18,7 @@ from halpipe.durations import Duration, seconds
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
 from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.quantities import parse_bandwidth, parse_rational, parse_size, whole
+from halpipe.records import record
 from halpipe.settings import Fields, Words
 from halpipe.suggest import did_you_mean
 
@@ -60,7 +61,7 @@ _KEYS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Region:
     """Bytes [base, base + size)."""
 
@@ -77,7 +78,7 @@ class Region:
         return self.base < other.end and other.base < self.end
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Scratchpads:
     """One memory for each core, `stride` apart."""
 
@@ -90,7 +91,7 @@ class Scratchpads:
         return Region(self.base + core * self.stride, self.size)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Dma:
     """The DMA engine; `setup` is the longest time from the instant of a transfer until its bytes flow.
 
@@ -107,7 +108,7 @@ class Dma:
     setup: Duration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Profile:
     """A target. `clock` and `timebase` (mtime) are in Hz; `finisher` is 0 where there is none; `text` is the file.
 

@@ -6,7 +6,7 @@ what it knows stays in its image, which therefore shares no byte of the scratchp
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from halpipe.exporters.riscv.cores import LINE, aligned, jobs_of
 from halpipe.exporters.riscv.phases import functions_of, spans
 from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.quantities import format_size
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +34,7 @@ Name = tuple[str, str]
 """A version: its task, and its name."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Shape:
     """The parts of a job: when each begins to execute, from the job's start, and the execution [from, to) in it."""
 
@@ -91,7 +92,7 @@ def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> No
             findings.add(NEEDS_HOLD(message, at=model.at, path=about(unit=unit.name), help=help))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Slots:
     """The slot of the runtime in which each program is in progress.
 

@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
 from halpipe.programs import run as program
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -36,7 +36,7 @@ _COMMON = (
 _LINK = ("-nostdlib", "-static", "--no-relax", "--build-id=none", "-n", "--gc-sections")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Toolchain:
     """A compiler and a linker. `variables` are the names by which the Makefile knows the programs."""
 
@@ -69,7 +69,7 @@ class Toolchain:
         return [*self.linker, *self.link_flags, "-T", script, "-o", target, *objects]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Failure:
     """A command that did not succeed, by its position, and what it said."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.riscv.toolchain import run_all
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -16,7 +17,7 @@ JOBS = 2
 """Commands at a time; more gain little, since each is short."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Compile:
     """One object file from one source."""
 
@@ -25,7 +26,7 @@ class Compile:
     defines: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Link:
     """One ELF file from objects, by a linker script; `also` is what else it depends on."""
 

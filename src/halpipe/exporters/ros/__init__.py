@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.exporters.base import ExportOptions, PlainExporter, specific
 from halpipe.exporters.choices import CPUS, Form, choice, cpu_number
 from halpipe.extent import Extent
 from halpipe.quantities import quoted, whole
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -34,7 +34,7 @@ def _messages(text: str) -> str:
     return text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RosOptions(ExportOptions):
     """`cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 99.
 

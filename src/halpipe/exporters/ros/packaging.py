@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.native import paired
 from halpipe.exporters.ros.codes import SPLIT_CALLBACK, UNBOUND
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,7 +38,7 @@ _SHIM = ("table_executor.hpp", "container.cpp")
 _ROS_NAME = re.compile(r"/[A-Za-z0-9_/]{1,250}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Binding:
     """The callback of a task: `kind` timer or subscription, `topic` of a subscription, `period` of a timer in ns.
 
@@ -52,7 +52,7 @@ class Binding:
     order: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Row:
     """A program of the tables as the executor knows it."""
 

@@ -7,11 +7,11 @@ smallest multiple of it that is, so that nothing drifts however long the system 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, about
 from halpipe.exporters.ros.codes import TOO_FINE
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MOST_TIMERS = 100_000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Timer:
     """Starts `version` of `task` on the first of `units` at `offset` + k * `period`, in whole nanoseconds.
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.properties import agrees, optional_duration, stated_of, value_of
 from halpipe.models import Chain
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,7 +25,7 @@ _MOST_WAYS = 50
 _BEGINS = ("activate", "start")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Chained:
     """A chain of drafts in the order of the data, with its limits; `more` are further attributes, by field."""
 
@@ -51,7 +52,7 @@ def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
     return chains
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Way:
     """The events along one way through a chain; `broken` says where its parts contradict each other."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.importers.amalthea.graph import CALLS, everything
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.importers.amalthea.parts import Draft, Drafts
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 _ENDS = ("terminate",)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Place:
     """The drafts that an event happens in, whether it is their end, and which of them write the label of the event."""
 

@@ -6,7 +6,7 @@ The same graph is a ``callGraph`` with ``graphEntries`` and ``calls`` and flat `
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING, NoReturn
 
@@ -14,6 +14,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.modes import Conditions
 from halpipe.importers.amalthea.values import TIMED, cycles
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -66,7 +67,7 @@ def everything(forest: Forest, found: Iterable[Item]) -> Iterator[Item]:
         rest += reversed(inner)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Amount:
     """What some steps come to: cycles of the unit, and how often each label is read and written.
 

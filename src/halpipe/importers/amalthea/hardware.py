@@ -11,6 +11,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.importers.amalthea import codes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,7 +22,7 @@ _CACHE_LINE = 8  # bytes that one access moves where neither cache nor port says
 _LATENCY_KINDS = ("readLatency", "writeLatency")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Path:
     """How a unit reaches a memory: cycles of the unit for an access of `width` bytes, or a rate in bytes per second."""
 
@@ -53,7 +54,7 @@ class Pu:
     paths: dict[Item, Path] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Memory:
     """A memory and its peak in bytes per second, where it is stated."""
 
@@ -61,7 +62,7 @@ class Memory:
     peak: Fraction | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Hardware:
     """All units and memories, in document order."""
 

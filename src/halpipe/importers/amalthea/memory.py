@@ -6,7 +6,6 @@ memory is the rate at which the unit draws, over the memory's peak.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from halpipe.durations import ZERO, Duration, seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import Names, legal
 from halpipe.models import Access, AccessKind, Resource, Transfer
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Phase:
     """Accesses to one memory, one after another: how long they take, and which share of it they use."""
 

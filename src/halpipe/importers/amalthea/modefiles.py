@@ -17,6 +17,7 @@ from halpipe.files import read_bytes
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import few, legal
 from halpipe.models import Chain, Mode, Origin, Run, Task, TaskModel, Transition, Version
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ _LIMITS = ".csv"
 _END = "end"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeFile:
     """A mode, the file of its model, and where the list names it."""
 
@@ -38,7 +39,7 @@ class ModeFile:
     at: Location
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeList:
     """The modes in order, and the switches that are allowed between them (none: all)."""
 

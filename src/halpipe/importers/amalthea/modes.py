@@ -6,7 +6,7 @@ are the modes of the system. One that runnables or stimuli write is data: its br
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import product
 from math import prod
 from typing import TYPE_CHECKING
@@ -15,6 +15,7 @@ from urllib.parse import unquote_plus
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import Names
 from halpipe.importers.amalthea.properties import ROLE, text_of
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -29,7 +30,7 @@ _CONJUNCTIONS = ("ConditionConjunction", "ModeConditionConjunction", "ModeValueC
 _COMPARED_LABELS = ("label1", "label2")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class SystemMode:
     """One mode: its name, the literal that each label of the system has in it, and the first of them."""
 

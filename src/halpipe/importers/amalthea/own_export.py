@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +39,7 @@ from halpipe.models import (
 )
 from halpipe.models.attributes import read_attributes
 from halpipe.quantities import parse_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -110,7 +111,7 @@ def interrupts_of(unit: Item) -> tuple[Interrupt, ...]:
         return ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Platform:
     """What versions may name, and the unit names that a unit item has."""
 

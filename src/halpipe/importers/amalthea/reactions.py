@@ -12,13 +12,14 @@ with its source is then each source with its target, and the plain direction ser
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings
 from halpipe.durations import ZERO, Duration, least_common_multiple
 from halpipe.importers.amalthea import codes
 from halpipe.models import Anchor, Precedence
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 REACTION, UNIQUE, ONE_TO_ONE = MAPPINGS = ("Reaction", "UniqueReaction", "OneToOne")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Reaction:
     """A delay constraint whose sources need targets: `low` to `high` from an event of `source` to one of `target`.
 
@@ -46,7 +47,7 @@ class Reaction:
     origin: Origin
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Reactions:
     """The delay constraints of a model that wait for its periods."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.files import parse_xml, read_bytes
 from halpipe.importers.amalthea import codes
 from halpipe.importers.inputs import read_inputs
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ _MODEL = re.compile(r"(?:[A-Za-z]+Model|CommonElements)")
 _SUFFIX = ".amxmi"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Document:
     """A parsed AMALTHEA file, the name that the user gave it, and its version, such as ``ITEA 1.1.0`` or ``0.9.5``."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.importers.amalthea import codes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,7 +24,7 @@ TRIGGERED = ("InterProcessStimulus", "InterProcess", "EventStimulus")
 _MOST_OCCURRENCES = 1000
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Activation:
     """A periodic activation; `offset` is None where the stimulus states none.
 

@@ -16,6 +16,7 @@ from halpipe.importers.amalthea.properties import agrees, optional_duration, val
 from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
 from halpipe.models import Anchor, Origin
 from halpipe.quantities import quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +34,7 @@ _UNREAD = (
 )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Window:
     """The start of `later` lies `low` to `high` after the start or end of `earlier`; `high` None: not stated.
 

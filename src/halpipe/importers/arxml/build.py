@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -30,6 +30,7 @@ from halpipe.importers.arxml.tasks.requirements import find_requirements
 from halpipe.importers.arxml.tasks.versions import make_variants, report_kinds, used_times
 from halpipe.importers.base import Imported
 from halpipe.models import Binding, Precedence, Task, TaskModel, Version
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
     return built.model, built.coverage
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Built:
     """A model with what it was made of: the tasks to be, and the units."""
 

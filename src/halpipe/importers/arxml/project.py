@@ -6,7 +6,7 @@ The project is read again and its model made anew, so that what changed since th
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location, about
@@ -22,6 +22,7 @@ from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
 from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -41,7 +42,7 @@ _LONGEST_TICK = seconds(1)
 _CAUSES = (SKIPPED_FILE.id, VARIANT.id)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _OfModel:
     """Stands in for the overlay of the import: leaves out what the model has not, and gives its periods again."""
 

@@ -17,6 +17,7 @@ from halpipe.importers.overlay.codes import (
 )
 from halpipe.models import Access, Interrupt, Precedence, Source, Split
 from halpipe.quantities import format_rational
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ SUGGESTION_BUDGET = 50_000
 SHOWN_ITEMS = 6
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ranks(Generic[E]):
     """The entries for one element, the one that wins first; those of ``*`` only give defaults."""
 

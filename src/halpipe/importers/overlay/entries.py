@@ -6,8 +6,10 @@ overlay as their origin.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.settings import Stated
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class VersionEntry:
     """What an overlay states of a version; what is not there is left to less specific entries, then to the source.
 
@@ -44,7 +46,7 @@ class VersionEntry:
     source: Stated[Source] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class TaskEntry:
     """What an overlay states of the tasks that `pattern` matches; `common` holds for all their versions.
 
@@ -59,7 +61,7 @@ class TaskEntry:
     versions: Mapping[str, Stated[VersionEntry]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class InterruptEntry:
     """An interrupt that joins the units that patterns name, or replaces theirs of the same name."""
 
@@ -67,7 +69,7 @@ class InterruptEntry:
     interrupt: Interrupt
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ModeEntry:
     """A mode: patterns of the tasks that run in it, and for some of them the versions (all, if not stated)."""
 
@@ -77,7 +79,7 @@ class ModeEntry:
     versions: tuple[tuple[Stated[str], tuple[str, ...]], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Overlay:
     """Everything that one or several overlay files state.
 

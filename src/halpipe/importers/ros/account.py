@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Kind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from halpipe.importers.ros.graph import Callback, Publication, Rate
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Result:
     """All that the import found, for the account of it."""
 

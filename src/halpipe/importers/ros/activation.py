@@ -20,6 +20,7 @@ from halpipe.importers.ros.periods import MEASURED, STATED, snap
 from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.rqt import DEADLINE, STATISTICS
 from halpipe.importers.ros.traced import TRACE
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Activation:
     """How a callback runs: `order` counts from 0 in the order in which data spreads; `cause` is for people."""
 
@@ -85,7 +86,7 @@ class _Seeds:
     topics: dict[str, tuple[Duration, str]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Activations:
     """The result: active callbacks, topics whose period came from outside of the graph, and the rates used for it."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
@@ -29,6 +29,7 @@ from halpipe.importers.ros.sniff import FileKind, find
 from halpipe.importers.ros.traced import confront, graph_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskModel, Unit, Version
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -73,7 +74,7 @@ def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
     return imported.completed() if options.overlay is None else imported
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _System:
     """A model, the task of every callback by the callback's name in the source, and the groups of callbacks."""
 

@@ -8,7 +8,7 @@ longer, which is what the margin is for.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location, Severity, about
@@ -22,6 +22,7 @@ from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
 from halpipe.quantities import format_rational
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -39,7 +40,7 @@ FEWEST_SAMPLES = 10
 """With fewer executions than this, even the maximum says little."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Estimate:
     """What the samples of a task give: the WCET, the sample that decided it, and the words that say how."""
 

@@ -16,6 +16,7 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import Vertex, few, report_loops
 from halpipe.importers.ros.graph import Certainty, Kind, Publication
 from halpipe.importers.ros.loops import cut_loops
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 _KINDS = {Kind.TIMER: "timer", Kind.SUBSCRIPTION: "subscription callback"}
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Edge:
     """`reader` runs after `publisher`, whose `topic` it reads."""
 

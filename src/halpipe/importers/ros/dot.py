@@ -14,6 +14,7 @@ from typing import NoReturn
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.files import refuse_more_than
 from halpipe.importers.ros import codes
+from halpipe.records import record
 
 _MAX_DEPTH = 100
 MAX_ELEMENTS = 100_000
@@ -55,7 +56,7 @@ class Vertex:
     attributes: dict[str, str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Edge:
     """A directed edge between vertex ids."""
 

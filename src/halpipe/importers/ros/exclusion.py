@@ -8,7 +8,7 @@ A single-threaded executor is not modelled: it is how ROS deals out cores, which
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, Severity, named
@@ -18,6 +18,7 @@ from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Group, Kind
 from halpipe.importers.ros.names import Names
 from halpipe.models import Access, Origin, Resource
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -55,7 +56,7 @@ def default_groups(graph: RosGraph, coverage: Coverage) -> list[Group]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Exclusion:
     """The groups of an import and the task of each callback; `as_resources`: whether tasks are to be kept apart."""
 

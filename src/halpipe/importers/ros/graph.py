@@ -6,9 +6,10 @@ Names are those of the source; a callback's name is unique in the graph.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Location
@@ -33,7 +34,7 @@ class Certainty(StrEnum):
     ASSUMED = "assumed"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Node:
     """A ROS node; `name` is absolute."""
 
@@ -41,7 +42,7 @@ class Node:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Callback:
     """A callback of `node`: a timer with its period, or triggered by `inputs`; `polled` topics it only reads."""
 
@@ -54,7 +55,7 @@ class Callback:
     polled: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Publication:
     """A topic that `node` publishes, in one of `callbacks` (none: outside of every callback)."""
 
@@ -65,7 +66,7 @@ class Publication:
     certainty: Certainty = Certainty.STATED
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Subscription:
     """A topic that `node` reads, in `callback`; None when no callback is known to read it."""
 
@@ -75,7 +76,7 @@ class Subscription:
     callback: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Flow:
     """Data that one callback of a node leaves for another one of the same node."""
 
@@ -83,7 +84,7 @@ class Flow:
     reader: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Group:
     """A callback group or an executor: callbacks that it runs, and whether they exclude each other."""
 
@@ -94,7 +95,7 @@ class Group:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Step:
     """A node on a path, between the topic it subscribes and the one it publishes; None at the path's ends."""
 
@@ -104,7 +105,7 @@ class Step:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Path:
     """A named path: the cause-effect chain that the user of CARET marked."""
 
@@ -113,7 +114,7 @@ class Path:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Rate:
     """A period of a topic that a `source` other than a timer states: recording, statistics, QoS deadline."""
 
@@ -123,7 +124,7 @@ class Rate:
     at: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RosGraph:
     """A whole graph, as read from one file."""
 

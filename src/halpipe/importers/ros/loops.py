@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
@@ -16,7 +17,7 @@ _MOST_LOOKS = 5_000_000
 """Edges looked at, per loop, to undo cuts and to name cycles; beyond, cuts stay and their cycles are not named."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Loop(Generic[V]):
     """A strongly connected part: its vertices in order, and every edge cut with a shortest cycle through it.
 

@@ -25,6 +25,7 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,7 +46,7 @@ _ABSENT = ("", "nan", "nat", "none", "null", "<na>")
 _FORM = "give it the columns callback and duration_ns, or export it from CARET as it is"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Sample:
     """One execution: its duration in nanoseconds, and where it stands."""
 
@@ -64,7 +65,7 @@ class Measurements:
         self.samples.setdefault(callback, []).append(Sample(ns, at))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Pair:
     """Where the times of a callback stand in a row: start (None: the end is a duration) and end, with their scales."""
 
@@ -97,7 +98,7 @@ def _rows(data: bytes, file: str) -> Iterator[tuple[int, list[str]]]:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as failure:
         raise _refused(f"byte {failure.start} is no UTF-8", file, data[: failure.start].count(b"\n") + 1) from None
-    reader = csv.reader(io.StringIO(text))
+    reader = csv.reader(io.StringIO(text, newline=""))
     for cells in reader:
         if any(cell.strip() for cell in cells):
             yield reader.line_num, cells

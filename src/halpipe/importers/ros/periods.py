@@ -6,11 +6,11 @@ grid below that has a value within tolerance, from coarse to fine. All values ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import Duration, milliseconds, seconds
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ _MILLISECOND_GRIDS = tuple(milliseconds(step) for step in (100, 10, 1))
 _FINE_GRIDS = tuple(Duration(step) for step in (100_000, 10_000, 1_000))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Tolerance:
     """How far a period may be moved: a share of it, or an absolute amount (at most 1/1000 of it) if that is more."""
 

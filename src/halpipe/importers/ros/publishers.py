@@ -7,10 +7,10 @@ readers of the messages that a context carries on, the fastest timer, any callba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.importers.ros.graph import Certainty, Kind
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +21,7 @@ _CARRYING = ("callback_chain", "inherit_unique_stamp", "tilde")
 """Contexts in which a message that comes in makes one go out; the latest message may be published by any callback."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Context:
     """A message context: how a node relates what it publishes to what it subscribes."""
 

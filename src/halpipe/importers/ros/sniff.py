@@ -13,6 +13,7 @@ from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
 from halpipe.importers.ros import codes, executors
 from halpipe.importers.ros.design.entities import FORMAT_KEY
 from halpipe.importers.traces.ctf import folders
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +39,7 @@ class FileKind(Enum):
     EXECUTORS = "executors file of halpipe"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Input:
     """A recognised file; `content` is text for DOT and a parsed mapping for YAML."""
 

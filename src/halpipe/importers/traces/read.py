@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, HalpipeError, Location
 from halpipe.files import read_bytes
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import folders
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Recording:
     """The lines of time of one file, and what to tell the user about reading it."""
 

@@ -67,31 +67,33 @@ def _columns(names: list[str]) -> dict[str, tuple[int, str]]:
 
 def read(text: str, file: str, findings: Findings) -> list[Trace]:
     """Return the one line of time in the table."""
-    rows = csv.reader(io.StringIO(text))
-    header = next(rows)
-    columns, records = _columns(header), _records(header)
-    row = _Row(columns, file)
-    executions: list[Execution] = []
-    try:
-        for cells in rows:
-            if not cells or (len(cells) == 1 and not cells[0].strip()):
-                continue
-            try:
-                if _is_complete(columns):
-                    executions.append(row.execution(cells, rows.line_num))
-                else:
-                    executions += _recorded(records, cells, Location(file, rows.line_num))
-            except ValueError as failure:
-                help = "correct the row; times are whole or decimal numbers"
-                findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help=help))
-    except csv.Error as failure:
-        findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help="write plain CSV"))
-    executions = executions if _is_complete(columns) else list(dict.fromkeys(executions))
+    executions = _executions(text, file, findings)
     executions.sort(key=lambda execution: execution.start.ns)
     unfinished = sum(execution.end is None for execution in executions)
     if unfinished:
         findings.add(codes.UNFINISHED(f"{unfinished} jobs have no end", at=Location(file)))
     return [Trace(name="", executions=tuple(executions))]
+
+
+def _executions(text: str, file: str, findings: Findings) -> list[Execution]:
+    rows = csv.reader(io.StringIO(text, newline=""))
+    filled = (cells for cells in rows if any(cell.strip() for cell in cells))
+    executions: list[Execution] = []
+    is_complete = False
+    try:
+        header = next(filled, [])
+        columns, records = _columns(header), _records(header)
+        row, is_complete = _Row(columns, file), _is_complete(columns)
+        for cells in filled:
+            at = Location(file, rows.line_num)
+            try:
+                executions += [row.execution(cells, rows.line_num)] if is_complete else _recorded(records, cells, at)
+            except ValueError as failure:
+                help = "correct the row; times are whole or decimal numbers"
+                findings.add(codes.BROKEN_ROW(str(failure), at=at, help=help))
+    except csv.Error as failure:
+        findings.add(codes.BROKEN_ROW(str(failure), at=Location(file, rows.line_num), help="write plain CSV"))
+    return executions if is_complete else list(dict.fromkeys(executions))
 
 
 def _recorded(records: dict[str, tuple[int, int]], cells: list[str], at: Location) -> list[Execution]:

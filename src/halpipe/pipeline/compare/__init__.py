@@ -7,7 +7,7 @@ throughout: the only allowance is the tolerance that the user states.
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TABLE, U
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge
 from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class CompareOptions:
     """`mode`: the one that ran, for traces that do not say; `tolerance`: what is forgiven at starts and ends.
 
@@ -42,7 +43,7 @@ class CompareOptions:
     origin: Duration | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class TaskRow:
     """The account of one task: jobs matched, missing and extra, and the lateness of its starts and ends."""
 
@@ -58,7 +59,7 @@ class TaskRow:
     budget: Duration | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Comparison:
     """One line of time of a trace, compared: where the schedule's zero lies in it, the tasks, and what deviates."""
 

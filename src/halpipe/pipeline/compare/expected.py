@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
 from halpipe.durations import ZERO
 from halpipe.pipeline.compare.codes import UNKNOWN_TABLE, WRONG_SEQUENCE
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Execution
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Table:
     """A mode or a transition table: what is played as one piece; `jobs` by task, by start."""
 
@@ -30,7 +30,7 @@ class Table:
     successors: frozenset[str]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Played:
     """A table that was played: the `cycle`-th, from `start` after the origin."""
 

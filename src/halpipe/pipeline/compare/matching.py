@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -20,7 +21,7 @@ SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Match:
     """An execution and the job it is: `start` is the scheduled one, after the origin."""
 
@@ -46,7 +47,7 @@ class Match:
         return [(start + by, end + by) for start, end in self.job.occupations()]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Matching:
     """All matches, by scheduled start; what ran without being scheduled; and what was scheduled and did not run."""
 

@@ -7,12 +7,12 @@ too long ago for whoever reads them after X; and no reader may be missing for lo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts, Usable
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Need:
     """That a chain goes through a job of `task` on `unit` so often that the unit is never without one for `room`.
 

@@ -6,7 +6,7 @@ Every part of the mode keeps its hyperperiod, since with another one there might
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, ex
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -32,7 +33,7 @@ EFFORT = 5
 """Deterministic seconds for every part tried."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Kept:
     """What is left of a mode: its tasks, which constraints of them, and the chains with their limits."""
 
@@ -40,7 +41,7 @@ class Kept:
     chains: tuple[Chain, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Conflict:
     """What the exact engine says of a mode, and where it says infeasible, the part of it that already is.
 

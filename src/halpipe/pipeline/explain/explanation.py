@@ -7,7 +7,7 @@ with which a schedule is found. "Infeasible" is never said because a search gave
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,7 @@ from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +55,7 @@ EXITS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Explanation:
     """The verdict on each mode, and all findings: witnesses first, what would help last."""
 
@@ -104,7 +105,7 @@ def explain(
     return Explanation(tuple(verdicts), tuple(diagnostics))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Question:
     """One mode to explain, and how."""
 

@@ -6,13 +6,13 @@ All times are integers: nanoseconds times the common denominator of the mode.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.parts import reserved_length
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator, Mapping
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Usable:
     """A version that a job may take: for how long, and how far after its release the job may start (delta, MODEL 3).
 
@@ -44,7 +44,7 @@ class Usable:
         return can_pause(self.version.split)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class TaskFacts:
     """A task that certainly has jobs in the mode; `period` is 0 for one on demand.
 
@@ -92,7 +92,7 @@ class TaskFacts:
         return frozenset.intersection(*(v.units for v in self.versions))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeFacts:
     """The tasks of a mode by name, the scale of their times, and the interrupts of units that serve any."""
 

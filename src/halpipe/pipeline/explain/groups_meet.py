@@ -8,7 +8,7 @@ have used that unit do without it in the meantime, whatever versions they have f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.pairs_meet import Budget, Part
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place, quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,7 +33,7 @@ EFFORT = 4_000
 """Pairs of groups compared for one mode."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Group:
     """Parts that are all in force for `length`, again and again after `period`; made of two groups, or of one part."""
 
@@ -54,7 +55,7 @@ class Group:
         return first.length + second.length - math.gcd(first.period, second.period)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Held:
     """Units that `holder` has for itself; `elsewhere` are tasks that might use them, which do not start meanwhile."""
 

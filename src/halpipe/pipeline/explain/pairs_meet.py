@@ -8,8 +8,9 @@ which repeats with lcm(D1, D2), and further parts meet that in the same way. All
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +22,7 @@ MAX_STEPS = 4_000
 MAX_SEEDS = 3
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Part:
     """A part of every job of a task, `length` long, that takes `height` of something; it repeats with `period`."""
 
@@ -31,7 +32,7 @@ class Part:
     height: int | Fraction
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Step:
     """How one more part meets those before it: they are together for `together`, again after a multiple of `gcd`."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
 from halpipe.pipeline.validate.context import place, quoted
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,7 +26,7 @@ MAX_CLASSES = 40
 """Unit sets of a mode that are looked at, the smallest first."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Witness:
     """Why a mode has no schedule: the finding, and the tasks it is about."""
 
@@ -57,7 +58,7 @@ def prune(facts: ModeFacts) -> tuple[ModeFacts, list[Diagnostic], list[Witness]]
     return facts, notes, []
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Gap:
     """The longest time that the jobs of a task leave free on a unit."""
 

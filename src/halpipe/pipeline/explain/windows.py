@@ -8,7 +8,6 @@ periods on it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,7 @@ from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place, quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -32,7 +32,7 @@ ORIGIN = ""
 """The instant 0, from which offsets count, as a node among the tasks."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bound:
     """s_later - s_earlier lies in [low, high] modulo `modulus`; `says` tells where that comes from."""
 

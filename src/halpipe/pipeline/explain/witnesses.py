@@ -5,7 +5,7 @@ What validate checks is not repeated, except for loads, once more, when a versio
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import tasks_named
@@ -16,6 +16,7 @@ from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, unit
 from halpipe.pipeline.explain.windows import contradictions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.validate.load import check_resources, check_units
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["Hopeless", "Witness", "find_witnesses"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Hopeless:
     """A mode without a schedule: the witnesses, and what they build upon."""
 

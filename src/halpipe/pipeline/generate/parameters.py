@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration, least_common_multiple, milliseconds
 from halpipe.pipeline.generate.codes import BAD_PARAMETER
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -34,7 +34,7 @@ SEXTANTS = 6
 """Two and three start times at equal distances divide the hyperperiod into sixths."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class SetParameters:
     """What a synthetic task set is to be like; the first eight are the rows of Table III, the others are extensions.
 
@@ -117,7 +117,7 @@ class SetParameters:
             yield "hyperperiod", f"{self.hyperperiod} is no multiple of {TICK * SEXTANTS}", "round it"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Experiment:
     """One experiment of Table III: its cells, and the algorithm runtime in seconds that the paper reports."""
 

@@ -6,7 +6,6 @@ import math
 import random
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -30,6 +29,7 @@ from halpipe.pipeline.generate.tiling import fill_units, unit_types
 from halpipe.pipeline.generate.windows import CAPACITY, Window, WindowPlacer
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -43,7 +43,7 @@ EARLIEST, LATEST = Fraction(1, 4), Fraction(7, 4)
 """The window of a precedence constraint in terms of the difference in generated start times."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Achieved:
     """What a set really has: shares of the units' time, of the resources' time, and of the tasks; and its windows."""
 

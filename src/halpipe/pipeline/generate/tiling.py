@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.pipeline.generate.codes import TOO_SHORT
 from halpipe.pipeline.generate.parameters import SEXTANTS, TICK, SetParameters
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -35,7 +36,7 @@ _BANDS = ((0, 0), (1, 0), (2, 0), (3, 0), (0, 1), (0, 2))
 _MOST_OF_A_KIND = 2
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Piece:
     """A task as it lies in the filled schedule: the first of its starts, one in every `period`, and its length."""
 
@@ -45,7 +46,7 @@ class Piece:
     length: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Column:
     """What starts `starts` times, first in `sextant`, and is `length` sextants long each time."""
 

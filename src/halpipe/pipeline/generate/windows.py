@@ -15,8 +15,9 @@ placed on tasks already shortened to the wanted utilisation: shortened later, th
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -35,7 +36,7 @@ _TRIES = 400
 _MOST_ON_A_TASK = 4
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Window:
     """An access window relative to its job's start; `height` of `CAPACITY` is its bound."""
 

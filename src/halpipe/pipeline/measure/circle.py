@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -48,7 +49,7 @@ def sweep(intervals: Iterable[Interval], period: int) -> list[Step]:
     return steps
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Instants:
     """Recurring instants on the circle, for the search of the next or the last one before an absolute time."""
 

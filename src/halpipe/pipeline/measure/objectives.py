@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 from math import lcm
@@ -20,6 +19,7 @@ from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import latest_phase
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -45,7 +45,7 @@ class Objective(StrEnum):
     COST = "cost"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Worth:
     """The values of the objectives in their order, and of every chain its reaction time and data age."""
 
@@ -53,7 +53,7 @@ class Worth:
     latencies: tuple[Fraction, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Judge:
     """Tells which of the valid schedules of a mode is the better one.
 

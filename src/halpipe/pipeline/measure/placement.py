@@ -13,6 +13,7 @@ from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Part
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -39,7 +40,7 @@ class PlacedPhase(NamedTuple):
     end: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class PlacedJob:
     """A job with its version, in ticks; `length` is from its start to its end.
 

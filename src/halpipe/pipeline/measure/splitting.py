@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections import Counter
-from dataclasses import dataclass
 from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Binding
 from halpipe.pipeline.measure.placement import reserved
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -70,7 +70,7 @@ def parts_cost(placement: Placement, job: PlacedJob) -> int:
     return cost
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Boundaries:
     """Where a version may be interrupted, in ticks of execution: at the points, or `anywhere` outside its phases."""
 

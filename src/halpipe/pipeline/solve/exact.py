@@ -18,6 +18,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.codes import EXACT_MISSING, EXACT_TOO_LARGE, EXACT_WRONG
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.workers import Workers, watched
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -48,7 +49,7 @@ class Answer(StrEnum):
     UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ExactResult:
     """The answer for one mode, with the jobs of a valid schedule where there is one.
 
@@ -65,7 +66,7 @@ class ExactResult:
         return self.stopped or self.status is not Answer.UNKNOWN
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Effort:
     """How hard CP-SAT tries.
 

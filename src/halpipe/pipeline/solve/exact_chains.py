@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.bounds import chain_bounds
 from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
 from halpipe.pipeline.solve.workers import watched
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -30,7 +31,7 @@ JOBS = 400
 """Jobs of a mode up to which it is asked."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Shortest:
     """What no weighted sum of latencies falls below, in nanoseconds, and the jobs of a better schedule, if any.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.models import Status
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.measure.objectives import Judge, Objective
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ class Quality(StrEnum):
     MARGIN = "margin"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Goals:
     """What to go on for.
 
@@ -65,7 +66,7 @@ QUALITIES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Polish:
     """The goals, who judges what is found, the moves per task and step, the seed, and when the jobs are good enough.
 
@@ -82,7 +83,7 @@ class Polish:
     """What the first valid schedule was worth, once there is one."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Finished:
     """The jobs of a mode at the end, what was reached, and whether somebody wanted no more before."""
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import Diagnostic, HalpipeError, about
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
-from halpipe.pipeline.solve.problem import MAX_OPTIONS_PER_VERSION, Problem, build_problem
+from halpipe.pipeline.solve.lanes import MAX_OPTIONS_PER_VERSION
+from halpipe.pipeline.solve.problem import Problem, build_problem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

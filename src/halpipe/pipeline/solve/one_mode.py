@@ -15,6 +15,7 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +49,7 @@ POLISH_TABLES = 170
 """Whole tables of split jobs that are tried at least to improve a valid one."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Found:
     """What became of one mode."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.goals import Finished
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.goals import Goals, Polish
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Reached:
     """What became of one objective in a mode: its value at first and now, and what no valid schedule falls below."""
 

@@ -9,16 +9,17 @@ are multiples of the lane's quantum.
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from halpipe.durations import ZERO, Duration
 from halpipe.models import Anchor, Binding
-from halpipe.pipeline.jobs import Expansion, demands_for, natural_tick
-from halpipe.pipeline.parts import reserved_length, service_of
+from halpipe.pipeline.jobs import Expansion, demands_for
+from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.construction import construction_order
 from halpipe.pipeline.solve.integers import Table, ints
+from halpipe.pipeline.solve.lanes import Lanes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -27,15 +28,10 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import ActiveTask
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.solve.integers import Ints
+    from halpipe.pipeline.solve.lanes import Choice
 
 Columns = dict[str, Any]
 """Arrays and tables by their names in `Arrays`."""
-
-MAX_OPTIONS_PER_VERSION = 4096
-"""Ways to split one gang over groups of units that are tried; only gangs over many unlike units have more."""
-
-MAX_QUANTA = 10**6
-"""Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
 
 NO_TICK = -1
 
@@ -48,15 +44,12 @@ CHAIN_COLUMNS = (
 ANY_SET = -1
 """Stands for the unit set of an option that goes with every other."""
 
-RESOURCE_WEIGHT, WINDOW_WEIGHT = 4, 12
-"""What a tick of overload of a resource, and of distance from a window, weighs against a tick of overlap on a unit.
-
-Access phases are short against jobs, and resources tell their users apart where units of a group do not. With equal
-weights the search, at one temperature for all, settles the units first and then finds no room on the resources.
-"""
+WINDOW_WEIGHT = 12
+"""What a tick of distance from a window weighs against a tick of overlap on a unit."""
 
 
-class Arrays(NamedTuple):
+@record
+class Arrays:
     """A mode in integers. ``x_first`` arrays are offsets: row i owns ``x[x_first[i]:x_first[i + 1]]``."""
 
     hyperperiod: int
@@ -104,12 +97,12 @@ class Arrays(NamedTuple):
     missing_cost: int  # cost of a demand not met, or of a chain that never gets through
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Option:
     """What an option index means: a version and how many units of each group it takes (empty: not to run)."""
 
     version: Version | None
-    groups: tuple[tuple[int, int], ...]
+    groups: Choice
 
 
 @dataclass(frozen=True)
@@ -127,12 +120,12 @@ class Problem:
 
     def with_construction(self, order: Ints) -> Problem:
         """Return the problem with its entries constructed in another order."""
-        return replace(self, arrays=self.arrays._replace(construction=order))
+        return replace(self, arrays=replace(self.arrays, construction=order))
 
     def with_chains(self, other: Problem) -> Problem:
         """Return the problem with the chains that another one of the same mode counts, and what comes of them."""
         columns = {name: getattr(other.arrays, name) for name in CHAIN_COLUMNS}
-        return replace(self, arrays=self.arrays._replace(**columns))
+        return replace(self, arrays=replace(self.arrays, **columns))
 
 
 def build_problem(
@@ -168,21 +161,6 @@ def _units(version: Version) -> frozenset[str]:
     return frozenset(version.units)
 
 
-def interchangeable_units(expansion: Expansion, units: Sequence[Unit], grouped: bool) -> tuple[tuple[str, ...], ...]:
-    """Group units that every version treats alike and that serve the same interrupts; or each stands alone."""
-    member_of: dict[str, list[int]] = {unit.name: [] for unit in units}
-    service = {unit.name: tuple((i.distance, i.wcet) for i in unit.interrupts) for unit in units}
-    versions = [version for active in expansion.tasks for version in active.versions]
-    for index, version in enumerate(versions):
-        for name in version.units:
-            member_of[name].append(index)
-    groups: dict[object, list[str]] = {}
-    for name, members in member_of.items():
-        if members:
-            groups.setdefault((tuple(members), service[name]) if grouped else name, []).append(name)
-    return tuple(tuple(names) for names in groups.values())
-
-
 class _Builder:
     """Fills the arrays, one method per family of columns."""
 
@@ -197,43 +175,24 @@ class _Builder:
         pinned: Mapping[str, tuple[str, ...]],
     ) -> None:
         self.expansion = expansion
-        self.tick = tick or natural_tick(expansion)
-        self.hyperperiod = self.ticks(expansion.hyperperiod)
-        self.groups = interchangeable_units(expansion, units, grouped)
-        self.group_of = {name: index for index, names in enumerate(self.groups) for name in names}
-        self.lane_of_resource = {name: len(self.groups) + index for index, name in enumerate(resources)}
+        self.lanes = Lanes(expansion, units, resources, tick, grouped, pinned)
+        self.hyperperiod = self.lanes.ticks(expansion.hyperperiod)
         self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
         self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
         self.options: list[Option] = []
-        self.units = {unit.name: unit for unit in units}
-        self.pinned = pinned
-        self.is_interrupted = any(unit.interrupts for unit in units)
-        self._known_times: dict[tuple[str, str, Service[Duration]], tuple[int, int]] = {}
-        self._known_choices: dict[tuple[str, str], list[tuple[tuple[int, int], ...]]] = {}
-
-    def ticks(self, duration: Duration) -> int:
-        """Return whole ticks, rounded down; exact for every duration that the tick divides."""
-        return duration // self.tick
-
-    def ticks_up(self, duration: Duration) -> int:
-        """Return whole ticks, rounded up."""
-        return -(-duration // self.tick)
 
     def build(self) -> Problem:
-        quanta = self._resource_quanta()
-        weight = max(quanta, default=1)
-        capacity = [len(names) for names in self.groups] + quanta
-        lane_weight = [weight] * len(self.groups) + [RESOURCE_WEIGHT * weight // q for q in quanta]
-        option = self._options(quanta)
+        capacities, weight = self.lanes.capacities, self.lanes.unit_weight
+        option = self._options()
         jobs = self._jobs()
         windows = self._windows()
         chains = self._chains()
-        mean = max(1, self.ticks(self.expansion.mean_wcet))
+        mean = max(1, self.lanes.ticks(self.expansion.mean_wcet))
         arrays = Arrays(
             hyperperiod=self.hyperperiod,
-            lane_capacity=ints(capacity),
-            lane_weight=ints(lane_weight),
-            **self._lane_room(len(capacity), option),
+            lane_capacity=ints(capacities),
+            lane_weight=ints(self.lanes.weights),
+            **self._lane_room(len(capacities), option),
             **jobs,
             **option,
             **windows,
@@ -244,40 +203,31 @@ class _Builder:
             unit_weight=WINDOW_WEIGHT * weight,
             missing_cost=WINDOW_WEIGHT * weight * mean,
         )
-        services = {name: service_of(self.units, [name]) for name in self.units}
-        return Problem(self.expansion, self.tick, self.groups, tuple(self.options), arrays, mean, services)
+        lanes, options = self.lanes, tuple(self.options)
+        return Problem(self.expansion, lanes.tick, lanes.groups, options, arrays, mean, lanes.services)
 
-    # ---- lanes and options
+    # ---- options, and room for them
 
-    def _resource_quanta(self) -> list[int]:
-        denominators: dict[str, int] = dict.fromkeys(self.lane_of_resource, 1)
-        for active in self.expansion.tasks:
-            for version in active.versions:
-                for access in version.accesses:
-                    known = denominators[access.resource]
-                    denominators[access.resource] = math.lcm(known, access.bound.denominator)
-        return [q if q <= MAX_QUANTA else MAX_QUANTA for q in denominators.values()]
-
-    def _options(self, quanta: list[int]) -> Columns:
+    def _options(self) -> Columns:
         wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
         rects: list[list[tuple[int, int, int, int]]] = []
         rows: list[list[tuple[int, int, int, int]]] = []
         for active in self.expansion.tasks:
-            numbers: dict[tuple[tuple[int, int], ...], int] = {}
+            numbers: dict[Choice, int] = {}
             chooses_once = is_bound(active)
             for version in active.versions:
                 constraints = [self._row(row) for row in version.precedences]
                 if any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints):
                     continue
                 phases: dict[Service[Duration], list[tuple[int, int, int, int]]] = {}
-                for choice in self._choices(active, version):
-                    service = self._service(choice)
-                    length, slip = self._times(active, version, service)
+                for choice in self.lanes.choices(active, version):
+                    service = self.lanes.service(choice)
+                    length, slip = self.lanes.times(active, version, service)
                     if slip < 0 or length > self.hyperperiod:
                         continue
                     self.options.append(Option(version, choice))
                     if service not in phases:
-                        phases[service] = self._phases(version, service, quanta)
+                        phases[service] = self.lanes.phases(version, service)
                     rects.append([(group, 0, length, count) for group, count in choice] + phases[service])
                     rows.append(constraints)
                     wcet.append(length)
@@ -315,107 +265,29 @@ class _Builder:
         known: dict[tuple[int, Service[Duration]], tuple[Duration, Duration]] = {}
         keys = []
         for option in self.options:
-            alike = (id(option.version), self._service(option.groups))
+            alike = (id(option.version), self.lanes.service(option.groups))
             if alike not in known:
                 wcet = self._reserved(option)
-                known[alike] = (self.tick * self.ticks_up(wcet) - wcet, wcet)
+                known[alike] = (self.lanes.tick * self.lanes.ticks_up(wcet) - wcet, wcet)
             keys.append(known[alike])
         place = {key: number for number, key in enumerate(sorted(set(keys), reverse=True))}
         return ints(place[key] for key in keys)
 
-    def _service(self, choice: tuple[tuple[int, int], ...]) -> Service[Duration]:
-        """Return the interrupts of the units of a choice, of which those of one group are alike."""
-        if not self.is_interrupted:
-            return ()
-        return service_of(self.units, [name for group, count in choice for name in self.groups[group][:count]])
-
     def _reserved(self, option: Option) -> Duration:
         wcet = option.version.wcet if option.version else None
-        return reserved_length(wcet, self._service(option.groups)) if wcet else ZERO
-
-    def _times(self, active: ActiveTask, version: Version, service: Service[Duration]) -> tuple[int, int]:
-        """Return how long a job takes and how late it may start: the same on all units with the same interrupts."""
-        key = (active.name, version.name, service)
-        if key not in self._known_times:
-            self._known_times[key] = self._length(version, service), self._late(active, version, service)
-        return self._known_times[key]
-
-    def _length(self, version: Version, service: Service[Duration] = ()) -> int:
-        assert version.wcet is not None, "validated models state every WCET"
-        return self.ticks_up(reserved_length(version.wcet, service))
-
-    def _late(self, active: ActiveTask, version: Version, service: Service[Duration]) -> int:
-        """Return the largest delta in whole ticks: slack gamma * D, or what the deadline leaves (MODEL 3).
-
-        Of polled arrivals, that with which every job ends in time after the start of the one before, however little
-        late that was (MODEL 8.2): enough, not necessary.
-        """
-        task = active.task
-        if task.period is None or version.wcet is None:
-            return 0
-        slack, due = task.period * task.slack, task.period if task.deadline is None else task.deadline
-        if task.distance is not None:
-            due = (task.distance if task.deadline is None else task.deadline) - task.period
-            slack = min(slack, task.distance - task.period)
-        room = due - reserved_length(version.wcet, service)
-        # No job slips a whole period: of two jobs that start together, only their names would say which is the first.
-        return min(self.ticks(slack), self.ticks(room), self.ticks(task.period) - 1)
-
-    def _phases(
-        self, version: Version, service: Service[Duration], quanta: list[int]
-    ) -> list[tuple[int, int, int, int]]:
-        """Return rectangles for a version's access phases; those on one lane never overlap.
-
-        The kernel looks at one rectangle at a time, so what a job claims twice at once must be one of them. On every
-        tick stands the most that the job claims at any instant of it.
-        """
-        rects = []
-        for name in dict.fromkeys(access.resource for access in version.accesses):
-            lane = self.lane_of_resource[name]
-            accesses = [
-                replace(access, end=reserved_length(access.end, service))
-                for access in version.accesses
-                if access.resource == name
-            ]
-            edges = sorted({edge for a in accesses for edge in (self.ticks(a.start), self.ticks_up(a.end))})
-            instants = sorted({access.start for access in accesses})
-            for begin, end in itertools.pairwise(edges):
-                inside = [t for t in instants if self.tick * begin <= t < self.tick * end]
-                claims = [sum(a.bound for a in accesses if a.start <= t < a.end) for t in (self.tick * begin, *inside)]
-                height = math.ceil(max(claims) * quanta[lane - len(self.groups)])
-                if height:
-                    rects.append((lane, begin, end - begin, height))
-        return rects
+        return reserved_length(wcet, self.lanes.service(option.groups)) if wcet else ZERO
 
     def _row(self, row: Precedence) -> tuple[int, int, int, int]:
         """Return predecessor, min, width and anchor of a window; a width below zero can never be met."""
         predecessor = self.task_index.get(row.task, -1)
-        low, high = self.ticks_up(row.min), self.ticks(row.max)
+        low, high = self.lanes.ticks_up(row.min), self.lanes.ticks(row.max)
         if row.anchor is Anchor.END and self._rounds_up(predecessor):
             high -= 1  # the predecessor really ends up to one tick before the end that the grid shows
         return predecessor, low, min(high - low, self.hyperperiod - 1), int(row.anchor is Anchor.END)
 
     def _rounds_up(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
-        return any(version.wcet is not None and version.wcet % self.tick for version in versions)
-
-    def _choices(self, active: ActiveTask, version: Version) -> list[tuple[tuple[int, int], ...]]:
-        """List how many units of each group a job may take: one group, or all splits of a gang."""
-        key = (active.name, version.name)
-        if key not in self._known_choices:
-            self._known_choices[key] = self._listed_choices(active, version)
-        return self._known_choices[key]
-
-    def _listed_choices(self, active: ActiveTask, version: Version) -> list[tuple[tuple[int, int], ...]]:
-        available: dict[int, int] = {}
-        pinned = self.pinned.get(active.name, ())
-        for name in pinned if pinned and set(pinned) <= set(version.units) else dict.fromkeys(version.units):
-            group = self.group_of[name]
-            available[group] = available.get(group, 0) + 1
-        picks = itertools.combinations_with_replacement(sorted(available), version.gang)
-        counted = (tuple((g, pick.count(g)) for g in dict.fromkeys(pick)) for pick in picks)
-        fitting = (choice for choice in counted if all(count <= available[g] for g, count in choice))
-        return list(itertools.islice(fitting, MAX_OPTIONS_PER_VERSION))
+        return any(version.wcet is not None and version.wcet % self.lanes.tick for version in versions)
 
     def _may_be_absent(self, active: ActiveTask) -> bool:
         """Whether some job of an on-demand task runs under some choices of its demanders only."""
@@ -469,7 +341,7 @@ class _Builder:
                     entry_job.append(entry_job[-1] + 1)
                     entry_offset.append(NO_TICK)
             task_job.append(task_job[-1] + active.jobs)
-            period.append(self.hyperperiod if task.period is None else self.ticks(task.period))
+            period.append(self.hyperperiod if task.period is None else self.lanes.ticks(task.period))
             cyclic.append(int(task.period is not None))
             reach.append(self._reach(active))
         return {
@@ -487,8 +359,8 @@ class _Builder:
         """Return the latest end of a job after its release, in ticks."""
         lengths, slips = [0], [0]
         for version in active.versions:
-            for service in dict.fromkeys(self._service(choice) for choice in self._choices(active, version)):
-                length, slip = self._times(active, version, service)
+            for service in dict.fromkeys(self.lanes.service(choice) for choice in self.lanes.choices(active, version)):
+                length, slip = self.lanes.times(active, version, service)
                 lengths.append(length)
                 slips.append(slip)
         return max(lengths) + max(slips)
@@ -496,13 +368,13 @@ class _Builder:
     def _phase_of(self, task: Task) -> int:
         assert task.offset is not None
         assert task.period is not None
-        return self.ticks(task.offset % task.period)
+        return self.lanes.ticks(task.offset % task.period)
 
     def _construction(self, windows: Columns) -> Ints:
         """Order the entries: heavy ones first, and one after the other what has windows in common."""
         loads = []
         for active in self.expansion.tasks:
-            length = self._length(active.versions[0]) * active.versions[0].gang
+            length = self.lanes.length(active.versions[0]) * active.versions[0].gang
             loads.append(length * active.jobs if active.task.period is not None else length)
         counts = [1 if active.task.period is not None else active.jobs for active in self.expansion.tasks]
         entries = list(itertools.accumulate(counts, initial=0))
@@ -578,7 +450,7 @@ class _Builder:
             indices = [self.task_index[name] for name in chain.tasks]
             members.append([(index,) for index in indices])
             bounds = (chain.max_reaction, chain.max_age)
-            limits.append([NO_TICK if bound is None else self.ticks(bound) for bound in bounds])
+            limits.append([NO_TICK if bound is None else self.lanes.ticks(bound) for bound in bounds])
             for index in dict.fromkeys(indices):
                 touching[index].append((number,))
         chain_first, chain_task = _table(members, 1)

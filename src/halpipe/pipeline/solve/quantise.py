@@ -23,7 +23,7 @@ Why it is safe, where it is not obvious:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 from math import ceil
@@ -36,6 +36,7 @@ from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.solve.codes import GRID_BOUND, GRID_PERIOD, GRID_RESOURCE, GRID_ROOM, GRID_WINDOW
 from halpipe.quantities import format_rational
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from halpipe.models import Access, Job, ModeSchedule, Precedence, Schedule, Task, TaskModel, Version
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class BurstGrid:
     """The grid of a platform called `name`: a `window`, a multiple of `cycle`; sizes in bytes per window.
 

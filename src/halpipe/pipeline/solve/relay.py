@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.checkpoint import SAVED
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,7 @@ FASTER = 4
 """How many times as much a turn is as the one before."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Turn:
     """One turn of all: the moves that the annealer has made after it, fillings, and work of the exact engine."""
 

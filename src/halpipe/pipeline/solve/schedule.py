@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
@@ -14,6 +14,7 @@ from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
 from halpipe.pipeline.solve.workers import Workers
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -49,7 +50,7 @@ It is called from several threads.
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class SearchOptions:
     """What the user may choose: the outcome depends on the model and on these alone.
 
@@ -108,7 +109,7 @@ class SearchOptions:
         return (self.budget or DEFAULT_BUDGET) * tasks
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Scheduled:
     """The schedule and what became of the search for it."""
 
@@ -152,7 +153,7 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
     )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Modes:
     """The modes of a model, each searched as soon as the modes are finished from whose placement it starts."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.pipeline.transitions.line import Layer, Line
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +22,7 @@ MOST_CYCLES = 1000
 """Cycles of one mode that are looked at for one window, however wide it is or far back it reaches."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Pace:
     """How often a task of both modes must start, in ticks.
 

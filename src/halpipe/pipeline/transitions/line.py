@@ -10,13 +10,15 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.records import record
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.pipeline.measure.placement import PlacedPart
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Phase:
     """An access phase relative to its job's start, in ticks; its bound in quanta of the resource's capacity."""
 
@@ -26,7 +28,7 @@ class Phase:
     bound: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Shape:
     """What a job occupies under a version: `gang` of `units` for `length`, and its access phases.
 

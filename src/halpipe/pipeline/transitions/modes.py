@@ -13,6 +13,7 @@ from halpipe.models import Anchor, Binding
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.placement import Placement, Placing, grid_of
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -27,7 +28,7 @@ GANG_SETS = 16
 """Unit sets that are tried for a gang whose units serve interrupts."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Window:
     """A precedence constraint in ticks: `task` starts, or ends, between `low` and `high` before."""
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.transitions.line import Line, LineJob
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,7 +26,7 @@ MORE_PATIENCE = 300
 tasks, since large modes settle slowly."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Blocked:
     """Why no table of a length was found: the task and the rule, for people; `progress` says how far it came."""
 

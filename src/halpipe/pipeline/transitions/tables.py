@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.modes import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,7 +60,7 @@ GoOn = Callable[[int, int], bool]
 """Told how many of how many pairs are done; says whether to go on."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Switched:
     """The tables found, a finding for every pair without one, and whether the search was stopped before the last."""
 
@@ -70,7 +70,7 @@ class Switched:
     stopped: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Pair:
     """One switch to find a table for: the model and the schedule are cut down to its two modes."""
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import NOWHERE, Fix, Path, Subject, about
 from halpipe.durations import ZERO, Duration, least_common_multiple
+from halpipe.records import record
 from halpipe.suggest import nearest
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _MAX_BITS = 4096
 """Size of a hyperperiod, in periods of the most frequent task, beyond which it is not computed any further."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Check:
     """One thing that is checked: a sentence for the manual, the codes it may report, and the procedure."""
 
@@ -38,7 +39,7 @@ class Check:
     run: Callable[[Context], Iterable[Diagnostic]]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ActiveTask:
     """A task of a mode, with the versions available there that exist."""
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -88,7 +88,7 @@ def _most_parts(version: Version) -> int:
     return 1 + max(0, min(gaps, default=0))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Cause:
     """Why a hyperperiod explodes: the `guilty` periods do not fit `base`, the hyperperiod of all others.
 

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
 from halpipe.models import Binding
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 UnitSet = frozenset[str]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Tables:
     """All tables of a schedule, for what holds across them."""
 

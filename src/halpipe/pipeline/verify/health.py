@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import NOWHERE, about
 from halpipe.models import HealthAction, Reaction, Status
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from halpipe.models import HealthRule, ModeSchedule, Schedule, TaskModel
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Health:
     """A model and its schedule, for the rules that are about both as a whole."""
 

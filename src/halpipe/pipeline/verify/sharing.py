@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sweep import excesses, excesses_on_circle
 from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, common_denominator
 from halpipe.quantities import format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -71,7 +71,7 @@ def unit_claims(jobs: Iterable[Placed]) -> dict[str, list[Claim]]:
     return claims
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Shared:
     """What is claimed of one resource, in parts of which the whole has `scale`: every bound is a whole number of them.
 

@@ -16,6 +16,7 @@ from halpipe.durations import Duration
 from halpipe.models import Anchor
 from halpipe.pipeline.verify.recurrence import Recurring
 from halpipe.pipeline.verify.reserved import UNDISTURBED, Service
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -43,7 +44,7 @@ def common_denominator(denominators: Iterable[int]) -> int | None:
     return scale
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Clock:
     """Converts between durations and ticks of 1/scale ns."""
 
@@ -74,7 +75,7 @@ class ActiveTask:
     count: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ActiveMode:
     """A mode of the model: its tasks T_n by name in model order, and its hyperperiod t_P in ticks (0: none).
 
@@ -194,7 +195,7 @@ class ModeTable:
         return [c for c in self.model.chains if c.tasks and all(t in self.mode.tasks for t in c.tasks)]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Switch:
     """The line of one switch: mode n up to time 0, the table on [0, length), mode m from `length` on."""
 

@@ -5,7 +5,7 @@ A version that cannot run at that size is taken out of every mode; it stays in i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
@@ -13,6 +13,7 @@ from halpipe.durations import ZERO, Duration
 from halpipe.pipeline.explain.changes import more_units
 from halpipe.pipeline.validate.context import place
 from halpipe.pipeline.whatif import codes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     Rebuild = Callable[[Task, Version], "Version | Unusable"]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Unusable:
     """A version that cannot run at the size in question: why, and what keeps its place in the task."""
 
@@ -32,7 +33,7 @@ class Unusable:
     instead: Version
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Changed:
     """A changed model. `lost` names the tasks that no available version is left for: with any, nothing can work."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
@@ -12,6 +12,7 @@ from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.changed import Changed, time_limit, with_version_factor
 from halpipe.pipeline.whatif.growth import FixedStarts, Limit, common_tick
 from halpipe.pipeline.whatif.trial import WINDOWS, Search, bracket, proofs
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from halpipe.models import Job, Schedule, Task, TaskModel, TransitionTable, Version
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Searched:
     """The largest WCET with a schedule that was found, and the largest not proven impossible.
 
@@ -32,7 +33,7 @@ class Searched:
     failed: tuple[Duration, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Sensitivity:
     """How much the WCET of a version may grow; `growth` is None where the schedule does not use the version."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.changed import Changed, peak_bound, time_limit, with_bandwidth, with_factor, with_units
 from halpipe.pipeline.whatif.trial import WINDOWS, bracket, check_otherwise, proofs
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,7 @@ STEP = Fraction(1, 100)
 """Grid of shares and factors, unless the user asks for another."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Question:
     """A value in question: the smallest that is enough, or with `largest` the largest that is not too much.
 
@@ -53,7 +53,7 @@ class Question:
         return self.step * (self.hardest - steps if self.largest else self.hardest + steps)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Answer:
     """The value `found`, beside the `bound` that is proven: no value beyond it has a schedule.
 

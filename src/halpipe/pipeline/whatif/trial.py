@@ -6,7 +6,7 @@ what one was found for: the answer is what was found, together with what was tri
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Exit, HalpipeError
@@ -15,6 +15,7 @@ from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.validate import codes as validate_codes
 from halpipe.pipeline.validate import validate
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +42,7 @@ WINDOWS = frozenset((explain_codes.WINDOW_TOO_NARROW.id, explain_codes.WINDOWS_C
 """Witnesses that a shorter WCET may bring about, as windows may count from the end of a job."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Search:
     """How schedules are looked for; with `switches`, tables between the modes must be found as well."""
 
@@ -91,7 +92,7 @@ def check_otherwise(model: TaskModel) -> None:
         raise HalpipeError(*wrong)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Bracket:
     """What became of a question, in steps from the hardest number.
 

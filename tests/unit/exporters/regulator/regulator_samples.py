@@ -4,6 +4,7 @@ The clock is 1 MHz and the window 1000 cycles, so that a window is 1 ms; a burst
 6.4 MB/s, which is 6400 bytes or 100 bursts per window. So a bound of 0.25 is 25 bursts.
 """
 
+from dataclasses import replace
 from fractions import Fraction
 
 from halpipe.exporters.regulator.backends import backend
@@ -108,3 +109,43 @@ def gang():
     both = task("both", 10, version("v", 4, "u1 u2", access("mem", 1, 3, Fraction(3, 8), "read"), gang=2))
     system = model(both, units="u1 u2", resources="mem", name="gang")
     return system, one_mode(system, 10, job(system, "both", 0, 0, "u1 u2"))
+
+
+DIGEST = "0123456789abcdef" * 4
+WIDE = {"capacity": "7.4MB/s"}
+ROOMY = {"capacity": "16MB/s", "bus": "128bit"}  # for the steps of cores, and what they write back
+LOW = {
+    "table": {},
+    "axi-realm": {},
+    "qos400": {"qos400": "{clock: 1MHz}"},
+    "memguard": ROOMY,
+    "resctrl": ROOMY,
+    "mpam": ROOMY,
+}
+
+
+def low_bounds():
+    """Two modes with bounds that even one rate per unit can serve."""
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    b = task("b", 5, version("v", 3, "u2", access("mem", 0, 3, "0.3", "read"), access("mem", 2, 3, "0.1", "write")))
+    system, schedule = switching()
+    return replace(system, tasks=(a, b)), schedule
+
+
+def made(tmp_path, name, sample=low_bounds, **changes):
+    tables, findings = build(tmp_path, *sample(), backend_name=name, **(WIDE | LOW[name] | changes))
+    return tables, [*findings, *backend(name).check(tables)]
+
+
+def files(tmp_path, name, sample=low_bounds, **changes):
+    tables, found = made(tmp_path, name, sample, **changes)
+    assert [d for d in found if d.is_error] == []
+    return backend(name).write(tables, DIGEST)
+
+
+def nearly_all():
+    """Two units that read 0.55 and 0.45 at the same time."""
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.55", "read")))
+    b = task("b", 10, version("v", 5, "u2", access("mem", 0, 5, "0.45", "read")))
+    system = model(a, b, units="u1 u2", resources="mem")
+    return system, one_mode(system, 10, job(system, "a", 0, 0, "u1"), job(system, "b", 0, 0, "u2"))

@@ -22,6 +22,7 @@ from halpipe.deploy.regulator.devices.loading import (
     scripts_of,
 )
 from halpipe.diagnostics import about
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +52,7 @@ Register = tuple[str, int, int]
 """Name, manager (or word), region."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Write:
     """A register write and where it stands; `window` is the one in which it is done, -1 before the first."""
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.deploy.regulator.codes import NOT_UNDERSTOOD, OTHER_SCHEDULE
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 WORD = 2**32
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Line:
     """A line that is no comment, with its number."""
 
@@ -24,7 +24,7 @@ class Line:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Script:
     """A script: its name in the folder, its comments, and its other lines without the space at their ends."""
 
@@ -143,7 +143,7 @@ def hexadecimal(text: str) -> int | None:
 # ------------------------------------------------------------------------------------------------- C headers
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Header:
     """A C header: what it defines and declares, the type of each array, and its rows; numbers as text."""
 

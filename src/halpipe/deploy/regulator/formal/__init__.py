@@ -14,7 +14,7 @@ import re
 import shutil
 import tempfile
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,6 +23,7 @@ from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
 from halpipe.diagnostics import HalpipeError
 from halpipe.programs import TimeoutExpired, run
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -47,7 +48,7 @@ _PLAYER_PORTS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Part:
     """A part to be proven: its Verilog, the wires of the properties with what they stand for inside, and the depth."""
 
@@ -181,7 +182,7 @@ def image_part(tables: Tables, unit: Unit) -> Part:
     return Part("image", _ALL[1:2], inside, 2, fills, images, unit.name)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Proof:
     """What came of a part: the properties that fail, none if all are proven, and how long it took."""
 

@@ -7,8 +7,9 @@ what is added, `edit` changes values in the project's own files and leaves every
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Diagnostic
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 DELTA, CHANGES = "delta.arxml", "changes.json"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Change:
     """One value that is added (`old` None) or changed: where it stands, its container, its name; `new` None: not set.
 
@@ -30,7 +31,7 @@ class Change:
     new: str | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Onto:
     """The folder to write by relative names, the list of changes, and what the user has to know."""
 

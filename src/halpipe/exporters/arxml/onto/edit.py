@@ -13,6 +13,7 @@ from xml.sax.saxutils import escape
 
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.arxml.onto.codes import CANNOT_EDIT
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,7 +22,7 @@ _TAG = re.compile(rb"<(?:[^>'\"]|'[^']*'|\"[^\"]*\")*>")
 _ENCODING = re.compile(rb"<\?xml[^>]*encoding=[\"']([A-Za-z0-9._-]+)")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Edit:
     """A change in a container (path): a reference `name` from `old` to `new` (None: not set), or all of it removed.
 

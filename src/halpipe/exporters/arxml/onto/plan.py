@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Findings, Location, about
@@ -13,6 +12,7 @@ from halpipe.exporters.arxml.onto.gaps import Gaps
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.models.project import ProjectCounter
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -25,7 +25,7 @@ _NEW_RANGE = 2**30 - 1
 _SHOWN = 3
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Action:
     """What an expiry point does: set an OsEvent of an OsTask, or activate the OsTask if it has none (paths)."""
 
@@ -38,7 +38,7 @@ class Action:
         return self.event or self.os_task
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Placed:
     """A table with its counter, and where each task of the model first starts in it.
 
@@ -51,7 +51,7 @@ class Placed:
     later: dict[str, int]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class OntoPlan:
     """The tables, the counters that are new, and the actions by their keys."""
 

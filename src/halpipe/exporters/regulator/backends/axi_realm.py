@@ -12,7 +12,6 @@ What its RTL was measured to do decides how it is programmed:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import about
@@ -20,6 +19,7 @@ from halpipe.exporters.regulator.backends.base import file_names, identifiers, r
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +33,7 @@ ENABLE = 0x0C
 OPEN = 0x7FFFFFFF
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class RegisterMap:
     """Offsets of the registers, which move with the numbers of managers and regions that the RTL is built for."""
 
@@ -67,7 +67,7 @@ START_LOW, START_HIGH, END_LOW, END_HIGH, WRITE_BUDGET, READ_BUDGET, WRITE_PERIO
 END_OF_BANKS = 8
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Write:
     """A register write: `window` is the one during which it must be done."""
 

@@ -9,7 +9,6 @@ Sources: Xilinx UG1087 (register addresses), Arm DSU 0026 (QoS-400 supplement to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import groupby
 from math import ceil
@@ -31,6 +30,7 @@ from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ RATE = {READ: 0x2C, WRITE: 0x20}
 PREFIX = {READ: "ar", WRITE: "aw"}
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Setting:
     """What is set at `at_ns` of a table: steps for every port and direction, in the order of the units."""
 

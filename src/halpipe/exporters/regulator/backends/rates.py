@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from halpipe.exporters.regulator.codes import COARSE_RATE, RATE_DOES_NOT_FIT, SH
 from halpipe.exporters.regulator.owners import Free, T
 from halpipe.exporters.regulator.rounding import pieces
 from halpipe.quantities import format_bandwidth, format_rational
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.tables import Table, Tables
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Segment:
     """A stretch of a table, from `begin` ticks on, in which the bounds in force do not change; rows with a bound."""
 
@@ -95,7 +95,7 @@ def over_limit(
     return [RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Shares:
     """Rates that are parts of the capacity: what is given in all for another capacity, and where that may change.
 

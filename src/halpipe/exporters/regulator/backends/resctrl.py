@@ -6,7 +6,7 @@ gets the least there is. Shares are approximate and no hard bound. Source: Linux
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from halpipe.exporters.regulator.backends.base import falls_first, file_names, p
 from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.quantities import format_bandwidth
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -37,7 +38,7 @@ KERNELS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Steps:
     """The values that the processor takes: from `least` on in steps of `step` up to `most`."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
@@ -29,6 +29,7 @@ from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
 from halpipe.importers.arxml.files.spelling import report_misspelt
 from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
 from halpipe.importers.inputs import read_inputs
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -49,7 +50,7 @@ _KNOWN_SCHEMA = re.compile(
 _BARE = re.compile(r"(?:http://(?:www\.)?autosar\.org/?)?")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Document:
     """A parsed AUTOSAR file in the words of release 4, and the name that the user gave it.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -15,6 +14,7 @@ from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.own.codes import EDITED
 from halpipe.models import Origin
 from halpipe.models.attributes import attributes
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -30,7 +30,7 @@ BLANKS = " \t\r\n"  # those of XML, which tools put round values
 _DOUBLE = Context(prec=15)  # the digits that the export writes
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Data:
     """A special data group: values by their GID, references by the class of their target, inner groups."""
 

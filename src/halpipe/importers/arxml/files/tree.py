@@ -7,7 +7,6 @@ path and tag in several places are one node with several parts (AUTOSAR: splitab
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ from halpipe.importers.arxml.files.sniff import NAMESPACE
 from halpipe.importers.arxml.files.spelling import NAMED
 from halpipe.importers.arxml.files.variants import apply_variant, conditional
 from halpipe.importers.arxml.names import listed
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence
@@ -55,7 +55,7 @@ _BASE_CLASSES = frozenset(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Text:
     """The text of a child element and where it stands."""
 
@@ -63,7 +63,7 @@ class Text:
     at: Location
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ref:
     """A reference: absolute target path, the stated kind of target, and the element that it is, with its file.
 
@@ -87,7 +87,7 @@ class Ref:
         return self.path.rpartition("/")[2]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Part:
     """One place where a node is written down."""
 

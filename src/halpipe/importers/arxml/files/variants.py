@@ -14,6 +14,7 @@ from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
 from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.files.sniff import NAMESPACE
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ _CONSTANTS = ("SW-SYSTEMCONST", "POST-BUILD-VARIANT-CRITERION")
 _REFS = ("SYSC-REF", "SYSC-STRING-REF")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Choice:
     """What the user chose: the name of a variant, and ``NAME=VALUE`` of constants and criteria; nothing by default."""
 
@@ -48,7 +49,7 @@ class Choice:
         return bool(self.variant or self.conditions)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Removed:
     """An element that is not in the variant: its tag, its path, and where it stands."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ from halpipe.diagnostics import HalpipeError, named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.compositions import COMPOSITION
 from halpipe.importers.arxml.system.values import Component, Composition, Instance, RteInstance
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ Context = tuple[str, ...]
 """A root composition and the prototypes down to a component (paths)."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Instances:
     """The component instances, the compositions (paths) taken for copies of others, and what the Rte means by names.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Location, named
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.instances import upstream
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ _COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL/ECUC-
 _OLD_COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Selection:
     """The ECU that is imported (None: there are not several), and its module configurations (paths; None: all)."""
 

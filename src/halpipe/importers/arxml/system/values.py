@@ -6,17 +6,18 @@ References that nothing resolves are None or absent here; they have been reporte
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.models import Origin
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Location
     from halpipe.durations import Duration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Place:
     """Where an element is: AUTOSAR path, kind (XML tag, or ECU configuration definition), file and line."""
 
@@ -35,7 +36,7 @@ class Place:
         return Origin(self.at.file, self.at.line, self.path)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Stated:
     """A value as the file writes it."""
 
@@ -46,7 +47,7 @@ class Stated:
 # ----------------------------------------------------------------------------------------- software components
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class DataItem:
     """A data element at a port (paths), or a variable between runnables with an empty port."""
 
@@ -54,7 +55,7 @@ class DataItem:
     element: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Runnable:
     """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads; `symbol` is its C function."""
 
@@ -64,7 +65,7 @@ class Runnable:
     reads: tuple[DataItem, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Event:
     """An RTE or BSW event: the runnable it starts (path, None if unresolved or none), and its stated times."""
 
@@ -81,7 +82,7 @@ class Event:
         return self.place.kind in ("TIMING-EVENT", "BSW-TIMING-EVENT")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Component:
     """A component type or BSW module description with its behaviours' runnables and events."""
 
@@ -96,7 +97,7 @@ class Component:
         return self.place.kind == "BSW-MODULE-DESCRIPTION"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class End:
     """One end of a connector: a component prototype (path, empty for the composition itself) and its port (path)."""
 
@@ -104,7 +105,7 @@ class End:
     port: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Connector:
     """An assembly or delegation connector, from where data comes to where it goes; an end is None if dangling."""
 
@@ -113,7 +114,7 @@ class Connector:
     target: End | None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Prototype:
     """A component prototype: the use of a component type (path, None if dangling) in a composition."""
 
@@ -121,7 +122,7 @@ class Prototype:
     type: str | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class PeriodOverride:
     """INSTANTIATION-TIMING-EVENT-PROPS: the period of an event (path) in one component prototype (path)."""
 
@@ -130,7 +131,7 @@ class PeriodOverride:
     period: Stated
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Composition:
     """A COMPOSITION-SW-COMPONENT-TYPE."""
 
@@ -140,7 +141,7 @@ class Composition:
     overrides: tuple[PeriodOverride, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Instance:
     """A component in the system: `context` is its root composition and the prototypes down to it (paths).
 
@@ -160,7 +161,7 @@ class Instance:
 # -------------------------------------------------------------------------------------------- ECU configuration
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Core:
     """A processor core; `place` is None for one that is only numbered (OsApplicationCoreAssignment).
 
@@ -173,7 +174,7 @@ class Core:
     hardware: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class OsApplication:
     """An OsApplication: its tasks and interrupt routines (paths), and the name of the core it is bound to."""
 
@@ -183,7 +184,7 @@ class OsApplication:
     routines: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class OsTask:
     """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod.
 
@@ -196,7 +197,7 @@ class OsTask:
     schedule: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class OsIsr:
     """An interrupt routine; `core` is that of its OsApplication.
 
@@ -209,7 +210,7 @@ class OsIsr:
     distance: Duration | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Trigger:
     """A recurring action of the OS: an alarm, or an expiry point of a repeating schedule table.
 
@@ -231,7 +232,7 @@ class Trigger:
         return self.place.path.rpartition("/")[0] if self.place.kind == "OsScheduleTableExpiryPoint" else ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Mapping:
     """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path).
 
@@ -249,7 +250,7 @@ class Mapping:
     is_called: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class RteInstance:
     """RteSwComponentInstance: the component prototype (path) that it names, where, and its events (paths)."""
 
@@ -259,7 +260,7 @@ class RteInstance:
     events: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Configuration:
     """The ECU configuration of Os, Rte and EcuC; `instances` are the component instances that Rte names.
 
@@ -276,7 +277,7 @@ class Configuration:
     routines: tuple[OsIsr, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class ModeGroup:
     """A MODE-DECLARATION-GROUP, or a function group of that type: its modes, the initial one first, and transitions.
 
@@ -290,7 +291,7 @@ class ModeGroup:
     parts: tuple[Place, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ordered:
     """What an execution order names: a runnable or event (path), in one component prototype if that is stated."""
 
@@ -298,7 +299,7 @@ class Ordered:
     prototype: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Order:
     """An order from an EXECUTION-ORDER-CONSTRAINT or SYNCHRONIZATION-POINT-CONSTRAINT: `first` before `second`."""
 
@@ -307,7 +308,7 @@ class Order:
     second: Ordered
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Twin:
     """SWC-BSW-RUNNABLE-MAPPING: a runnable and a BSW entity (paths) that are the same function."""
 
@@ -316,7 +317,7 @@ class Twin:
     entity: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ExecutionTime:
     """A worst-case execution time of a runnable (path) on a HW-ELEMENT (path, None: on any); the place has its kind."""
 
@@ -329,7 +330,7 @@ class ExecutionTime:
 # ------------------------------------------------------------------------------------------- timing extension
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Observable:
     """A timing description event: what happens (`activated`, `started`, `terminated`, `sent`, `received`), and to what.
 
@@ -343,7 +344,7 @@ class Observable:
     prototype: str | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class EventChain:
     """A TIMING-DESCRIPTION-EVENT-CHAIN: paths of its timing description events, and of the chains it consists of."""
 
@@ -353,7 +354,7 @@ class EventChain:
     segments: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Arrival:
     """An event triggering: how often a timing description event (path) occurs.
 
@@ -367,7 +368,7 @@ class Arrival:
     jitter: Duration | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Limit:
     """A LATENCY-TIMING-CONSTRAINT of a chain, or an AGE-CONSTRAINT of an event (path): at most `maximum`."""
 
@@ -377,7 +378,7 @@ class Limit:
     is_age: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Distance:
     """An OFFSET-TIMING-CONSTRAINT: the event `target` occurs `minimum` to `maximum` after `source` (paths)."""
 
@@ -388,7 +389,7 @@ class Distance:
     maximum: Duration | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Timing:
     """What the timing extension states: what can be observed, and what is required of it."""
 
@@ -399,7 +400,7 @@ class Timing:
     distances: tuple[Distance, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Machine:
     """A MACHINE with its processor cores."""
 
@@ -407,7 +408,7 @@ class Machine:
     cores: tuple[Place, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Process:
     """A PROCESS: the states (paths below their function group) in which it runs, and the cores that it may use.
 
@@ -425,7 +426,7 @@ class Process:
     parts: tuple[Place, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Ecu:
     """An ECU-INSTANCE, the component prototypes (paths) that are put on it, and the SWC-TO-ECU-MAPPINGs that do so.
 
@@ -440,7 +441,7 @@ class Ecu:
     chains: tuple[tuple[str, ...], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class System:
     """Everything that the input says about timing; `place` is the element that gives the system its name.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.tasks.arrivals import Arrivals
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.diagnostics import Findings
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.dataflow import Actor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@record(kw_only=True)
 class Activation:
     """One reason for work to be done: an event of an instance that starts a runnable, or an OsTask or process.
 

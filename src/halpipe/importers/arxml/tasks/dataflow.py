@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -18,7 +19,7 @@ Actor = tuple[tuple[str, ...], str]
 Item = tuple[Port, str]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class DataFlow:
     """The senders of every data element that reaches a port, the writer-reader pairs, the connectors in between."""
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Origin
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 GRANULARITIES = ("runnable", "event", "ostask")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Draft:
     """A task to be: its name, and the activations that it serves, in their order within the OsTask.
 

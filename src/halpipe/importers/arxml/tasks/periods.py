@@ -8,7 +8,7 @@ triggering, and data-received events inherit that of their senders. A process ha
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Location, about, named
@@ -18,6 +18,7 @@ from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, par
 from halpipe.importers.arxml.system.ecuc import symbolic_values
 from halpipe.importers.arxml.tasks.arrivals import compare, polled, report_sporadic
 from halpipe.importers.arxml.tasks.dataflow import item_at
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +52,7 @@ _NO_PERIOD = {
 _DATA_RECEIVED = "DATA-RECEIVED-EVENT"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Recurrence:
     """A period with the offset of its first occurrence, and the elements that it comes from."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
 from math import gcd
@@ -14,6 +14,7 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.tasks.periods import senders_of
 from halpipe.models import Anchor
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.requirements import Spacing
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Edge:
     """`first` before `second` (task names), because of the element at `cause`.
 

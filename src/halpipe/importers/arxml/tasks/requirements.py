@@ -14,6 +14,7 @@ from halpipe.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Anchor, Chain
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 _BEGINNINGS = ("activated", "started")
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Spacing:
     """Some job of `first` lies `low` to `high` (None: a period) before every job of `second` (task names)."""
 
@@ -49,7 +50,7 @@ class Requirements:
     used: list[Place] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Occurrence:
     """An observable event of one task, in one component instance."""
 

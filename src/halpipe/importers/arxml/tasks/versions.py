@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
@@ -12,6 +11,7 @@ from halpipe.importers.arxml.names import legal_name, listed, unique_name
 from halpipe.importers.arxml.system.execution_times import ANALYSED
 from halpipe.importers.arxml.tasks.splitting import Splitter
 from halpipe.models import WHOLE
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 VERSION = "default"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Variant:
     """A version to be: its name, its WCET (None: unknown), its units, and the execution times that it comes from."""
 

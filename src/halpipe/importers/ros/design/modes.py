@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from halpipe.diagnostics import about
 from halpipe.importers.ros import codes
 from halpipe.models import Mode, Run, Task, TaskModel, Unit, Version
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Findings, Location
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeModel:
     """The model of one mode alone, where each task has one version, and the place that declares the mode."""
 

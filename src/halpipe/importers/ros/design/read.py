@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, Location, named, sort_diagnostics
@@ -14,6 +13,7 @@ from halpipe.importers.ros.design.processes import NodeProcesses
 from halpipe.importers.ros.design.structure import Structure
 from halpipe.importers.ros.graph import Callback, Group, Node, Publication, RosGraph, Subscription
 from halpipe.importers.ros.names import printable
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 ONLY_MODE = "default"
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class ModeGraph:
     """The graph of one mode, and the compute unit of each node that has one."""
 
@@ -35,7 +35,7 @@ class ModeGraph:
     at: Location
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Design:
     """A system: its name, and its modes, of which the default one comes first."""
 

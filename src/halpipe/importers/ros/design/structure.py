@@ -16,6 +16,7 @@ from halpipe.diagnostics import Location
 from halpipe.files import YamlList, YamlMap
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
+from halpipe.records import record
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class Port(NamedTuple):
     name: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Instance:
     """A node of the running system: its `path` in ROS, the compute unit (or none) and values of its parameters."""
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from halpipe.records import record
 
 
 class CtfError(ValueError):
     """What is wrong with a trace; the text is for people."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Int:
     """An integer of `size` bits; `text`: it is a character."""
 
@@ -20,7 +20,7 @@ class Int:
     text: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Float:
     """A floating-point number of `size` bits."""
 
@@ -29,12 +29,12 @@ class Float:
     order: str
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class String:
     """Text up to a null byte."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Enum:
     """Labels for ranges (low, high, label) of an integer."""
 
@@ -42,7 +42,7 @@ class Enum:
     ranges: tuple[tuple[int, int, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Struct:
     """Fields in order; `align` is the least alignment that is stated."""
 
@@ -50,7 +50,7 @@ class Struct:
     align: int = 1
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Variant:
     """One of several types, by the label of the enumeration in the field `tag`."""
 
@@ -58,7 +58,7 @@ class Variant:
     choices: tuple[tuple[str, Type], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Array:
     """Elements of one type; `length` is a number, or the name of the field that holds it."""
 

@@ -7,7 +7,7 @@ its gaps (MODEL 8.2, nested).
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass, field
+from dataclasses import field
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +15,7 @@ from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
 from halpipe.pipeline.solve.edf.resources import Claim
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.works import Mode, Way
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class FixedJob:
     """A job that stays: on the grid its parts and claims are rounded outward, from the start of the hyperperiod."""
 
@@ -105,7 +106,7 @@ def _places(
         yield bool(open_busy), max(open_gaps, default=None)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Fixed:
     """All jobs that stay, the tasks that they are of, and what they make of each unit of theirs."""
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from halpipe.records import record
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -16,7 +18,7 @@ Span = tuple[int, int, int, int]
 """A part: start, end, and what it executes, from and to."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Plan:
     """What the simulation is told: for each task its way, the phase of its releases, and how urgent its jobs are.
 
@@ -146,7 +148,7 @@ class Job:
         return reserved(self.way.wcet - self.executed + lost, self.way.service)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Table:
     """One hyperperiod: the spans of every job by task and index, their starts in [0, hyperperiod).
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.edf.jobs import Plan
 from halpipe.pipeline.solve.integers import ints
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class State:
     """Jobs placed, the state of the draws, the plan that is changed, the best one; and while a valid table is improved
     the `first` valid one and the jobs that were placed when it was found."""

@@ -6,7 +6,7 @@ plan changes around them: they become more urgent, are released at another phase
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
@@ -20,6 +20,7 @@ from halpipe.pipeline.solve.edf.moves import Moves
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
 from halpipe.pipeline.solve.edf.simulate import simulate
 from halpipe.pipeline.solve.edf.tables import followed, lateness, missed_by_fixed, named
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,7 +42,7 @@ SETTLING = 4
 """Simulations in which the phases of the first plan follow where its jobs start."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Found:
     """The best table of a search; `excess` is zero if no job in it is late and no chain beyond its limit."""
 
@@ -52,7 +53,7 @@ class Found:
     unimproved: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Try:
     plan: Plan
     table: Table
@@ -62,7 +63,7 @@ class _Try:
     """The tasks of chains that are too long, where no job is late."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Effort:
     """How long to search, in jobs placed, and then to improve; `go_on` is told of jobs placed and the least excess."""
 

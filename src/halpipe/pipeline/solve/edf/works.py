@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
 from halpipe.pipeline.solve.edf.fixed import Fixed
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -30,7 +31,7 @@ MAX_QUANTA = 10**6
 """Bounds with a common denominator beyond this are rounded up to this grid, which is safe."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Phase:
     """An access phase: `height` quanta of resource `resource` while [begin, end) is executed."""
 
@@ -40,7 +41,7 @@ class Phase:
     height: int
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Window:
     """A job may start between `least` and `most` after some start (or end) of a job of `task`."""
 
@@ -50,7 +51,7 @@ class Window:
     from_end: bool
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Way:
     """One version on one set of units. Times are ticks; `length` is L(wcet), what a job in one piece reserves.
 
@@ -72,7 +73,7 @@ class Way:
     windows: tuple[Window, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Work:
     """A task of the mode: its jobs are released `phase` + j `period`, and late after `latest` and `deadline`.
 
@@ -109,7 +110,7 @@ class Work:
         return self.active.task.binding is not Binding.JOB
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Mode:
     """All works of a mode on one grid; `capacity` has the quanta of each resource, `fixed` are jobs that stay."""
 

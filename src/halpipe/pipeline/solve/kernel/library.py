@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from array import array
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +40,12 @@ def bound(name: str, arrays: Arrays, state: State) -> Callable[..., int]:
 
 def _structs(arrays: Arrays, state: State) -> list[Any]:
     lengths = [len(getattr(arrays, array)) for array in COUNTED.values()]
-    return [words([*arrays, *lengths]), words(state)]
+    return [words([*values(arrays), *lengths]), words(values(state))]
+
+
+def values(record: Arrays | State) -> list[Any]:
+    """Return the values of a record in the order of its fields."""
+    return [getattr(record, field.name) for field in fields(record)]
 
 
 def ask(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | None = None) -> int:
@@ -62,9 +68,9 @@ def function(name: str) -> Any:
     return native
 
 
-def words(fields: Iterable[Any]) -> ctypes.Array[ctypes.c_int64]:
+def words(members: Iterable[Any]) -> ctypes.Array[ctypes.c_int64]:
     """Return a struct: the addresses of arrays, and integers. It is good as long as the arrays live."""
-    values = [field if isinstance(field, int) else address(field) for field in fields]
+    values = [member if isinstance(member, int) else address(member) for member in members]
     return (INTEGER * len(values))(*values)
 
 

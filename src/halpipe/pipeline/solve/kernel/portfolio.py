@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.kernel.run_in_slices import advance
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +34,7 @@ LONG, LONGER = 2048, 4
 """Without windows: after so many moves per task, the first makes four times as many as the others together."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Race:
     """What became of the searches: the state of the best one, the moves of all, and whether they were told to stop."""
 

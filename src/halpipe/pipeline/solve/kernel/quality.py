@@ -26,6 +26,7 @@ from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, FROZEN_HINT, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.problem import NO_TICK
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Job
@@ -72,10 +73,10 @@ class _Best:
 
     def tighten(self, **columns: Any) -> None:
         """Tighten the problem to what the placement keeps already."""
-        self.problem = replace(self.problem, arrays=self.arrays._replace(**columns))
+        self.problem = replace(self.problem, arrays=replace(self.arrays, **columns))
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Improved:
     """The improved placement, the problem it is valid for, its units, the moves made, and whether to stop."""
 
@@ -165,7 +166,7 @@ class _Improvement:
         return _Step(state, units, facts["moves"][0], stopped=False)
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class _Step:
     """What one search found, if anything."""
 
@@ -252,7 +253,7 @@ def _fewer_units(best: _Best) -> Wishes:
         while best.arrays.lane_capacity[group] > 0:
             capacity = best.arrays.lane_capacity[:]
             capacity[group] -= 1
-            if not (yield best.arrays._replace(lane_capacity=capacity)):
+            if not (yield replace(best.arrays, lane_capacity=capacity)):
                 break
 
 
@@ -260,7 +261,7 @@ def _less_slack(best: _Best) -> Wishes:
     late = best.arrays.option_late
     for part in (0, 1, 2, 3):
         less = ints(delta * part // 4 for delta in late)
-        if any(late) and (yield best.arrays._replace(option_late=less)):
+        if any(late) and (yield replace(best.arrays, option_late=less)):
             break
 
 
@@ -299,7 +300,7 @@ def _while_granted(best: _Best, limits: Callable[[], Table | None], asked: set[t
     """Ask again and again for such limits, but for none twice."""
     while (wanted := limits()) is not None and tuple(wanted.flat) not in asked:
         asked.add(tuple(wanted.flat))
-        if not (yield best.arrays._replace(chain_limit=wanted)):
+        if not (yield replace(best.arrays, chain_limit=wanted)):
             break
 
 
@@ -364,14 +365,14 @@ def _less_jitter(best: _Best) -> Wishes:
     delays = _delays(best)
     for part in (0, 1, 2, 3):
         less = [delay * part // 4 for delay in delays]
-        if any(delays) and (yield best.arrays._replace(option_late=_lateness(best, less))):
+        if any(delays) and (yield replace(best.arrays, option_late=_lateness(best, less))):
             break
     delays = _delays(best)
     for task in sorted(range(len(delays)), key=lambda task: -delays[task])[:JITTERY]:
         for part in (0, 1):
             now = _delays(best)
             less = [delay * part // 2 if place == task else delay for place, delay in enumerate(now)]
-            if now[task] and (yield best.arrays._replace(option_late=_lateness(best, less))):
+            if now[task] and (yield replace(best.arrays, option_late=_lateness(best, less))):
                 break
 
 
@@ -401,7 +402,7 @@ def _more_margin(best: _Best, plain: Arrays) -> Wishes:
     """Ask for jobs that reserve their units for longer: double the margin while it works, then halve the gap."""
 
     def arrays(steps: int) -> Arrays:
-        return best.arrays._replace(rect=_reserved(plain, best.problem, Fraction(steps, MARGIN_STEPS)))
+        return replace(best.arrays, rect=_reserved(plain, best.problem, Fraction(steps, MARGIN_STEPS)))
 
     found, step = 0, 1
     while found < LARGEST_MARGIN and (yield arrays(found + step)):

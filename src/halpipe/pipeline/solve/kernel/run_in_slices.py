@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints
@@ -41,7 +41,7 @@ class Keeper(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Kept:
     """A keeper and the name under which one search is kept."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
@@ -15,6 +15,7 @@ from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_s
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -29,7 +30,7 @@ MEMBER_SEED = 0x2127599BF4325C37
 """Between the seeds of searches that take turns."""
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Effort:
     """How many searches take turns, and the threads that they share."""
 
@@ -40,7 +41,7 @@ class Effort:
 ALONE = Effort()
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Outcome:
     """What a search came to: all jobs of the mode, valid if `cost` is zero; `changed` shipped tasks could not stay.
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from array import array
 from enum import IntFlag
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.integers import filled
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints
@@ -67,7 +68,8 @@ class Part(IntFlag):
 ALL_PARTS = Part(-1)
 
 
-class State(NamedTuple):
+@record
+class State:
     """Everything that changes: the placement, the profiles, the conflict list, the generator."""
 
     start: Ints  # per job, -1 before its insertion

@@ -6,10 +6,11 @@ only change names.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.integers import filled, ints
+from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.problem import Problem
 
 
-@dataclass(frozen=True, slots=True)
+@record
 class Earlier:
     """Where earlier modes put the jobs: the phase of every periodic task, and the units of every job."""
 

@@ -1,0 +1,298 @@
+"""Back-ends that limit rates and shares, not bytes in windows: QoS-400, MemGuard, resctrl and MPAM."""
+
+import json
+import re
+from fractions import Fraction
+from math import ceil
+
+import pytest
+from regulator_samples import (
+    DIGEST,
+    PLATFORM,
+    build,
+    files,
+    made,
+    nearly_all,
+    one_mode,
+    platform,
+    platform_file,
+    two_units,
+)
+
+from halpipe.diagnostics import HalpipeError
+from halpipe.exporters.regulator import codes
+from halpipe.exporters.regulator.backends import backend
+from halpipe.exporters.regulator.backends.base import falls_first
+from halpipe.exporters.regulator.owners import Free, outward
+from halpipe.exporters.regulator.platform import read_platform
+from support import access, job, mode, model, task, version
+
+# ------------------------------------------------------------------------------------------------------ QoS-400
+
+
+def steps(script):
+    lines = re.findall(r"qos (\w+):(\S+)", script.decode())
+    names = {"ar_r": "read", "aw_r": "write"}
+    pairs = [(port, *text.split("=")) for port, several in lines for text in several.split(",")]
+    return {(port, names[name]): int(value) for port, name, value in pairs if name in names}
+
+
+def test_rates_are_rounded_up_and_never_zero(tmp_path):
+    written = files(tmp_path, "qos400")
+    rate = Fraction(6_400_000 * 4096, 64 * 10**6)  # steps of a bound of 1
+    assert steps(written["0-fast.sh"]) == {
+        ("afifm2", "read"): -(-rate // 4), ("afifm2", "write"): 1, ("afifm3", "read"): 1, ("afifm3", "write"): 1,
+    }  # fmt: skip
+    assert steps(written["1-slow.sh"])["afifm3", "read"] == -(-rate * 3 // 10)
+
+
+def test_a_rate_beyond_twelve_bits_is_refused(tmp_path):
+    found = made(tmp_path, "qos400", qos400="{clock: 25kHz}")[1]
+    errors = [d for d in found if d.is_error]
+    assert {d.code for d in errors} == {codes.RATE_DOES_NOT_FIT.id}
+    assert errors[0].message == "read rate 1.6MB/s is more than the 1.599609MB/s that the register holds"
+
+
+def test_rates_that_do_not_all_fit_rounded_up_are_reported(tmp_path):
+    # A step is 156250 B/s; the rates are 21.82 and 17.86 steps, and two ports that only have the lowest: 40 fit.
+    rates = {"capacity": "6.4MB/s", "guaranteed": "6.2MB/s"}
+    found = made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates)[1]
+    assert [(d.code, d.path) for d in found] == [(codes.RATE_DOES_NOT_FIT.id, 'mode "all"')]
+    assert "comes to 6.5625MB/s, there is room for 6.144MB/s" in found[0].message  # a transfer of each is kept
+    capacity = found[0].help.split('"capacity: ')[1].split('"')[0]
+    assert made(tmp_path, "qos400", nearly_all, qos400="{clock: 10MHz}", **rates | {"capacity": capacity})[1] == []
+
+
+def test_one_rate_for_a_mode_needs_the_largest_bounds_of_all_units_to_fit(tmp_path):
+    found = made(tmp_path, "qos400", two_units, capacity="8MB/s")[1]
+    (peak,) = [d for d in found if d.is_error]
+    assert peak.code == codes.RATE_DOES_NOT_FIT.id
+    assert "u1 read 1.609375MB/s for 1.6MB/s" in peak.message
+    assert "u2 write 3.203125MB/s for 3.2MB/s" in peak.message
+    assert "granularity: phase" in peak.help
+
+
+def test_phases_change_the_rates_when_the_bounds_change(tmp_path):
+    text = files(
+        tmp_path, "qos400", two_units, qos400="{clock: 2MHz, granularity: phase}", capacity="16MB/s", bus="512bit"
+    )["qos400.h"].decode()
+    values = [
+        (int(at), int(a, 16), int(v, 16) >> 20) for at, a, v in re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
+    ]
+    read2 = [(at, r) for at, address, r in values if address == 0xFD74A100 + 0x2C]
+    full = -(-6_400_000 * 4096 // (64 * 2 * 10**6))
+    assert read2 == [(0, 1), (0, full), (10**6, 1)][-len(read2) :]
+
+
+def test_rates_fall_before_others_rise(tmp_path):
+    changes = {"qos400": "{clock: 2MHz, granularity: phase}", "capacity": "16MB/s", "bus": "512bit"}
+    text = files(tmp_path, "qos400", two_units, **changes)["qos400.h"].decode()
+    written = re.findall(r"\{(\d+)u, (0x\w+)u, (0x\w+)u\}", text)
+    now, falls = {}, {}
+    for at, address, value in ((at, address, int(value, 16)) for at, address, value in written):
+        if address in now:
+            falls.setdefault(at, []).append(value < now[address])
+        now[address] = value
+    assert any(len(set(order)) == 2 for order in falls.values())
+    assert all(order == sorted(order, reverse=True) for order in falls.values())
+
+
+def test_ports_must_be_those_of_the_chip(tmp_path):
+    for port, expected in (("afifm2", []), ("afifm7", [codes.NO_MANAGER.id]), ("", [codes.NO_MANAGER.id])):
+        text = PLATFORM.replace("port: afifm2, ", f"port: {port}, " if port else "")
+        found = made(tmp_path, "qos400", text=text)[1]
+        assert [d.code for d in found if d.is_error] == expected
+    assert "afifm0" in found[0].help
+
+
+# ---------------------------------------------------------------------------------------------- MemGuard, resctrl
+
+
+def limits(script):
+    """The lines that a script leaves behind, for reads and for writes."""
+    return dict(re.findall(r"^put (\w+)_limit '([0-9 ]+)'$", script.decode(), re.MULTILINE))
+
+
+@pytest.mark.parametrize("backs", ["0", "0.5", "1"])
+def test_memguard_counts_lines_per_period_rounded_up_with_what_they_write_back(tmp_path, backs):
+    script = files(tmp_path, "memguard", memguard=f"{{line: 60B, write-backs: {backs}}}")["1-slow.sh"]
+    read = ceil(Fraction(3, 10) * 6400 / 60)
+    write = ceil(Fraction(1, 10) * 6400 / 60) + ceil(Fraction(backs) * read)
+    assert limits(script) == {"read": f"1 {read}", "write": f"1 {write}"}
+
+
+def test_memguard_gives_every_core_of_the_machine_a_limit(tmp_path):
+    script = files(tmp_path, "memguard", memguard="{cores: 4}")
+    assert limits(script["0-fast.sh"]) == {"read": "25 1 1 1", "write": "25 1 1 1"}
+    assert '"$(nproc --all)" = 4' in script["setup.sh"].decode()
+    found = made(tmp_path, "memguard", memguard="{cores: 1}")[1]
+    assert [(d.code, d.path) for d in found] == [(codes.NO_MANAGER.id, 'unit "u2"')]
+
+
+def test_memguard_with_all_write_backs_may_not_fit_and_names_the_ratio(tmp_path):
+    (found, *_) = made(tmp_path, "memguard", bus="64bit", capacity="6.4MB/s", guaranteed="6.4MB/s", sample=nearly_all)[
+        1
+    ]
+    assert (found.code, "write-backs" in found.help) == (codes.RATE_DOES_NOT_FIT.id, True)
+
+
+def test_memguard_takes_no_period_that_stalls_its_cores(tmp_path):
+    found = made(tmp_path, "memguard", window="100us", capacity="16MB/s")[1]
+    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+    assert "period: 1000us" in found[0].help
+    script = files(tmp_path, "memguard", window="100us", memguard="{period: 2ms}")
+    assert "g_period_us=2000" in script["setup.sh"].decode()
+    assert limits(script["0-fast.sh"])["read"] == "50 1"  # 1.6 MB/s are 50 lines in 2 ms
+
+
+def test_memguard_wants_a_number_for_every_core(tmp_path):
+    for number, expected in (
+        (1, []),
+        (0, [codes.SHARED_MANAGER.id]),
+        (3, [codes.NO_MANAGER.id]),
+        (None, [codes.NO_MANAGER.id]),
+    ):
+        text = PLATFORM.replace("core: 1", f"core: {number}" if number is not None else "core: 1").replace(
+            "core: 1, " if number is None else "\0", ""
+        )
+        assert [d.code for d in made(tmp_path, "memguard", text=text)[1] if d.is_error] == expected
+
+
+def test_memguard_counts_whole_microseconds(tmp_path):
+    found = made(tmp_path, "memguard", clock="3MHz", window="1000")[1]
+    assert [d.code for d in found if d.is_error] == [codes.RATE_DOES_NOT_FIT.id]
+    assert "period: 1000us" in found[-1].help
+
+
+@pytest.mark.parametrize("name", ["memguard", "resctrl", "mpam"])
+def test_one_limit_per_mode_needs_the_largest_bounds_to_fit(tmp_path, name):
+    found = [d for d in made(tmp_path, name, two_units, capacity="8MB/s")[1] if d.is_error]
+    assert {d.code for d in found} == {codes.RATE_DOES_NOT_FIT.id}
+
+
+def shares(tmp_path, setting, **changes):
+    tables, found = made(tmp_path, "resctrl", resctrl=setting, **changes)
+    return json.loads(json.dumps(backend("resctrl").facts(tables)))["shares"], found
+
+
+def test_resctrl_takes_the_least_step_that_keeps_the_promise(tmp_path):
+    found, warnings = shares(tmp_path, "{kind: intel, min: 10, step: 10}", capacity="6.4MB/s")
+    assert found["slow"] == {"u1": 10, "u2": 40}
+    assert found["fast"]["u1"] == 30  # for 25 per cent
+    assert warnings == []
+
+
+def test_resctrl_with_three_groups_and_the_rest_fits_by_the_next_step(tmp_path):
+    """300, 250 and 200 of 1200 MB/s: 30, 30 and 20 per cent, and 10 for all that is in no group."""
+    rates = {"u1": 300, "u2": 250, "u3": 200}
+    tasks = [task(u, 10, version("v", 5, u, access("mem", 0, 5, Fraction(r, 1200), "read"))) for u, r in rates.items()]
+    system = model(*tasks, units="u1 u2 u3", resources="mem", modes=[mode("m", tasks)])
+    schedule = one_mode(system, 10, *(job(system, u, 0, 0, u) for u in rates))
+    text = PLATFORM + "  u3: {manager: 3, group: three}\n"
+    changes = {"clock": "1GHz", "guaranteed": "1200MB/s", "window": "1ms"}
+    tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", text=text, **changes)
+    found = backend("resctrl").check(tables)
+    assert [(d.code, d.path) for d in found] == [(codes.COARSE_RATE.id, 'mode "m" unit "u2"')]  # 360 for 250
+    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 30, "u2": 30, "u3": 20}}
+    script = backend("resctrl").write(tables, DIGEST)["0-m.sh"].decode()
+    assert "put . 'MB:0=10'" in script
+
+
+@pytest.mark.parametrize("width", [4, 6, 8])
+def test_resctrl_on_arm_takes_the_least_part_that_keeps_the_promise(tmp_path, width):
+    found, _ = shares(tmp_path, f"{{kind: mpam, width: {width}}}", capacity="6.4MB/s")
+    step = max(1, 100 // 2**width)
+
+    def given(percent):
+        return Fraction(max(1, int(Fraction(percent * 2**width, 100) + Fraction(1, 2))), 2**width)
+
+    for percent, share in ((found["fast"]["u1"], Fraction(1, 4)), (found["slow"]["u2"], Fraction(4, 10))):
+        assert given(percent - step) < share <= given(percent)
+
+
+def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
+    script = files(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 2}")["0-fast.sh"].decode()
+    assert "put one 'MB:1=10;0=10;2=10'" in script
+    assert "put . 'MB:1=10;0=10;2=10'" in script
+    found = made(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 1}")[1]
+    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "free"),
+    [
+        ("qos400", "port: afifm3", "port: afifm2", "port: afifm1"),
+        ("resctrl", "group: two", "group: one", "group: one-2"),
+        ("mpam", "partid: 2", "partid: 1", "partid: 2"),
+        ("memguard", "core: 1", "core: 0", "core: 1"),
+    ],
+)
+def test_two_units_cannot_share_what_is_written_for_both(tmp_path, name, old, new, free):
+    found = made(tmp_path, name, text=PLATFORM.replace(old, new))[1]
+    (shared,) = (d for d in found if d.is_error)
+    assert (shared.code, shared.path) == (codes.SHARED_MANAGER.id, 'unit "u2"')
+    assert shared.help.startswith(f'state "{free}", the nearest that is free, or ')
+    better = PLATFORM.replace(old, free)
+    assert [d for d in made(tmp_path, name, text=better)[1] if d.is_error] == []
+
+
+def test_the_nearest_that_is_free_is_another_for_each(tmp_path):
+    several = Free([3, 3, 3, 5], outward(range(6)))
+    assert [several.nearest(3) for _ in range(5)] == [2, 4, 1, 0, None]
+    assert Free([1, 0], outward(range(2))).help("core", 1) == "model what shares a core as one unit; no core is free"
+    units = "  u1: {manager: 1}\n  u2: {manager: 1}\n  u3: {manager: 1}\n"
+    text = re.sub(r"(?s)units:\n.*", f"units:\n{units}", PLATFORM)
+    for managers, expected in ((8, ["manager: 0", "manager: 2"]), (2, ["manager: 0", ""])):
+        path = platform_file(tmp_path, text=f"{text}backend: axi-realm\naxi-realm: {{managers: {managers}}}\n")
+        with pytest.raises(HalpipeError) as refused:
+            read_platform(str(path))
+        named = [re.search(r'"(.*)", the nearest', d.help) for d in refused.value.diagnostics]
+        assert [match[1] if match else "" for match in named] == expected
+
+
+def test_mpam_needs_partitions_that_the_component_has(tmp_path):
+    for partid, code in (("0", codes.NO_MANAGER.id), ("32", codes.DOES_NOT_FIT.id)):
+        found = made(tmp_path, "mpam", text=PLATFORM.replace("partid: 2", f"partid: {partid}"))[1]
+        assert [d.code for d in found if d.is_error] == [code]
+
+
+def test_mpam_writes_the_least_parts_with_a_hard_limit(tmp_path):
+    lines = files(tmp_path, "mpam", mpam="{width: 4}")["1-slow.txt"].decode().splitlines()
+    words = [tuple(int(word, 16) for word in line.split()) for line in lines if not line.startswith("#")]
+    assert words[-3:] == [(0x100, 2), (0x208, 0x80002FFF), (0x200, 0x2FFF)]  # 2.56 of 16 MB/s: 3 of 16 parts
+
+
+def test_rate_back_ends_are_not_refused_for_windows_that_they_do_not_have(tmp_path):
+    """Half a burst per window that no budget can hold is no matter for one rate per unit."""
+    changes = {"guaranteed": "6.42MB/s", "capacity": "6.43MB/s", "burst": "3312B", "bus": "128bit"}
+    with pytest.raises(HalpipeError):
+        build(tmp_path, *nearly_all(), backend_name="table", **changes)
+    assert build(tmp_path, *nearly_all(), backend_name="memguard", **changes)[0].tables[0].rounding == "whole"
+
+
+def test_resctrl_on_amd_counts_eighths_of_a_gigabyte(tmp_path):
+    a = task("a", 10, version("v", 5, "u1", access("mem", 0, 5, "0.25", "read")))
+    system = model(a, units="u1 u2", resources="mem", modes=[mode("m", [a])])
+    schedule = one_mode(system, 10, job(system, "a", 0, 0, "u1"))
+    changes = {"clock": "1GHz", "guaranteed": "4.3GB/s", "capacity": None, "resctrl": "{kind: amd}"}
+    tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", **changes)
+    assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 9, "u2": 1}}  # 1.075 GB/s are 8.6 eighths
+
+
+def test_resctrl_needs_groups(tmp_path):
+    text = PLATFORM.replace(", group: two", "")
+    found = made(tmp_path, "resctrl", text=text)[1]
+    assert [(d.code, d.path) for d in found if d.is_error] == [(codes.NO_MANAGER.id, 'unit "u2"')]
+
+
+def test_platform_settings_are_kept_with_their_defaults(tmp_path):
+    assert platform(tmp_path, resctrl="{min: 5}").settings["resctrl"] == {
+        "kind": "intel", "domain": "0", "others": "", "min": "5", "step": "", "width": "8",
+    }  # fmt: skip
+
+
+def test_settings_fall_to_what_all_before_have_and_rise_then():
+    before = [{"a": 5, "b": 1}, {"a": 2, "b": 4}]
+    assert falls_first(before, {"a": 3, "b": 1}) == [("a", 2), ("b", 1), ("a", 3)]
+    assert falls_first([], {"a": 3}) == [("a", 3)]
+    assert falls_first([{"a": 1}], {"a": 3}) == [("a", 3)]  # nothing is above it that has to fall
