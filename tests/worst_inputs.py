@@ -166,6 +166,8 @@ WORST = {
     "btf: events": (COMPARE, "t.btf", lambda n: times(n, "{i},C,0,T,t{i},0,start\n", "#version 2.1.0\n")),
     "trace: events": (COMPARE, "t.json", lambda n: times(n, '{"name":"t{i}","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),
     "btf: a job": (COMPARE, "t.btf", lambda n: times(n, "{i},u,0,T,a,0,start\n{i},u,0,T,a,0,terminate\n", "#version 2.1.0\n#timeScale ns\n")),
+    "btf: a late instant": (COMPARE, "t.btf", lambda n: times(n, "{i},u,0,T,a,0,start\n{i},u,0,T,a,0,terminate\n", "#version 2.1.0\n#timeScale ns\n", f"{10**25},u,0,T,a,0,start\n{10**25},u,0,T,a,0,terminate\n")),
+    "csv: gaps": (COMPARE, "t.csv", lambda n: times(n, "a,{i}000000000,{i}000000001\n", "task,start,end\n")),
     "csv: one task": (COMPARE, "t.csv", lambda n: times(n, "a,{i},1{i}\n", "task,start,end\n")),
     "csv: columns": (COMPARE, "t.csv", lambda n: times(n, "c{i},", "task,start,end,")),
     "trace: one task": (COMPARE, "t.json", lambda n: times(n, '{"name":"a","ph":"X","ts":{i},"dur":1,"pid":1,"tid":1},', '{"traceEvents":[', "{}]}")),

@@ -449,9 +449,11 @@ def test_without_rights_only_order_and_completeness_count():
     assert found(owner, tables, late, is_timed=False) == []
 
 
-@pytest.mark.parametrize(
-    "data", [b"", b"a,b\n", b"task,job,mode,cycle,start,end,units,busy,planned\n", b"\xff", b"a" * 200_000]
-)
+ROW = b"task,job,mode,cycle,start,end,units,busy,planned\na,0,m,%d,0,1,u,1,0\n"
+DAMAGED = [b"", b"a,b\n", ROW.splitlines()[0], b"\xff", b"a" * 200_000, ROW % 10**20, ROW % -1]
+
+
+@pytest.mark.parametrize("data", DAMAGED)
 def test_recordings_that_cannot_be_read(data):
     with pytest.raises(HalpipeError) as caught:
         read_recording(data)

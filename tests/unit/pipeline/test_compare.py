@@ -150,6 +150,40 @@ def test_a_job_that_did_not_run(stated):
     assert "cycle 1" in missing.message
 
 
+def after_a_gap(cycles):
+    """The race, nothing for some cycles, and the race again."""
+    race = [("race", RACE)]
+    return [*play(race, stated=False), *play(race, RACE.hyperperiod * (1 + cycles), stated=False)]
+
+
+@pytest.mark.parametrize("cycles", [1, 7, 249_999])
+def test_jobs_of_silent_cycles_are_missing(cycles):
+    answer = compared(after_a_gap(cycles), mode="race")
+    assert {row.task: row.missing for row in answer.rows} == {"a": 2 * cycles, "b": cycles, "c": cycles}
+
+
+@pytest.mark.parametrize("cycles", [250_001, 10**30])
+def test_a_pause_of_many_cycles_is_told_as_a_whole(cycles):
+    answer = compared(after_a_gap(cycles), mode="race")
+    assert {row.task: row.missing for row in answer.rows} == {"a": 0, "b": 0, "c": 0}
+    (pause,) = [d for d in answer.diagnostics if d.severity is Severity.ERROR]
+    assert pause.code == codes.PAUSE.id
+    assert f"nothing ran in the {cycles} cycles after cycle 0" in pause.message
+
+
+def test_of_several_gaps_the_longest_are_pauses():
+    race, gaps = [("race", RACE)], [3, 10**12, 2, 10**9]
+    seen, now = play(race, stated=False), 1
+    for gap in gaps:
+        seen += play(race, RACE.hyperperiod * (now + gap), stated=False)
+        now += gap + 1
+    answer = compared(seen, mode="race")
+    assert {row.task: row.missing for row in answer.rows} == {"a": 10, "b": 5, "c": 5}
+    (pause,) = [d for d in answer.diagnostics if d.code == codes.PAUSE.id]
+    assert "1000000000000 cycles after cycle 4" in pause.message
+    assert "2 times" in pause.message
+
+
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_job_that_ran_twice(stated):
     seen = play([("race", RACE)] * 3, stated=stated)

@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 _COLUMNS = ("task", "job", "mode", "cycle", "start", "end", "units", "busy", "planned")
 
 
+MOST_CYCLES = 10_000_000
+"""A year of cycles of 3 s; the largest number in a recording is also how many are looked at."""
+
+
 class Ran(NamedTuple):
     """A recorded job; times are nanoseconds from the first instant on."""
 
@@ -57,6 +61,8 @@ def read_recording(data: bytes) -> list[Ran]:
         if tuple(rows[0]) != _COLUMNS:
             raise ValueError("other columns")
         found = [Ran(r[0], int(r[1]), r[2], int(r[3]), int(r[4]), int(r[5]), int(r[8])) for r in rows[1:]]
+        if wrong := next((ran.cycle for ran in found if not 0 <= ran.cycle < MOST_CYCLES), None):
+            raise ValueError(f"there is no cycle {wrong}")
     except (ValueError, IndexError, csv.Error) as failure:
         text = f"the recording cannot be read: {failure}"
         raise HalpipeError(codes.NOT_RUN(text, help="export the bundle again")) from None

@@ -62,6 +62,12 @@ OUTSIDE_PARTS = error(
     "A job with gaps runs in its parts only. One that goes on earlier, or pauses later, is inside its next piece when "
     "another job of the unit comes: a target holds it at the end of a part until the next one begins.",
 )
+PAUSE = error(
+    "HAL1114",
+    "Nothing ran for many cycles",
+    "Between two executions of the trace lie so many silent cycles of the schedule that their jobs are not counted one "
+    "by one. The recording was interrupted, an instant in it is wrong, or its unit of time is another.",
+)
 ALIGNED = note(
     "HAL1112",
     "Trace and schedule were laid onto each other",

@@ -54,10 +54,20 @@ class Judge:
             path = _job(table.name, job)
             message = f"did not run at {start} (cycle {cycle})"
             self._add(codes.MISSING_JOB, path, ZERO, message, job.at, "check whether the trace lost events")
+        self._pauses(matching)
         for execution in matching.extra:
             message = f"ran at {execution.start} of the trace, where no job of it is due"
             self._add(codes.EXTRA_JOB, about(task=execution.task), ZERO, message, execution.at, "check who starts it")
         self._order(matching)
+
+    def _pauses(self, matching: Matching) -> None:
+        first = {match.cycle: match for match in reversed(matching.matches)} if matching.pauses else {}
+        for before, after in matching.pauses:
+            match, silent = first[after], after - before - 1
+            message = f"nothing ran in the {silent} cycles after cycle {before}, whose jobs are not counted as missing"
+            help = "compare the pieces before and after it, or correct the instants and their unit"
+            path, length = about(mode=match.table.name), match.table.length * silent
+            self._add(codes.PAUSE, path, length, message, match.execution.at, help)
 
     def _start(self, match: Match) -> None:
         late = lateness(match, self.origin)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from bisect import bisect_left
-from dataclasses import replace
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     from halpipe.models import Job
     from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.expected import Played, Table
+
+MOST_SILENT = 1_000_000
+"""Jobs of cycles in which nothing ran that are counted as missing, one by one."""
 
 SAMPLE = 2000
 """Executions by which the zero of the schedule is sought; more would not change it and cost time."""
@@ -49,11 +53,15 @@ class Match:
 
 @record
 class Matching:
-    """All matches, by scheduled start; what ran without being scheduled; and what was scheduled and did not run."""
+    """All matches, by scheduled start; what ran without being scheduled; and what was scheduled and did not run.
+
+    A pause is the last cycle in which something ran, and the next one, where too many lie between them.
+    """
 
     matches: list[Match]
     extra: list[Execution]
     missing: list[tuple[Table, int, Job, Duration]]
+    pauses: list[tuple[int, int]] = field(default_factory=list)
 
 
 Key = tuple[int, str, int]
@@ -101,13 +109,33 @@ def match_nearest(executions: Sequence[Execution], table: Table, origin: Duratio
         job = table.jobs[execution.task][position]
         _keep(best, Match(execution, table, cycle, job, table.length * cycle + job.start), origin, extra)
     cycles = sorted({cycle for cycle, _, _ in best})
+    pauses = _pauses(cycles, sum(map(len, table.jobs.values())))
     expected = (
         (table, cycle, job, table.length * cycle + job.start)
-        for cycle in (range(cycles[0], cycles[-1] + 1) if cycles else ())
+        for cycle in _without(cycles, pauses)
         for jobs in table.jobs.values()
         for job in jobs
     )
-    return _complete(best, extra, expected, executions, origin)
+    return replace(_complete(best, extra, expected, executions, origin), pauses=pauses)
+
+
+def _pauses(cycles: Sequence[int], jobs: int) -> list[tuple[int, int]]:
+    """Return between which cycles so many are silent that their jobs are not counted: the longest of all gaps."""
+    pauses, left = [], MOST_SILENT // max(1, jobs)
+    for before, after in sorted(itertools.pairwise(cycles), key=lambda gap: (gap[1] - gap[0], gap)):
+        left -= after - before - 1
+        if left < 0:
+            pauses.append((before, after))
+    return sorted(pauses)
+
+
+def _without(cycles: Sequence[int], pauses: Sequence[tuple[int, int]]) -> Iterator[int]:
+    """Yield all cycles from the first to the last but those of the pauses."""
+    if cycles:
+        begins = [cycles[0], *(after for _, after in pauses)]
+        ends = [*(before for before, _ in pauses), cycles[-1]]
+        for begin, end in zip(begins, ends, strict=True):
+            yield from range(begin, end + 1)
 
 
 def _nearest(ring: Sequence[int | Fraction], at: int | Fraction, period: int | Fraction) -> tuple[int, int]:
