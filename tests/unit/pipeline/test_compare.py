@@ -156,13 +156,13 @@ def after_a_gap(cycles):
     return [*play(race, stated=False), *play(race, RACE.hyperperiod * (1 + cycles), stated=False)]
 
 
-@pytest.mark.parametrize("cycles", [1, 7, 249_999])
+@pytest.mark.parametrize("cycles", [1, 7, 24_999])
 def test_jobs_of_silent_cycles_are_missing(cycles):
     answer = compared(after_a_gap(cycles), mode="race")
     assert {row.task: row.missing for row in answer.rows} == {"a": 2 * cycles, "b": cycles, "c": cycles}
 
 
-@pytest.mark.parametrize("cycles", [250_001, 10**30])
+@pytest.mark.parametrize("cycles", [25_001, 10**30])
 def test_a_pause_of_many_cycles_is_told_as_a_whole(cycles):
     answer = compared(after_a_gap(cycles), mode="race")
     assert {row.task: row.missing for row in answer.rows} == {"a": 0, "b": 0, "c": 0}

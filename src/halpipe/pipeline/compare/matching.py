@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.expected import Played, Table
 
-MOST_SILENT = 1_000_000
+MOST_SILENT = 100_000
 """Jobs of cycles in which nothing ran that are counted as missing, one by one."""
 
 SAMPLE = 2000
