@@ -9,7 +9,6 @@ from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-    from fractions import Fraction
 
 
 class Interval(NamedTuple):
@@ -17,7 +16,7 @@ class Interval(NamedTuple):
 
     start: int
     length: int
-    height: Fraction | int
+    height: int
 
 
 class Step(NamedTuple):
@@ -25,12 +24,12 @@ class Step(NamedTuple):
 
     begin: int
     end: int
-    level: Fraction | int
+    level: int
 
 
 def sweep(intervals: Iterable[Interval], period: int) -> list[Step]:
     """Return the sum of `intervals` as steps that cover [0, period) in order."""
-    changes: dict[int, Fraction | int] = {0: 0}
+    changes: dict[int, int] = {0: 0}
     for start, length, height in intervals:
         rounds, rest = divmod(length, period)
         begin, end = start % period, start % period + rest
@@ -41,7 +40,7 @@ def sweep(intervals: Iterable[Interval], period: int) -> list[Step]:
             end -= period
         changes[end] = changes.get(end, 0) - height
     times = sorted(time for time in changes if time < period)
-    level: Fraction | int = 0
+    level = 0
     steps = []
     for begin, end in zip(times, [*times[1:], period], strict=True):
         level += changes[begin]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import TaskModel
     from halpipe.pipeline.jobs import ActiveTask
+    from halpipe.pipeline.measure.circle import Step
     from halpipe.pipeline.measure.placement import PlacedJob, Placement
 
 WEIGHT_OCCUPANCY = Fraction(2, 5)
@@ -39,7 +40,7 @@ def cost_terms(model: TaskModel, placement: Placement) -> CostTerms:
     unit = _wrong_units(placement)
     occupancy = _empty_units(model, placement)
     timeliness = _timeliness(placement)
-    penalty = overlap + access * _bound_quanta(placement) + precedence + unit
+    penalty = overlap + access * placement.quanta + precedence + unit
     bonus = WEIGHT_OCCUPANCY * occupancy + WEIGHT_TIMELINESS * timeliness
     return CostTerms(
         total=penalty - bonus,
@@ -52,16 +53,9 @@ def cost_terms(model: TaskModel, placement: Placement) -> CostTerms:
     )
 
 
-def _bound_quanta(placement: Placement) -> int:
-    """Return w_ac: the common denominator of all bounds, which makes the smallest excess count at least 1."""
-    versions = (version for active in placement.expansion.tasks for version in active.versions)
-    return math.lcm(*(access.bound.denominator for version in versions for access in version.accesses))
-
-
-def _excess(intervals: Iterable[Interval], period: int) -> Fraction:
-    """Return the integral of (sum of heights - 1)+ over the circle."""
-    steps = sweep(intervals, period)
-    return Fraction(sum((s.end - s.begin) * (s.level - 1) for s in steps if s.level > 1))
+def _excess(steps: Iterable[Step], capacity: int) -> int:
+    """Return the integral of (level - capacity)+ over the circle."""
+    return sum((s.end - s.begin) * (s.level - capacity) for s in steps if s.level > capacity)
 
 
 def _overlap(placement: Placement) -> int:
@@ -71,18 +65,12 @@ def _overlap(placement: Placement) -> int:
         for unit in dict.fromkeys(job.units):
             intervals = by_unit.setdefault(unit, [])
             intervals += [Interval(start, end - start, 1) for start, end in job.occupations()]
-    return int(sum(_excess(intervals, placement.hyperperiod) for intervals in by_unit.values()))
+    return sum(_excess(sweep(intervals, placement.hyperperiod), 1) for intervals in by_unit.values())
 
 
 def _access_excess(placement: Placement) -> Fraction:
     """Return p_ac: the integral of (sum of bounds - 1)+ over all resources."""
-    by_resource: dict[str, list[Interval]] = {}
-    for job in placement.jobs:
-        for access, begin, end in job.phases:
-            phase = Interval(job.start + begin, end - begin, access.bound)
-            by_resource.setdefault(access.resource, []).append(phase)
-    excesses = (_excess(intervals, placement.hyperperiod) for intervals in by_resource.values())
-    return sum(excesses, Fraction(0))
+    return Fraction(sum(_excess(steps, placement.quanta) for steps in placement.claims.values()), placement.quanta)
 
 
 def _window_distances(placement: Placement) -> int:
@@ -172,28 +160,29 @@ def _timeliness(placement: Placement) -> Fraction:
 
     The mean is cut to `TIMELINESS_DIGITS`, because its exact denominator grows with every period and slack.
     """
-    scores: list[Fraction] = []
+    total, jobs = Fraction(0), 0
     for active in placement.expansion.tasks:
         if active.task.period is not None:
-            scores += _task_timeliness(active, placement)
-    if not scores:
-        return Fraction(1)
-    mean = sum(scores, Fraction(0)) / len(scores)
+            total += _task_timeliness(active, placement)
+            jobs += len(placement.by_task[active.name])
+    mean = total / jobs if jobs else Fraction(1)
     return Fraction(math.floor(mean * 10**TIMELINESS_DIGITS), 10**TIMELINESS_DIGITS)
 
 
-def _task_timeliness(active: ActiveTask, placement: Placement) -> list[Fraction]:
+def _task_timeliness(active: ActiveTask, placement: Placement) -> Fraction:
+    """Return the sum of the scores of a task's jobs."""
     jobs = placement.by_task[active.name]
     period = active.task.period
     if period is None or not jobs:
-        return []
+        return Fraction(0)
     slack = period * active.task.slack / placement.tick
     hyperperiod = placement.hyperperiod
     offsets = sorted((job.start - job.index * (period // placement.tick)) % hyperperiod for job in jobs)
     phase = latest_phase(offsets, hyperperiod)
     if active.task.offset is not None:
         phase = active.task.offset % period // placement.tick
-    late = (Fraction((offset - phase) % hyperperiod) for offset in offsets)
+    late = ((offset - phase) % hyperperiod for offset in offsets)
     if not slack:
-        return [Fraction(int(delta == 0)) for delta in late]
-    return [max(Fraction(0), 1 - delta / slack) for delta in late]
+        return Fraction(sum(delta == 0 for delta in late))
+    scores = (max(0, slack.numerator - delta * slack.denominator) for delta in late)
+    return Fraction(sum(scores), slack.numerator)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
 from halpipe.models import ModeSchedule, ResourceLoad, Status, UnitLoad
-from halpipe.pipeline.measure.circle import Interval, sweep
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
@@ -47,15 +46,11 @@ def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
 
 
 def _resource_loads(model: TaskModel, placement: Placement) -> tuple[ResourceLoad, ...]:
-    phases: dict[str, list[Interval]] = {resource.name: [] for resource in model.resources}
-    for job in placement.jobs:
-        for access, begin, end in job.phases:
-            phases[access.resource].append(Interval(job.start + begin, end - begin, access.bound))
     loads = []
-    for name, intervals in phases.items():
-        steps = sweep(intervals, placement.hyperperiod) if placement.hyperperiod else []
-        peak = Fraction(max((step.level for step in steps), default=0))
-        area = Fraction(sum((step.end - step.begin) * step.level for step in steps))
+    for resource in model.resources:
+        steps = placement.claims.get(resource.name, [])
+        peak = Fraction(max((step.level for step in steps), default=0), placement.quanta)
+        area = Fraction(sum((step.end - step.begin) * step.level for step in steps), placement.quanta)
         mean = area / placement.hyperperiod if steps else Fraction(0)
-        loads.append(ResourceLoad(resource=name, peak=peak, mean=mean))
+        loads.append(ResourceLoad(resource=resource.name, peak=peak, mean=mean))
     return tuple(loads)

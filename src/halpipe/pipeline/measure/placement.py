@@ -5,6 +5,7 @@ This is the one place of the pipeline that works out when a placed job occupies 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from halpipe.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Part
 from halpipe.pipeline.jobs import natural_tick
+from halpipe.pipeline.measure.circle import Interval, sweep
 from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
 from halpipe.records import record
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from halpipe.models import Access, Job, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.measure.circle import Step
     from halpipe.pipeline.parts import Service
 
 
@@ -104,6 +107,22 @@ class Placement:
         for job in self.jobs:
             jobs[job.active.name].append(job)
         return jobs
+
+    @cached_property
+    def quanta(self) -> int:
+        """The common denominator of all bounds: in how many equal parts every resource is shared (w_ac of the cost)."""
+        versions = (version for active in self.expansion.tasks for version in active.versions)
+        return math.lcm(*(access.bound.denominator for version in versions for access in version.accesses))
+
+    @cached_property
+    def claims(self) -> dict[str, list[Step]]:
+        """How many quanta of each resource that jobs access are claimed, over the hyperperiod."""
+        phases: dict[str, list[Interval]] = {}
+        for job in self.jobs:
+            for access, begin, end in job.phases:
+                height = access.bound.numerator * (self.quanta // access.bound.denominator)
+                phases.setdefault(access.resource, []).append(Interval(job.start + begin, end - begin, height))
+        return {name: sweep(intervals, self.hyperperiod) for name, intervals in phases.items()}
 
 
 def grid_of(expansion: Expansion, jobs: Iterable[Job]) -> Duration:
