@@ -15,7 +15,7 @@ OUT_OF_MEMORY = error(
 )
 
 _NO_MEMORY = ("can't start new thread", "cannot allocate memory", "failed to map segment")
-_OTHERS = (errno.EAGAIN, errno.EMFILE, errno.ENFILE)
+_SCARCE = (errno.EAGAIN, errno.EMFILE, errno.ENFILE)
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF)
 
 
@@ -31,7 +31,7 @@ def told(failure: Exception) -> int:
         return int(Exit.INTERRUPTED)
     if _is_want_of_memory(failure):
         help = "free some, lift the limit on it, use fewer --workers, or split the file"
-        is_other = isinstance(failure, OSError) and failure.errno in _OTHERS
+        is_other = isinstance(failure, OSError) and failure.errno in _SCARCE
         what = "open files, processes or threads" if is_other else "memory"
         output.report([OUT_OF_MEMORY(f"the system gives no more {what}", help=help)])
         return int(Exit.FINDINGS)
@@ -55,7 +55,7 @@ def _tell_usage(failure: Exception) -> int:
 def _is_want_of_memory(failure: Exception) -> bool:
     if isinstance(failure, MemoryError):
         return True
-    if isinstance(failure, OSError) and failure.errno in (errno.ENOMEM, *_OTHERS):
+    if isinstance(failure, OSError) and failure.errno in (errno.ENOMEM, *_SCARCE):
         return True
     return isinstance(failure, (RuntimeError, ImportError, OSError)) and any(
         text in str(failure).lower() for text in _NO_MEMORY

@@ -1,9 +1,8 @@
 """From an expanded mode to the integer arrays the solvers work on. Names end here and indices begin.
 
-Units, gangs, resources and fractional bounds become one thing: a *lane* is a capacity over the hyperperiod (one
-per group of interchangeable units, with the group's size as capacity, and one per resource), and a job under
-an *option* (a version with a choice of groups) is a set of rectangles on lanes. All times are ticks, all heights
-are multiples of the lane's quantum.
+Units, gangs, resources and fractional bounds become one thing: a job under an *option* (a version with a choice of
+groups of units) is a set of rectangles on the lanes. All times are ticks, all heights are multiples of the lane's
+quantum.
 """
 
 from __future__ import annotations
