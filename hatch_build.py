@@ -21,6 +21,9 @@ import build_native
 EXAMPLES = ("roboracer", "platforms")
 """Folders that ``halpipe new --example`` copies."""
 
+MADE = {"out", "__pycache__"}
+"""Folders in them that running an example makes."""
+
 
 class Libraries(BuildHookInterface[Any]):
     """Puts the libraries into the wheel, and the name of the system into that of the wheel."""
@@ -46,8 +49,11 @@ class Libraries(BuildHookInterface[Any]):
         build_data["force_include"].update({str(path): place for place, path in libraries.items()})
         checker = Path(self.root, "docs", "safety", "second_checker.py")
         build_data["force_include"][str(checker)] = "halpipe/selftest/second_checker.py"
-        for example in EXAMPLES:
-            build_data["force_include"][str(Path(self.root, "examples", example))] = f"halpipe/examples/{example}"
+        examples = Path(self.root, "examples")
+        for path in sorted(path for example in EXAMPLES for path in Path(examples, example).rglob("*")):
+            place = path.relative_to(examples)
+            if path.is_file() and not MADE & set(place.parts):
+                build_data["force_include"][str(path)] = f"halpipe/examples/{place.as_posix()}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what the wheel has a copy of."""

@@ -1,6 +1,7 @@
 """The search built for another processor does the same, to the last bit: its aarch64 library, run by an emulator."""
 
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import build_native
@@ -11,7 +12,7 @@ from scheduler_systems import random_problem
 
 from halpipe.pipeline.solve.integers import Table
 from halpipe.pipeline.solve.kernel.kernel import anneal
-from halpipe.pipeline.solve.kernel.library import COUNTED
+from halpipe.pipeline.solve.kernel.library import COUNTED, values
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import new_state
 from profiles import examples
@@ -93,9 +94,9 @@ def content(field):
     return (field.flat if isinstance(field, Table) else field).tobytes()
 
 
-def struct(machine, fields):
-    """Copy fields into the machine; return where their struct is, and where each of them."""
-    places = [field if isinstance(field, int) else machine.put(content(field)) for field in fields]
+def struct(machine, members):
+    """Copy members into the machine; return where their struct is, and where each of them."""
+    places = [field if isinstance(field, int) else machine.put(content(field)) for field in members]
     words = b"".join((place % 2**64).to_bytes(8, "little") for place in places)
     return machine.put(words), places
 
@@ -120,14 +121,14 @@ def test_another_processor_makes_the_same_moves(library):
             return
         machine = Machine(library)
         lengths = [len(getattr(arrays, name)) for name in COUNTED.values()]
-        fixed, _ = struct(machine, [*arrays, *lengths])
+        fixed, _ = struct(machine, [*values(arrays), *lengths])
         before = new_state(arrays, seed, problem.mean_wcet)
-        changing, places = struct(machine, before)
+        changing, places = struct(machine, values(before))
         machine.call("halpipe_anneal", fixed, changing, machine.put(noise.tobytes()), 400)
         native = new_state(arrays, seed, problem.mean_wcet)
         anneal(arrays, native, noise, 400)
         assert native.register != before.register
-        for name, field, place in zip(native._fields, native, places, strict=True):
+        for name, field, place in zip((field.name for field in fields(native)), values(native), places, strict=True):
             if content(field) is not None:
                 assert machine.read(place, len(content(field))) == content(field), name
 
