@@ -311,8 +311,8 @@ class _Builder:
                     most[lane] = max(most.get(lane, 0), count)
             for lane, count in most.items():
                 room[lane] += count * active.jobs
-        # About as many stretches as breakpoints: more find them hardly quicker, and all must be kept up to date.
-        shift = [max(0, self.hyperperiod.bit_length() - r.bit_length()) for r in room]
+        # A stretch for about four breakpoints: shorter ones find them hardly quicker, and all must be kept up to date.
+        shift = [max(0, self.hyperperiod.bit_length() - max(0, r.bit_length() - 2)) for r in room]
         stretches = [((self.hyperperiod - 1) >> s) + 1 for s in shift]
         return {
             "lane_first": ints([0, *itertools.accumulate(3 * r + 4 for r in room)]),
