@@ -85,6 +85,18 @@ def test_ctrl_c_at_any_moment_is_no_traceback(folder):
         assert not [name for name in os.listdir(folder) if name.endswith("tmp")]
 
 
+def test_ctrl_c_while_a_class_is_made_is_no_bug(monkeypatch, capsys):
+    """Python before 3.12 makes a RuntimeError of what is raised in `__set_name__`."""
+
+    class Interrupted:
+        def __set_name__(self, owner, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: lambda **_: type("Made", (), {"x": Interrupted()}))
+    assert invoke(["doctor"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"
+
+
 @pytest.mark.parametrize(
     "failure",
     [

@@ -71,12 +71,11 @@ def invoke(arguments: list[str]) -> int:
         code = _invoke(arguments)
         _flush()
     except KeyboardInterrupt:
-        _say("interrupted")
-        return INTERRUPTED
+        return _interrupted()
     except BrokenPipeError:
         return _ended_by_reader()
     except Exception as failure:  # noqa: BLE001 - the last line of defence: a bug must not show as a traceback
-        return _exit_code(failure)
+        return _interrupted() if _is_interrupt(failure) else _exit_code(failure)
     return code
 
 
@@ -92,6 +91,19 @@ def _invoke(arguments: list[str]) -> int:
         if isinstance(end.__context__, BrokenPipeError):
             raise end.__context__ from None
         raise
+
+
+def _interrupted() -> int:
+    _say("interrupted")
+    return INTERRUPTED
+
+
+def _is_interrupt(failure: BaseException) -> bool:
+    """Whether Ctrl-C is behind a failure: Python before 3.12 raises it from `__set_name__` as a RuntimeError."""
+    behind: BaseException | None = failure
+    while behind is not None and not isinstance(behind, KeyboardInterrupt):
+        behind = behind.__cause__ or behind.__context__
+    return behind is not None
 
 
 def _flush() -> None:
