@@ -35,6 +35,14 @@ def parse_rational(text: str) -> Fraction:
         raise ValueError(f"{quoted(text)} divides by zero") from None
 
 
+def parse_share(text: str) -> Fraction:
+    """Read ``0.35``, ``7/20`` or ``35%`` exactly; raise ``ValueError`` that says what is wrong."""
+    stripped = text.strip()
+    if stripped.endswith("%"):
+        return parse_rational(stripped[:-1]) / 100
+    return parse_rational(stripped)
+
+
 def format_rational(value: Fraction) -> str:
     """Print a rational as an integer, a terminating decimal, or ``n/d`` where no decimal terminates."""
     if value.denominator == 1:

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 import halpipe.cli
+from ctf_writer import ros_trace
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.flow.plan import read_plan
 from halpipe.importers.native import read_model, read_schedule
@@ -27,6 +28,8 @@ DOCS = ROOT / "docs"
 ARXML = ROOT / "tests" / "unit" / "importers" / "arxml_fixtures" / "findings" / "HAL0541-unmapped.arxml"
 ENGINE = ROOT / "tests" / "unit" / "importers" / "arxml_fixtures" / "preemptive.arxml"
 AMXMI = ROOT / "tests" / "unit" / "importers" / "amalthea" / "amalthea_fixtures" / "camera.amxmi"
+
+AUTOWARE = ROOT / "tests" / "unit" / "importers" / "ros_fixtures" / "autoware.yaml"
 
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SAVED_AS = re.compile(r"[Ss]ave (?:it|the overlay) as `([\w.-]+)`")
@@ -114,6 +117,9 @@ def workplace(tmp_path, monkeypatch):
     (tmp_path / "w" / "ecuc" / "cores.arxml").write_text(head + text[begin:])
     shutil.copy(AMXMI, tmp_path / "w" / "camera.amxmi")
     shutil.copy(ENGINE, tmp_path / "w" / "engine.arxml")
+    (tmp_path / "w" / "autoware").mkdir()
+    shutil.copy(AUTOWARE, tmp_path / "w" / "autoware" / "architecture.yaml")
+    ros_trace(switches=True).write(tmp_path / "w" / "drive")
     monkeypatch.chdir(tmp_path / "w")
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{ROOT}:/usr/bin:/bin")
     return tmp_path / "w"

@@ -10,6 +10,7 @@ from halpipe.quantities import (
     format_size,
     parse_bandwidth,
     parse_rational,
+    parse_share,
     parse_size,
     quoted,
 )
@@ -30,6 +31,16 @@ from halpipe.quantities import (
 )
 def test_a_number_is_read_exactly(text, value):
     assert parse_rational(text) == value
+
+
+def test_a_share_may_be_a_percentage():
+    assert [parse_share(text) for text in ("0.35", "7/20", " 35% ", "35 %")] == [Fraction(7, 20)] * 4
+
+
+@pytest.mark.parametrize("text", ["%", "-5%", "5%%", "5%1"])
+def test_what_is_no_share_is_refused(text):
+    with pytest.raises(ValueError, match="not a number; write it as"):
+        parse_share(text)
 
 
 @pytest.mark.parametrize("text", ["", "-1", "+1", ".5", "1.", "1e5", "1/", "0.5/2", "1 /2", "½", "1,5", "nan", "1_0"])

@@ -42,10 +42,10 @@ def print_json(value: Any) -> None:
 
 def parse_step(text: str) -> Fraction:
     """Read the grid of an answer: a share above 0 and up to 1."""
-    from halpipe.quantities import parse_rational
+    from halpipe.quantities import parse_share
 
     try:
-        step = parse_rational(text)
+        step = parse_share(text)
     except ValueError as failure:
         raise typer.BadParameter(str(failure), param_hint="--step") from None
     if not 0 < step <= 1:

@@ -102,11 +102,9 @@ def _percent(share: Fraction) -> str:
 
 
 def _share(option: str, text: str) -> Fraction:
-    from halpipe.quantities import parse_rational
+    from halpipe.quantities import parse_share
 
-    if text.endswith("%"):
-        return _read(option, text[:-1], parse_rational) / 100
-    return _read(option, text, parse_rational)
+    return _read(option, text, parse_share)
 
 
 def _read(option: str, text: str, reader: Callable[[str], _Value]) -> _Value:

@@ -59,7 +59,7 @@ def import_(
         str, typer.Option(metavar="Q", help="ROS: which of the measured durations is the WCET; 1 is the maximum.")
     ] = "1",
     margin: Annotated[
-        str, typer.Option(metavar="SHARE", help="ROS: what is added to it, as a share of it: 0.2 adds a fifth.")
+        str, typer.Option(metavar="SHARE", help="ROS: what is added to it, as a share of it: 0.2 or 20% adds a fifth.")
     ] = "0",
     groups: Annotated[
         str,
@@ -84,7 +84,7 @@ def import_(
     from halpipe.flow.formats import import_model
     from halpipe.importers.account import format_account
     from halpipe.importers.base import ImportOptions, group_rule, quantile_of
-    from halpipe.quantities import parse_rational
+    from halpipe.quantities import parse_share
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if calibrate and source != "ros":
@@ -101,7 +101,7 @@ def import_(
         pieces=_read(pieces, Duration.parse, "--pieces"),
         calibrate=tuple(calibrate or ()),
         quantile=_read(quantile, quantile_of, "--quantile"),
-        margin=_read(margin, parse_rational, "--margin"),
+        margin=_read(margin, parse_share, "--margin"),
         groups=_read(groups, group_rule, "--groups"),
         strict=strict,
     )

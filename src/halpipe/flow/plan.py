@@ -18,7 +18,7 @@ from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
 from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.quantities import parse_rational, whole
+from halpipe.quantities import parse_share, whole
 from halpipe.records import record
 from halpipe.settings import Fields
 
@@ -134,7 +134,7 @@ class _Reader:
             pieces=f.value("pieces", Duration.parse, PIECES),
             calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
             quantile=f.value("quantile", quantile_of, Fraction(1)),
-            margin=f.value("margin", parse_rational, Fraction(0)),
+            margin=f.value("margin", parse_share, Fraction(0)),
             groups=f.value("groups", group_rule, RESOURCES),
             strict=strict is not None and strict.value,
         )

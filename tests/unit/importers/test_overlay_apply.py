@@ -223,6 +223,12 @@ def test_the_drop_list_is_asked_for_any_element_and_marks_its_entries_as_used(tm
     assert diagnostics == ()
 
 
+def test_a_source_that_is_named_stays_where_only_a_glob_drops_it(tmp_path):
+    text = "drop: [/plan/*, /map]\nsources: {/plan/path: {period: 9ms}, /map: {period: 1s}, /plan/s*: {period: 1s}}"
+    use = OverlayUse(overlay(tmp_path, text))
+    assert [use.drops(name) for name in ("/plan/path", "/plan/speed", "/map")] == [False, True, True]
+
+
 def test_entries_that_match_nothing_do_not_hide_each_other(tmp_path):
     text = "drop: [/rvis]\ntasks: {/plan: {drop: true}, /ctrl: {wcet: 1ms}}\nsources: {/scan: {period: 1ms}}"
     _, diagnostics, _ = apply(overlay(tmp_path, text))

@@ -130,6 +130,13 @@ def test_the_overlay_drops_nodes_callbacks_and_topics():
     assert totals == {kind: counts[0] for kind, counts in rows(read("stack.yaml")).items()}
 
 
+def test_what_a_dropped_topic_triggered_is_told_so():
+    imported = read("autoware.yaml", sources={"/sensing/imu/imu_data": "10ms"}, drop={"/planning/trajectory"})
+    (warning,) = found(imported.diagnostics, codes.NO_PERIOD)
+    assert 'the topic that triggers it is left out, "/planning/trajectory"' in warning.message
+    assert 'the period of "/planning/trajectory" under sources' in warning.help
+
+
 def test_groups_hold_on_one_unit_and_executors_are_noted(stack):
     (note,) = found(stack.diagnostics, codes.EXCLUSION)
     assert note.severity is Severity.NOTE

@@ -30,6 +30,7 @@ class OverlayUse:
         self._overlay = overlay
         self._sources = Patterns((stated.value, period) for stated, period in overlay.sources)
         self._drops = Patterns((stated.value, stated) for stated in overlay.drops)
+        self._named_sources = {stated.value for stated, _ in overlay.sources}
         self._tasks = Patterns((entry.pattern, entry) for entry in overlay.tasks)
         self._answers: dict[str, bool] = {}
         self._asked_sources: dict[str, None] = {}
@@ -38,10 +39,15 @@ class OverlayUse:
         self._matched_tasks: set[str] = set()
 
     def drops(self, name: str) -> bool:
-        """Return whether the element `name` is to be left out: listed under ``drop``, or a task with ``drop: true``."""
+        """Return whether the element `name` is to be left out: listed under ``drop``, or a task with ``drop: true``.
+
+        A source that is named stays where only a glob would drop it: its data comes from outside of what is kept.
+        """
         if name not in self._answers:
             listed = [pattern for pattern, _ in self._drops.of(name)]
             self._matched_drops.update(listed)
+            if name in self._named_sources and name not in listed:
+                listed = []
             stated = ((pattern, entry.drop) for pattern, entry in self._tasks.of(name) if entry.drop is not None)
             pattern, drop = next(stated, ("", None))
             dropped = drop is not None and drop.value

@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.importers.ros import codes
+from halpipe.importers.ros.drops import is_plumbing
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Kind
 from halpipe.records import record
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from halpipe.diagnostics import Findings
     from halpipe.importers.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
@@ -19,8 +22,9 @@ if TYPE_CHECKING:
 
 @record
 class Result:
-    """All that the import found, for the account of it."""
+    """All that the import found, for the account of it; `triggers` are the topics of each callback before any drop."""
 
+    triggers: Mapping[str, tuple[str, ...]]
     wiring: Wiring
     activations: Activations
     flow: DataFlow
@@ -70,7 +74,7 @@ def _callbacks(result: Result, findings: Findings, coverage: Coverage) -> None:
 
 
 def _report_without_period(without: list[Callback], result: Result, findings: Findings) -> None:
-    topics = few(_roots(result, without)) or "the topics that trigger them"
+    topics = few([*_roots(result, without), *_dropped_data(result, without)]) or "the topics that trigger them"
     findings.add(
         codes.NO_PERIOD(
             f"{len(without)} without a period are not tasks: {few([callback.name for callback in without])}; "
@@ -89,11 +93,22 @@ def _roots(result: Result, without: list[Callback]) -> list[str]:
     return [topic for topic in topics if not any(wiring.callbacks[name].inputs for name in publishers[topic])]
 
 
+def _dropped_data(result: Result, without: list[Callback]) -> list[str]:
+    """Return the topics that would trigger the callbacks, had they not been dropped."""
+    topics = dict.fromkeys(topic for callback in without for topic in _dropped_inputs(callback, result))
+    return [topic for topic in topics if not is_plumbing(topic)]
+
+
+def _dropped_inputs(callback: Callback, result: Result) -> list[str]:
+    return [topic for topic in result.triggers[callback.name] if topic not in callback.inputs]
+
+
 def _why_no_period(callback: Callback, result: Result) -> str:
     if callback.kind is Kind.SERVICE:
         return "a service is called on demand"
     if not callback.inputs:
-        return "nothing triggers it"
+        dropped = _dropped_inputs(callback, result)
+        return f'the topic that triggers it is left out, "{dropped[0]}"' if dropped else "nothing triggers it"
     return f'no publisher of topic "{callback.inputs[0]}" has a period'
 
 

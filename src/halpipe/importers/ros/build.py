@@ -152,7 +152,8 @@ def _tasks(
     wiring = settled(wiring, activations)
     report_unknown_publishers(wiring, findings)
     flow = order_by_data(wiring, activations, findings)
-    result = Result(wiring, activations, flow)
+    triggers = {callback.name: callback.inputs for callback in part.graph.callbacks}
+    result = Result(triggers, wiring, activations, flow)
     account(result, rates, findings, coverage)
     if not activations.of:
         return None
