@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import os
 import signal
 import subprocess
 from unittest import mock
 
+from typer.main import get_command
+
 import halpipe.cli
 from halpipe.cli import output
+from halpipe.cli.app import COMPLETION, app_for
 
 
 def run_here(folder, *arguments, stdin=""):
@@ -22,6 +26,7 @@ def run_here(folder, *arguments, stdin=""):
         contextlib.chdir(folder),
         mock.patch("sys.argv", ["halpipe", *words]),
         mock.patch("sys.stdin", given),
+        mock.patch("halpipe.cli.app.app_for", _made_once),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
         _own_signals(),
@@ -31,6 +36,16 @@ def run_here(folder, *arguments, stdin=""):
         code = halpipe.cli.invoke(words)
     said = [stream.buffer.getvalue().decode() for stream in (out, err)]
     return subprocess.CompletedProcess(["halpipe", *words], code, *said)
+
+
+def _made_once(arguments):
+    """Stand in for `app_for`: to make the options of a command takes as long as many commands do."""
+    return app_for(arguments) if COMPLETION in os.environ else _command(arguments[0] if arguments else "")
+
+
+@functools.cache
+def _command(verb):
+    return get_command(app_for([verb] if verb else []))
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from importlib.metadata import EntryPoint
 
     from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
     from halpipe.exporters.base import Exporter, ExportOptions
@@ -50,11 +52,17 @@ DEPLOYMENTS = "halpipe.deployments"
 
 def formats(group: str) -> list[str]:
     """Return the names of the installed importers, exporters or kinds of bundles, in order."""
-    return sorted(point.name for point in entry_points(group=group))
+    return sorted(_installed(group))
+
+
+@cache
+def _installed(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name, which takes reading what each installed package says of itself."""
+    return {point.name: point for point in entry_points(group=group)}
 
 
 def _registered(group: str, name: str) -> object:
-    points = {point.name: point for point in entry_points(group=group)}
+    points = _installed(group)
     if name not in points:
         known = sorted(points)
         help = did_you_mean(name, known, "installed: " + ", ".join(known))
