@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -77,6 +78,23 @@ def figures_of(starts, offset=None):
 def test_response_and_jitter_count_from_the_release(starts, offset, response, jitter):
     found = figures_of(starts, offset)
     assert (found["response"], found["jitter"]) == (response, jitter)
+
+
+@pytest.mark.parametrize(("deadline", "margin"), [(None, "5ms"), ("6ms", "1ms"), ("4ms", "-1ms")])
+def test_the_margin_is_what_is_left_of_the_deadline(deadline, margin):
+    made = task("a", "10ms", version("v", "2ms"), slack=1, deadline=deadline)
+    owner = model(made, modes=[mode("m", [made])])
+    jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(("1ms", "14ms"))]
+    assert figures(made, jobs, ms("20ms"))["margin"] == margin
+
+
+def test_a_task_that_polls_responds_to_arrivals():
+    """One that comes just after the start at 1 ms waits for the job at 14 ms."""
+    made = replace(task("a", "10ms", version("v", "2ms"), slack=1), distance=ms("30ms"))
+    owner = model(made, modes=[mode("m", [made])])
+    jobs = [job(owner, "a", index, start, "u1") for index, start in enumerate(("1ms", "14ms"))]
+    found = figures(made, jobs, ms("20ms"))
+    assert (found["response"], found["margin"]) == ("15ms", "15ms")
 
 
 def test_a_scene_without_a_schedule_has_the_model():

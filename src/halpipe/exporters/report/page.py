@@ -117,11 +117,13 @@ class FigureRow:
     task: str
     period: str
     jobs: int
-    response: str
-    response_ms: float
-    jitter: str
-    jitter_ms: float
     gaps: int
+    response: str = ""
+    response_ms: float = 0.0
+    margin: str = ""
+    margin_ms: float = 0.0
+    jitter: str = ""
+    jitter_ms: float = 0.0
 
 
 @record
@@ -309,10 +311,8 @@ def _figures(model: TaskModel, table: ModeSchedule) -> tuple[FigureRow, ...]:
     for position, task in enumerate(model.tasks):
         found = figures(task, by_task.get(task.name, []), table.hyperperiod)
         if found:
-            response, jitter = found.get("response", ""), found.get("jitter", "")
-            times = (response, found.get("response_ms", 0.0), jitter, found.get("jitter_ms", 0.0))
             period = "" if task.period is None else str(task.period)
-            rows.append(FigureRow(tone(position), task.name, period, found["jobs"], *times, found["gaps"]))
+            rows.append(FigureRow(tone=tone(position), task=task.name, period=period, **found))
     return tuple(rows)
 
 

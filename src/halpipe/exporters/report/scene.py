@@ -66,21 +66,38 @@ def jobs_by_task(mode: ModeSchedule) -> dict[str, list[Job]]:
 
 
 def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:
-    """Return the worst response time, start jitter and gaps of a task's jobs in a mode; nothing where it has none."""
+    """Return what a task's jobs come to in a mode; nothing where it has none.
+
+    That is the worst response time, from the release or, of a task that polls, from the arrival; what is left of the
+    deadline then, the margin; start jitter; and gaps.
+    """
     if not jobs:
         return {}
     plain: Plain = {"jobs": len(jobs), "gaps": sum(max(0, len(job.parts) - 1) for job in jobs)}
     if task.period is None:
         return plain
     delays = _delays(task, task.period, jobs, length)
-    response = max(delay + (job.end - job.start) for delay, job in zip(delays, jobs, strict=True))
+    if task.distance is None:
+        response = max(delay + (job.end - job.start) for delay, job in zip(delays, jobs, strict=True))
+    else:
+        response = _response_to_arrivals(jobs, length)
+    margin = (task.deadline or task.distance or task.period) - response
     jitter = max(delays) - min(delays)
     return plain | {
         "response": str(response),
         "response_ms": _ms(response),
+        "margin": str(margin),
+        "margin_ms": _ms(margin),
         "jitter": str(jitter),
         "jitter_ms": _ms(jitter),
     }
+
+
+def _response_to_arrivals(jobs: Sequence[Job], length: Duration) -> Duration:
+    """Return the longest time from the start of a job, which just missed an arrival, to the end of the next."""
+    ordered = sorted(jobs, key=lambda job: job.start.ns)
+    before = [ordered[-1].start - length, *(job.start for job in ordered)]
+    return max(job.end - start for job, start in zip(ordered, before, strict=False))
 
 
 def _delays(task: Task, period: Duration, jobs: Sequence[Job], length: Duration) -> list[Duration]:

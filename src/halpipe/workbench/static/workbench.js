@@ -138,7 +138,7 @@ function fill(body, rows) {
 
 function rowsOf(task) {
   const own = figures(task), {versions, colour, period, deadline} = task;
-  const content = JSON.stringify([versions, colour, period, deadline, own.response, own.jitter, own.gaps]);
+  const content = JSON.stringify([versions, colour, period, deadline, own.response, own.margin, own.jitter, own.gaps]);
   const known = made.get(task.name);
   if (known && known.content === content) return known.rows;
   const rows = versions.map((version, place) => {
@@ -152,7 +152,7 @@ function rowsOf(task) {
     cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
     cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
     cell(row, ...(place ? [] : [field(deadline, {kind: "task", name: task.name, field: "deadline"})]));
-    for (const key of ["response", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
+    for (const key of ["response", "margin", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
     return row;
   });
   made.set(task.name, {content, rows});

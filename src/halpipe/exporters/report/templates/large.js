@@ -18,11 +18,11 @@ for (const canvas of document.querySelectorAll("canvas.viewer")) {
 }
 
 const TABLES = {
-  tasks: {title: "Tasks", heads: ["Task", "Period", "Jobs", "Worst response", "Start jitter", "Gaps"], rows(place) {
+  tasks: {title: "Tasks", heads: ["Task", "Period", "Jobs", "Worst response", "Margin", "Start jitter", "Gaps"], rows(place) {
     return SCENE.tasks.filter(task => task.figures[place].jobs).map(task => {
       const own = task.figures[place];
-      return {cells: [task.name, task.period, own.jobs, own.response || "", own.jitter || "", own.gaps],
-        keys: [task.name, parseFloat(task.period), own.jobs, own.response_ms || 0, own.jitter_ms || 0, own.gaps]};
+      return {cells: [task.name, task.period, own.jobs, own.response || "", own.margin || "", own.jitter || "", own.gaps],
+        keys: [task.name, parseFloat(task.period), own.jobs, own.response_ms || 0, own.margin_ms || 0, own.jitter_ms || 0, own.gaps]};
     });
   }},
   jobs: {title: "Jobs by start", heads: ["Task", "Job", "Start", "End", "Version", "Units"], rows(place) {
