@@ -270,7 +270,7 @@ def _verb(name: str, function: Callable[..., Any]) -> str:
         flags, value = _option(parameter.name, kind, info)
         required_options += [f"{flags[-1]} {value}"] if required else []
         text = " or ".join(f"`{flag} {value}`" if value else f"`{flag}`" for flag in flags)
-        default = "required" if required else _default(parameter.default, info)
+        default = "required" if required else _default(parameter.default, info, flags)
         options.append(f"| {text} | {_escaped(info.help)} | {default} |")
     usage += [*required_options, "[OPTIONS]"]
     parts = [f"## halpipe {name}", *_doc(function), f"```\n{' '.join(usage)}\n```"]
@@ -287,16 +287,18 @@ def _option(name: str, kind: Any, info: Any) -> tuple[list[str], str]:
     inner = next((part for part in get_args(kind) if part is not type(None)), kind)  # X | None
     inner = get_args(inner)[0] if get_origin(inner) is list else inner
     if inner is bool:
-        return flags, ""
+        return flags if stated else [long, "--no-" + long.removeprefix("--")], ""
     if isinstance(inner, type) and issubclass(inner, Enum):
         return flags, info.metavar or "\\|".join(member.value for member in inner)
     words = {int: "INTEGER", float: "NUMBER", str: "TEXT"}
     return flags, info.metavar or words[inner]
 
 
-def _default(value: Any, info: Any) -> str:
+def _default(value: Any, info: Any, flags: list[str]) -> str:
     if isinstance(info.show_default, str):
         return f"`{info.show_default}`"
+    if isinstance(value, bool) and len(flags) > 1 and flags[1].startswith("--no-"):
+        return f"`{flags[0] if value else flags[1]}`"
     return "" if value in (None, "", False) else f"`{value}`"
 
 
