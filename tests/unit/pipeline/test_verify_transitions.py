@@ -277,6 +277,16 @@ def test_a_task_that_enters_may_start_early_where_needed():
     assert found == [codes.OUT_OF_WINDOW.id, codes.STARTED_EARLY.id]
 
 
+def test_a_task_that_enters_may_be_needed_by_a_later_cycle():
+    """The job of `then` at 16 ms looks back to 0 to 2 ms; that at 6 ms finds nothing, as before any other start."""
+    system = two_modes((A,), (A, FIRST, following(14, 16)))
+    plan = tables(system, [("a", 5, "u2")], [("a", 5, "u2"), ("first", 9, "u1"), ("then", 3, "u2")])
+    for start in ("0ms", "2ms"):
+        assert codes.STARTED_EARLY.id not in codes_found(system, switch(plan, 3, extra(system, start, "u1", "first")))
+    late = switch(plan, 3, extra(system, "2000001ns", "u1", "first"))
+    assert codes.STARTED_EARLY.id in codes_found(system, late)
+
+
 def test_a_need_from_the_end_counts_from_the_end():
     then = following(4, 6, "end")
     system = two_modes((A,), (A, FIRST, then))
