@@ -15,6 +15,7 @@ import pytest
 import halpipe.cli
 from halpipe.cli import invoke, output
 from halpipe.cli.failures import OUT_OF_MEMORY
+from halpipe.diagnostics import HalpipeError
 
 PYTHON = f"{sys.executable} -m halpipe"
 
@@ -95,6 +96,18 @@ def test_ctrl_c_while_a_class_is_made_is_no_bug(monkeypatch, capsys):
     monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: lambda **_: type("Made", (), {"x": Interrupted()}))
     assert invoke(["doctor"]) == 130
     assert capsys.readouterr().err == "interrupted\n"
+
+
+def test_what_fails_while_ctrl_c_is_answered_is_told(monkeypatch, capsys):
+    def fail(**_):
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            raise HalpipeError(OUT_OF_MEMORY("the best placement is not saved"))  # noqa: B904 - as it happens
+
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: fail)
+    assert invoke(["doctor"]) == 1
+    assert "the best placement is not saved" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -99,11 +99,14 @@ def _interrupted() -> int:
 
 
 def _is_interrupt(failure: BaseException) -> bool:
-    """Whether Ctrl-C is behind a failure: Python before 3.12 raises it from `__set_name__` as a RuntimeError."""
-    behind: BaseException | None = failure
-    while behind is not None and not isinstance(behind, KeyboardInterrupt):
-        behind = behind.__cause__ or behind.__context__
-    return behind is not None
+    """Whether Ctrl-C is the stated cause of a failure: Python before 3.12 wraps what `__set_name__` raises.
+
+    What fails while Ctrl-C is answered, such as saving what was found, is told like any failure.
+    """
+    cause = failure.__cause__
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    return cause is not None
 
 
 def _flush() -> None:

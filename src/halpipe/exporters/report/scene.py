@@ -96,8 +96,8 @@ def figures(task: Task, jobs: Sequence[Job], length: Duration) -> Plain:
 def _response_to_arrivals(jobs: Sequence[Job], length: Duration) -> Duration:
     """Return the longest time from the start of a job, which just missed an arrival, to the end of the next."""
     ordered = sorted(jobs, key=lambda job: job.start.ns)
-    before = [ordered[-1].start - length, *(job.start for job in ordered)]
-    return max(job.end - start for job, start in zip(ordered, before, strict=False))
+    before = [ordered[-1].start - length, *(job.start for job in ordered[:-1])]
+    return max(job.end - start for job, start in zip(ordered, before, strict=True))
 
 
 def _delays(task: Task, period: Duration, jobs: Sequence[Job], length: Duration) -> list[Duration]:

@@ -74,13 +74,15 @@ def _callbacks(result: Result, findings: Findings, coverage: Coverage) -> None:
 
 
 def _report_without_period(without: list[Callback], result: Result, findings: Findings) -> None:
-    topics = few([*_roots(result, without), *_dropped_data(result, without)]) or "the topics that trigger them"
+    dropped = _dropped_data(result, without)
+    topics = few([*_roots(result, without), *dropped]) or "the topics that trigger them"
+    more = "; it then stays where only a glob drops it" if dropped else ", or add a rosbag2 metadata.yaml"
     findings.add(
         codes.NO_PERIOD(
             f"{len(without)} without a period are not tasks: {few([callback.name for callback in without])}; "
             f"for the first, {_why_no_period(without[0], result)}",
             at=without[0].at,
-            help=f"state the period of {topics} under sources: in an overlay, or add a rosbag2 metadata.yaml",
+            help=f"state the period of {topics} under sources: in an overlay{more}",
         )
     )
 
