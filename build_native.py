@@ -80,6 +80,7 @@ def build(folder: Path, target: str = "") -> dict[str, Path]:
 
     Raise `BuildError` with what the compiler said.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     made = {}
     for place in LIBRARIES:
         name = Path(place).with_suffix(system(target).suffix)
