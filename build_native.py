@@ -26,7 +26,11 @@ sys.path.insert(0, str(SOURCE))
 from halpipe.diagnostics import HalpipeError  # noqa: E402 - it is not installed yet
 from halpipe.libraries import fingerprint, library  # noqa: E402
 
-LIBRARIES = ("halpipe/pipeline/solve/kernel/native/kernel.c", "halpipe/deploy/riscv/native/block.c")
+LIBRARIES = (
+    "halpipe/pipeline/solve/kernel/native/kernel.c",
+    "halpipe/pipeline/solve/packing/native/boards.c",
+    "halpipe/deploy/riscv/native/block.c",
+)
 """The one file of each library that is compiled; it includes the others."""
 
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wpedantic")

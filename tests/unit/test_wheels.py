@@ -25,7 +25,11 @@ TARGETS = {
     "macos-arm64": (["macosx_11_0_arm64"], ".dylib", (MACHO, 0x0100000C)),
     "windows-x86_64": (["win_amd64"], ".dll", (PE, 0x8664)),
 }
-LIBRARIES = ("halpipe/deploy/riscv/native/block", "halpipe/pipeline/solve/kernel/native/kernel")
+LIBRARIES = (
+    "halpipe/deploy/riscv/native/block",
+    "halpipe/pipeline/solve/kernel/native/kernel",
+    "halpipe/pipeline/solve/packing/native/boards",
+)
 
 
 def machine(data):

@@ -4,8 +4,9 @@ import pytest
 
 from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
-from halpipe.pipeline.solve import codes, exact_member, packing, relay, schedule
+from halpipe.pipeline.solve import codes, exact_member, relay, schedule
 from halpipe.pipeline.solve.exact import Answer, ExactResult
+from halpipe.pipeline.solve.packing import bins
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
@@ -35,7 +36,7 @@ def few_moves(monkeypatch):
     """Let every search end before it has found anything."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 8)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
-    monkeypatch.setattr(packing, "fill", lambda *_: None)
+    monkeypatch.setattr(bins, "fill", lambda *_: None)
 
 
 def go_on(*progress):
@@ -80,7 +81,7 @@ def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
     """The annealer goes on where its last turn ended, as if nobody had been asked in between."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 16_000)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
-    monkeypatch.setattr(packing, "fill", lambda *_: None)
+    monkeypatch.setattr(bins, "fill", lambda *_: None)
     monkeypatch.setattr(exact_member, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
     in_turns = schedule_model(fuller(), SearchOptions(), go_on)
     monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)

@@ -341,7 +341,7 @@ class _WholeJobs(_Search):
 
     def _pack(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
         """Ask packing in one of its turns."""
-        from halpipe.pipeline.solve.packing import pack
+        from halpipe.pipeline.solve.packing.modes import pack
 
         return pack(self.model, self.expansion, self._seed_of(turn), turn.fillings, self._go_on(outcome))
 

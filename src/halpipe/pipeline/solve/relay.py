@@ -1,8 +1,9 @@
 """Annealer, packing and exact engine take turns on one mode, each with more work every time.
 
-Each has sets that cost it an instant and the others for ever: the annealer large ones with room, packing those that are
-bin packing, the exact engine small ones that leave nothing idle. Turns are counted in moves, fillings and CP-SAT's
-own count of work, so that who answers depends on the model and the options alone, however many processors there are.
+Each has sets that cost it an instant and the others for ever: the annealer large ones with room, packing those in which
+tasks share room and no more, the exact engine small ones that leave nothing idle. Turns are counted in moves, fillings
+and CP-SAT's own count of work, so that who answers depends on the model and the options alone, however many processors
+there are.
 """
 
 from __future__ import annotations
