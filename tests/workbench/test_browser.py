@@ -262,3 +262,16 @@ def test_large_models_are_drawn_and_zoomed_with_few_nodes(browser, serve, size):
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
     page.execute_script("for (let n = 0; n < 30; n++) { viewer.zoom(n % 2 ? 1.2 : 1 / 1.2, 1); viewer.paint(); }")
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
+
+
+def test_every_unit_can_be_read_and_rows_out_of_sight_cost_nothing(browser, serve):
+    """Laid out all at once, the rows of 500 tasks would take longer than to schedule them."""
+    page = opened(browser, serve(generated(*LARGE["500 tasks"].split())))
+    page.execute_script("viewer.paint()")
+    assert page.execute_script("return viewer.lane") >= 12
+    assert page.execute_script("return viewer.base(viewer.meters.length - 1) <= viewer.height")
+    seen = "const row = document.querySelector('#tasks tbody').{}; return row.firstElementChild.checkVisibility({})"
+    option = "{contentVisibilityAuto: true}"
+    assert page.execute_script(seen.format("lastElementChild", option)) is False
+    page.execute_script("document.querySelector('#tasks tbody').lastElementChild.scrollIntoView()")
+    WebDriverWait(page, PATIENCE).until(lambda _: page.execute_script(seen.format("lastElementChild", option)))

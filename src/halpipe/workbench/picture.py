@@ -33,7 +33,7 @@ def picture(session: Session) -> Plain:
         "findings": [plain(found) for found in state.findings],
         "variants": list(session.variants),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
-        **scene(state.model, state.schedule, is_valid=state.is_valid),
+        **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn),
     }
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.durations import Duration
+    from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit
 
@@ -102,6 +103,8 @@ class Session:
         self._past: list[State] = []
         self._future: list[State] = []
         self.opened = parse_model(content, path)
+        self.drawn: Drawn = {}
+        """What the page was last told of each task."""
         self.state = State(self.opened)
 
     def begin(self) -> None:
@@ -228,7 +231,8 @@ class Session:
         return self.state.schedule
 
     def _as_read(self, model: TaskModel) -> TaskModel:
-        return parse_model(format_model(model), self.path)  # as it would be read from its file
+        """Return the model as it would be read from its file, whose form the writer has looked at."""
+        return parse_model(format_model(model), self.path, is_checked=True)
 
     @property
     def can_undo(self) -> bool:

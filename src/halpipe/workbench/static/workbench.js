@@ -69,7 +69,7 @@ function show(told, quiet) {
   viewer.pinned = new Set(told.pins.map(([mode, task, index]) => `${mode} ${told.tasks.findIndex(t => t.name === task)} ${index}`));
   const chain = told.chains.find(each => each.name === $("chain").value);
   viewer.chain = chain ? chain.tasks : null;
-  viewer.show(told, $("mode").value);
+  draw();
   $("undo").disabled = !told.can_undo; $("redo").disabled = !told.can_redo; $("unpin").disabled = !told.pins.length;
   const answered = told.answered;
   const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
@@ -82,7 +82,16 @@ function show(told, quiet) {
   if (!quiet) { taskTable(); chainTable(); }
 }
 
+// Shows the mode that is chosen, as high as its lanes need.
+function draw() {
+  viewer.show(state, $("mode").value);
+  const height = `${Math.max(380, Math.min(20000, viewer.tall()))}px`;
+  if (viewer.canvas.style.height !== height) viewer.canvas.style.height = height;
+}
+
 function options(select, names, chosen, first) {
+  const values = [...(first ? [""] : []), ...names];
+  if (select.options.length === values.length && values.every((value, place) => select.options[place].value === value)) return;
   select.replaceChildren(...(first ? [element("option", first, {value: ""})] : []), ...names.map(name => element("option", name, {value: name})));
   if (names.includes(chosen)) select.value = chosen;
 }
@@ -178,7 +187,7 @@ function chainTable() {
   $("chains").tBodies[0].replaceChildren(...rows);
 }
 
-$("mode").addEventListener("change", () => { viewer.show(state, $("mode").value); taskTable(); chainTable(); });
+$("mode").addEventListener("change", () => { draw(); taskTable(); chainTable(); });
 $("chain").addEventListener("change", () => show(state, true));
 $("search").addEventListener("input", () => { viewer.filter = $("search").value.toLowerCase(); viewer.draw(); taskTable(); });
 $("undo").addEventListener("click", () => order("undo"));

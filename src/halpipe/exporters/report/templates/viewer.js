@@ -40,6 +40,8 @@ class Viewer {
     this.draw();
   }
 
+  tall() { return 40 + 14 * this.scene.units.length + METER * (this.meters || []).length; } // pixels in which every lane can be read
+
   draw() { if (!this.drawn) { this.drawn = true; requestAnimationFrame(() => { this.drawn = false; this.paint(); }); } }
 
   colours() {
