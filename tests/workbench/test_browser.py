@@ -111,6 +111,23 @@ def test_an_edit_made_while_another_is_answered_is_not_lost(page):
     WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("4ms"))
 
 
+def test_the_answer_to_one_field_leaves_the_keyboard_in_the_next(page):
+    """Who types on while an edit is answered loses neither the place nor what is typed; Escape takes it back."""
+    first = field(page, "camera full wcet")
+    first.clear()
+    first.send_keys("7ms", Keys.TAB, Keys.TAB, "15")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("7ms"))
+    verdict(page, "jobs stay")
+    active = page.switch_to.active_element
+    assert active.get_attribute("aria-label") == "camera deadline"
+    assert active.get_attribute("value") == "15"
+    active.send_keys("ms", Keys.ENTER)
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("deadline = 15ms"))
+    assert page.switch_to.active_element.get_attribute("aria-label") == "camera deadline"
+    active.send_keys("9", Keys.ESCAPE)
+    assert active.get_attribute("value") == "15ms"
+
+
 def test_a_wrong_value_is_answered_beside_its_field(page):
     change(page, "camera full wcet", "fast")
     verdict(page, "not a duration")

@@ -2,7 +2,7 @@
 // The page of the workbench. It holds no rules: it shows the state that the server gives, and sends orders.
 const $ = id => document.getElementById(id);
 let state = null, busy = false, sorted = null;
-// The rows of each task, as long as it is what it was: to make all of them takes longer than to schedule the tasks.
+// The rows of each task and chain by their names: to make all of them takes longer than to schedule the tasks.
 const made = new Map();
 
 const viewer = new Viewer($("chart"), {
@@ -113,17 +113,26 @@ function findings(found, more = false) {
   if (more) $("findings").append(...rows); else $("findings").replaceChildren(...rows);
 }
 
-function field(value, edit, wide) {
-  const input = element("input", "", {value, className: wide ? "wide" : ""});
-  input.setAttribute("aria-label", `${edit.name} ${edit.inner || ""} ${edit.field}`);
+function field(edit, wide) {
+  const input = element("input", "", {className: wide ? "wide" : "", told: ""});
+  input.setAttribute("aria-label", [edit.name, edit.inner, edit.field].filter(Boolean).join(" "));
   input.addEventListener("change", async () => {
-    made.delete(edit.name); // what was typed is no content of the model
+    input.told = input.value;
     const told = await order("edit", {...edit, value: input.value}, true);
+    for (const known of made.values()) if (known.fields.has(input)) known.content = ""; // what was typed is no content of the model
     if (told && told.refused) { input.classList.add("wrong"); input.title = told.refused[0].message; }
     else { taskTable(); chainTable(); }
   });
-  input.addEventListener("keydown", event => { if (event.key === "Escape") { input.value = value; input.classList.remove("wrong"); } });
+  input.addEventListener("keydown", event => { if (event.key === "Escape") { input.told = input.value; tell(input, input.actual); } });
   return input;
+}
+
+// Shows a value in its field, but never over what somebody is typing there.
+function tell(input, value) {
+  input.actual = value;
+  if (input === document.activeElement && input.value !== input.told) return;
+  input.told = input.value = value;
+  input.classList.remove("wrong"); input.removeAttribute("title");
 }
 
 function cell(row, ...inside) { const made = element("td"); made.append(...inside); row.append(made); return made; }
@@ -147,25 +156,44 @@ function fill(body, rows) {
 
 function rowsOf(task) {
   const own = figures(task), {versions, colour, period, deadline} = task;
-  const content = JSON.stringify([versions, colour, period, deadline, own.response, own.margin, own.jitter, own.gaps]);
-  const known = made.get(task.name);
-  if (known && known.content === content) return known.rows;
-  const rows = versions.map((version, place) => {
-    const row = element("tr"), name = cell(row);
+  const content = [versions, period, deadline, own.response, own.margin, own.jitter, own.gaps];
+  return kept(`task ${task.name}`, [colour, versions.map(version => version.name)], content, task, taskRows);
+}
+
+// Rows stay as long as their form is the same, so that the keyboard stays where it is; what they show is told anew.
+function kept(name, form, content, shown, make) {
+  const shape = JSON.stringify(form), text = JSON.stringify(content);
+  let known = made.get(name);
+  if (!known || known.shape !== shape) {
+    const fields = new Map(), texts = [];
+    known = {shape, content: "", fields, texts, rows: make(shown, fields, texts)};
+    made.set(name, known);
+  }
+  if (known.content !== text) {
+    known.content = text;
+    for (const [input, read] of known.fields) tell(input, read(shown));
+    for (const [place, read] of known.texts) place.textContent = String(read(shown) ?? "");
+  }
+  return known.rows;
+}
+
+function taskRows(task, fields, texts) {
+  const {name, colour} = task;
+  const put = (row, edit, read, wide) => { const input = field(edit, wide); cell(row, input); fields.set(input, read); };
+  return task.versions.map((version, place) => {
+    const row = element("tr"), first = cell(row), inner = version.name;
     if (!place) {
       const swatch = element("span", "", {className: "swatch"}); swatch.style.setProperty("background", colour);
-      name.append(swatch, task.name);
+      first.append(swatch, name); first.title = name;
     }
-    cell(row, version.name);
-    cell(row, ...(place ? [] : [field(period, {kind: "task", name: task.name, field: "period"})]));
-    cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
-    cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
-    cell(row, ...(place ? [] : [field(deadline, {kind: "task", name: task.name, field: "deadline"})]));
-    for (const key of ["response", "margin", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
+    cell(row, inner).title = inner;
+    if (place) cell(row); else put(row, {kind: "task", name, field: "period"}, now => now.period);
+    put(row, {kind: "version", name, inner, field: "wcet"}, now => now.versions[place].wcet);
+    put(row, {kind: "version", name, inner, field: "units"}, now => now.versions[place].units, true);
+    if (place) cell(row); else put(row, {kind: "task", name, field: "deadline"}, now => now.deadline);
+    for (const key of ["response", "margin", "jitter", "gaps"]) { const here = cell(row); if (!place) texts.push([here, now => figures(now)[key]]); }
     return row;
   });
-  made.set(task.name, {content, rows});
-  return rows;
 }
 
 function compare(key, a, b) {
@@ -175,16 +203,25 @@ function compare(key, a, b) {
 }
 
 function chainTable() {
-  const rows = state.chains.map(chain => {
-    const row = element("tr"), found = chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {};
-    cell(row, chain.name);
-    cell(row, field(chain.max_reaction, {kind: "chain", name: chain.name, field: "max_reaction"}));
-    cell(row, found.reaction || "");
-    cell(row, field(chain.max_age, {kind: "chain", name: chain.name, field: "max_age"}));
-    cell(row, found.age || "");
-    return row;
+  const rows = state.chains.flatMap(chain => {
+    const found = latencies(chain);
+    return kept(`chain ${chain.name}`, [], [chain.max_reaction, chain.max_age, found.reaction, found.age], chain, chainRows);
   });
-  $("chains").tBodies[0].replaceChildren(...rows);
+  fill($("chains").tBodies[0], rows);
+  $("chains").hidden = !rows.length;
+}
+
+function latencies(chain) { return chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {}; }
+
+function chainRows(chain, fields, texts) {
+  const row = element("tr"), {name} = chain;
+  cell(row, name);
+  for (const [limit, key] of [["max_reaction", "reaction"], ["max_age", "age"]]) {
+    const input = field({kind: "chain", name, field: limit});
+    cell(row, input); fields.set(input, now => now[limit]);
+    texts.push([cell(row), now => latencies(now)[key]]);
+  }
+  return [row];
 }
 
 $("mode").addEventListener("change", () => { draw(); taskTable(); chainTable(); });
