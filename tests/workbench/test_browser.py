@@ -1,6 +1,5 @@
 """The workbench as a person uses it, in headless Chromium: open, edit, drag, conflict, undo, keyboard, export."""
 
-import signal
 import subprocess
 import sys
 
@@ -35,25 +34,6 @@ units:
 PATIENCE = 300
 
 pytestmark = pytest.mark.slow  # a browser starts
-
-
-@pytest.fixture
-def serve(tmp_path):
-    """Start a server for a model, and return the address that it prints."""
-    running = []
-
-    def start(content):
-        (tmp_path / "model.xml").write_bytes(content)
-        command = [sys.executable, "-m", "halpipe", "serve", "model.xml"]
-        server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
-        running.append(server)
-        return server.stdout.readline().strip()
-
-    yield start
-    for server in running:
-        server.send_signal(signal.SIGINT)
-        assert server.wait(PATIENCE) in (0, 130)
-        server.stdout.close()
 
 
 @pytest.fixture

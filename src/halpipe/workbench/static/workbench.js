@@ -7,13 +7,17 @@ const made = new Map();
 
 const viewer = new Viewer($("chart"), {
   chosen(job) {
-    $("facts").textContent = job ? `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
-      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") : "";
+    const spare = job && viewer.heat ? viewer.heat[job.name] : undefined;
+    $("facts").textContent = !job ? legend() : `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
+      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") +
+      (spare === undefined ? "" : `; its WCET can grow by ${Math.floor(spare * 1000) / 10} %`);
   },
   moved(job, start) {
     order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: `${+start.toFixed(6)}ms`});
   },
 });
+
+function legend() { return viewer.heat ? "how much the WCET can grow: from orange, 0 %, to blue, 100 % and more" : ""; }
 
 // Orders go to the server one after the other: what is typed while it works is not lost.
 let before = Promise.resolve();
@@ -51,7 +55,7 @@ async function follow() {
   setTimeout(follow, 400);
 }
 
-function say(text, kind) { $("verdict").textContent = text; $("verdict").className = kind; }
+function say(text, kind) { $("verdict").textContent = $("verdict").title = text; $("verdict").className = kind; }
 
 function element(name, text, properties = {}) {
   const made = document.createElement(name);
@@ -75,7 +79,7 @@ function show(told, quiet) {
   const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
   if (told.refused) say(told.refused[0].message, "bad");
   else if (told.valid) say(`valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
-  else say("no schedule for this model yet: the chart shows the last one that was valid", "bad");
+  else say("no schedule of this model: the last valid one is shown", "bad");
   findings([...(told.refused || []), ...told.findings]);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
   tools();
@@ -236,10 +240,11 @@ $("why").addEventListener("click", async () => {
   if (told && told.said) findings(told.said);
 });
 $("margins").addEventListener("click", async () => {
-  if (viewer.heat) { viewer.heat = null; viewer.draw(); tools(); return; }
+  if (viewer.heat) { heat(null); return; }
   const told = await order("sensitivity", {}, true);
-  if (told && told.said) { viewer.heat = told.said; viewer.draw(); tools(); }
+  if (told && told.said) heat(told.said);
 });
+function heat(margins) { viewer.heat = margins; viewer.select(viewer.selected); tools(); }
 $("save").addEventListener("click", async () => {
   const path = prompt("Save the model (.xml), or what was changed as an overlay (.yaml), as", state.path);
   if (path === null) return;
