@@ -151,6 +151,29 @@ def test_the_keyboard_is_enough(page):
     WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
 
 
+def test_columns_are_sorted_by_keyboard(page):
+    head = page.find_element(By.CSS_SELECTOR, 'th[data-key="wcet"]')
+    head.find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
+    cells = "[...document.querySelectorAll('#tasks tbody tr td:first-child')]"
+    names = f"return {cells}.map(cell => cell.textContent).filter(Boolean)"
+    assert page.execute_script(names) == ["brake", "camera", "logging", "detection"]
+    assert head.get_attribute("aria-sort") == "ascending"
+    head.find_element(By.TAG_NAME, "button").send_keys(Keys.SPACE)
+    assert page.execute_script(names) == ["detection", "logging", "camera", "brake"]
+    assert head.get_attribute("aria-sort") == "descending"
+
+
+def test_what_is_said_of_a_job_is_said_anew_when_it_moves(page):
+    page.execute_script("viewer.select(viewer.jobs.find(job => job.name === 'logging'))")
+    said = page.find_element(By.ID, "facts")
+    assert "to 9ms" in said.text
+    page.find_element(By.ID, "chart").send_keys(Keys.ALT, Keys.ARROW_RIGHT)
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
+    WebDriverWait(page, PATIENCE).until(lambda _: "to 9.8ms" in said.text)
+    page.find_element(By.ID, "undo").click()
+    assert "before" in verdict(page, "before")
+
+
 def test_two_fingers_zoom_and_pan(page):
     """Apart from 100 to 300 pixels: a third of the time is left; to the right: earlier instants come in sight."""
     chart = page.find_element(By.ID, "chart")

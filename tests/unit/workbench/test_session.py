@@ -188,3 +188,12 @@ def test_only_tasks_that_changed_are_drawn_anew(session, monkeypatch):
     assert "camera" in made
     assert len(made) <= session.answered.jobs - session.answered.stayed + 1
     assert told["tasks"] == scene(session.state.model, session.state.schedule)["tasks"]
+
+
+def test_what_was_proven_before_is_not_told_as_answered_now(session):
+    session.edit(wcet("7ms"), session.revision)
+    assert picture(session)["answered"]["jobs"] == 13
+    session.undo()
+    assert picture(session)["answered"] == {"stayed": 0, "jobs": 0, "milliseconds": None}
+    session.redo()
+    assert picture(session)["answered"]["milliseconds"] is None

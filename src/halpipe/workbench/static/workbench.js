@@ -78,7 +78,7 @@ function show(told, quiet) {
   const answered = told.answered;
   const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
   if (told.refused) say(told.refused[0].message, "bad");
-  else if (told.valid) say(`valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
+  else if (told.valid) say(answered.milliseconds === null ? `valid, verified before: ${told.what}` : `valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
   else say("no schedule of this model: the last valid one is shown", "bad");
   findings([...(told.refused || []), ...told.findings]);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
@@ -176,7 +176,7 @@ function kept(name, form, content, shown, make) {
   if (known.content !== text) {
     known.content = text;
     for (const [input, read] of known.fields) tell(input, read(shown));
-    for (const [place, read] of known.texts) place.textContent = String(read(shown) ?? "");
+    for (const [place, read] of known.texts) place.title = place.textContent = String(read(shown) ?? "");
   }
   return known.rows;
 }
@@ -272,9 +272,16 @@ $("export").addEventListener("change", async event => {
   const link = element("a", "", {href: URL.createObjectURL(await answer.blob()), download: name});
   link.click(); URL.revokeObjectURL(link.href);
 });
-for (const head of document.querySelectorAll("th[data-key]")) head.addEventListener("click", () => {
-  sorted = {key: head.dataset.key, sign: sorted && sorted.key === head.dataset.key ? -sorted.sign : 1}; taskTable();
-});
+const heads = [...document.querySelectorAll("th[data-key]")];
+for (const head of heads) {
+  const button = element("button", head.textContent, {type: "button"});
+  button.addEventListener("click", () => {
+    sorted = {key: head.dataset.key, sign: sorted && sorted.key === head.dataset.key ? -sorted.sign : 1}; taskTable();
+    for (const each of heads) each.removeAttribute("aria-sort");
+    head.setAttribute("aria-sort", sorted.sign > 0 ? "ascending" : "descending");
+  });
+  head.replaceChildren(button);
+}
 document.addEventListener("keydown", event => {
   if (!(event.ctrlKey || event.metaKey) || event.target.tagName === "INPUT") return;
   if (event.key === "z") { order("undo"); event.preventDefault(); }
