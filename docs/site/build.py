@@ -20,6 +20,8 @@ FURTHER = (
     *("examples/roboracer/README.md", "examples/roboracer/overlay.yaml", "examples/notebooks/first.ipynb"),
 )
 """Files outside docs/ that pages link to."""
+BEGIN_WITH = {"tutorial": ("first-model", "roboracer")}
+"""Pages that stand before the others of their folder, which follow by their names."""
 
 
 def build(target: Path) -> int:
@@ -47,7 +49,10 @@ def _index(source: Path) -> str:
         home = home.replace(f"]({part}/", f"](docs/{part}/")
     home = home.replace("](../", "](")
     (source / "docs" / "index.md").write_text(f"---\norphan: true\n---\n\n{text}", encoding="utf-8")
-    trees = [_tree(title, f"docs/{folder}/*") for title, folder in PARTS]
+    trees = [
+        _tree(title, "\n".join(f"docs/{folder}/{page}" for page in (*BEGIN_WITH.get(folder, ()), "*")))
+        for title, folder in PARTS
+    ]
     more = ("docs/safety/*", "README", "examples/roboracer/README", "tests/README", "CHANGELOG")
     return "\n\n".join((home, *trees, _tree("More", "\n".join(more))))
 

@@ -108,7 +108,7 @@ class Duration:
     def __truediv__(self, other: int | Fraction) -> Duration: ...
     def __truediv__(self, other: Duration | int | Fraction) -> Fraction | Duration:
         if isinstance(other, Duration):
-            return Fraction(self.ns) / other.ns
+            return Fraction(self.ns, other.ns)
         return Duration(Fraction(self.ns) / other)
 
     def __floordiv__(self, other: Duration) -> int:
@@ -155,9 +155,12 @@ def milliseconds(value: int | Fraction) -> Duration:
 
 def greatest_common_divisor(durations: Iterable[Duration]) -> Duration:
     """Return the largest duration that divides every one given; zero when all are zero or none is given."""
+    given = {duration.ns for duration in durations}
+    whole = [ns for ns in given if isinstance(ns, int)]
+    if len(whole) == len(given):
+        return Duration(math.gcd(*whole))
     numerator, denominator = 0, 1
-    for duration in durations:
-        value = duration.fraction
+    for value in map(Fraction, given):
         common = math.lcm(denominator, value.denominator)
         numerator = math.gcd(numerator * (common // denominator), value.numerator * (common // value.denominator))
         denominator = common

@@ -55,6 +55,13 @@ def test_the_page_of_a_code(halpipe, code):
     assert len(shown.stdout.splitlines()) >= 3
 
 
+def test_the_page_of_a_code_fits_the_terminal(halpipe, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    lines = halpipe("explain", "HAL0231").stdout.splitlines()
+    assert len(lines) > 3
+    assert max(map(len, lines)) <= 60
+
+
 def test_unknown_codes_and_modes_are_usage_errors(halpipe):
     assert halpipe("explain", f"HAL{9999}").returncode == 2
     refused = halpipe("explain", "model.xml", "--mode", "al")

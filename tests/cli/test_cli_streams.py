@@ -59,9 +59,20 @@ def test_a_result_that_cannot_be_printed_is_an_error(shell, fault, verb):
 
 
 def test_what_the_encoding_lacks_is_escaped(shell):
-    run = shell("PYTHONIOENCODING=ascii halpipe show s.xml")
-    assert (run.returncode, run.stderr) == (0, "")
-    assert r"\xb7" in run.stdout
+    run = shell("PYTHONIOENCODING=ascii halpipe show modèle.xml")
+    assert run.returncode == 1
+    assert r"mod\xe8le.xml" in run.stderr
+    copied = "cp hopeless.xml modèle.xml; PYTHONIOENCODING=ascii"
+    run = shell(f"{copied} halpipe explain modèle.xml --no-exact --no-remedies")
+    assert r"mod\xe8le.xml:" in run.stdout
+
+
+def test_a_chart_can_be_read_in_an_ascii_terminal(shell):
+    """Each moment is one column, also one in which nothing runs."""
+    run, plain = shell("PYTHONIOENCODING=utf-8 halpipe show s.xml"), shell("PYTHONIOENCODING=ascii halpipe show s.xml")
+    assert (plain.returncode, plain.stderr) == (0, "")
+    assert "·" in run.stdout
+    assert plain.stdout == run.stdout.replace("·", ".")
 
 
 @pytest.mark.slow  # test_cli_trouble.py has the quicker one: Ctrl-C during the search

@@ -20,6 +20,9 @@ def test_the_site_builds_without_a_warning_and_has_every_page(tmp_path):
     made = [tmp_path / "site" / "docs" / page.relative_to(ROOT / "docs").with_suffix(".html") for page in pages]
     assert [page.name for page in made if not page.exists()] == []
     assert (tmp_path / "site" / "search.html").exists()
+    beside = (tmp_path / "site" / "index.html").read_text(encoding="utf-8").partition("sidebar-tree")[2]
+    lessons = [beside.index(f"tutorial/{page}.html") for page in ("first-model", "roboracer", "drive-roboracer")]
+    assert lessons == sorted(lessons)
 
 
 def test_the_first_page_leads_to_every_guide_explanation_and_reference():

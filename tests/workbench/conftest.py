@@ -1,6 +1,9 @@
-"""A browser without a window."""
+"""A browser without a window, and a server for it."""
 
 import shutil
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -24,3 +27,22 @@ def browser():
     made = webdriver.Chrome(options=options, service=Service(DRIVER))
     yield made
     made.quit()
+
+
+@pytest.fixture
+def serve(tmp_path):
+    """Start a server for a model, and return the address that it prints."""
+    running = []
+
+    def start(content):
+        (tmp_path / "model.xml").write_bytes(content)
+        command = [sys.executable, "-m", "halpipe", "serve", "model.xml"]
+        server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+        running.append(server)
+        return server.stdout.readline().strip()
+
+    yield start
+    for server in running:
+        server.send_signal(signal.SIGINT)
+        assert server.wait(300) in (0, 130)
+        server.stdout.close()

@@ -1,6 +1,5 @@
 """The workbench as a person uses it, in headless Chromium: open, edit, drag, conflict, undo, keyboard, export."""
 
-import signal
 import subprocess
 import sys
 
@@ -35,25 +34,6 @@ units:
 PATIENCE = 300
 
 pytestmark = pytest.mark.slow  # a browser starts
-
-
-@pytest.fixture
-def serve(tmp_path):
-    """Start a server for a model, and return the address that it prints."""
-    running = []
-
-    def start(content):
-        (tmp_path / "model.xml").write_bytes(content)
-        command = [sys.executable, "-m", "halpipe", "serve", "model.xml"]
-        server = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True)
-        running.append(server)
-        return server.stdout.readline().strip()
-
-    yield start
-    for server in running:
-        server.send_signal(signal.SIGINT)
-        assert server.wait(PATIENCE) in (0, 130)
-        server.stdout.close()
 
 
 @pytest.fixture
@@ -111,6 +91,23 @@ def test_an_edit_made_while_another_is_answered_is_not_lost(page):
     WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("4ms"))
 
 
+def test_the_answer_to_one_field_leaves_the_keyboard_in_the_next(page):
+    """Who types on while an edit is answered loses neither the place nor what is typed; Escape takes it back."""
+    first = field(page, "camera full wcet")
+    first.clear()
+    first.send_keys("7ms", Keys.TAB, Keys.TAB, "15")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("7ms"))
+    verdict(page, "jobs stay")
+    active = page.switch_to.active_element
+    assert active.get_attribute("aria-label") == "camera deadline"
+    assert active.get_attribute("value") == "15"
+    active.send_keys("ms", Keys.ENTER)
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("deadline = 15ms"))
+    assert page.switch_to.active_element.get_attribute("aria-label") == "camera deadline"
+    active.send_keys("9", Keys.ESCAPE)
+    assert active.get_attribute("value") == "15ms"
+
+
 def test_a_wrong_value_is_answered_beside_its_field(page):
     change(page, "camera full wcet", "fast")
     verdict(page, "not a duration")
@@ -152,6 +149,29 @@ def test_the_keyboard_is_enough(page):
     canvas.send_keys("0")
     ActionChains(page).key_down(Keys.ALT).send_keys(Keys.ARROW_RIGHT).key_up(Keys.ALT).perform()
     WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
+
+
+def test_columns_are_sorted_by_keyboard(page):
+    head = page.find_element(By.CSS_SELECTOR, 'th[data-key="wcet"]')
+    head.find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
+    cells = "[...document.querySelectorAll('#tasks tbody tr td:first-child')]"
+    names = f"return {cells}.map(cell => cell.textContent).filter(Boolean)"
+    assert page.execute_script(names) == ["brake", "camera", "logging", "detection"]
+    assert head.get_attribute("aria-sort") == "ascending"
+    head.find_element(By.TAG_NAME, "button").send_keys(Keys.SPACE)
+    assert page.execute_script(names) == ["detection", "logging", "camera", "brake"]
+    assert head.get_attribute("aria-sort") == "descending"
+
+
+def test_what_is_said_of_a_job_is_said_anew_when_it_moves(page):
+    page.execute_script("viewer.select(viewer.jobs.find(job => job.name === 'logging'))")
+    said = page.find_element(By.ID, "facts")
+    assert "to 9ms" in said.text
+    page.find_element(By.ID, "chart").send_keys(Keys.ALT, Keys.ARROW_RIGHT)
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["pins"])
+    WebDriverWait(page, PATIENCE).until(lambda _: "to 9.8ms" in said.text)
+    page.find_element(By.ID, "undo").click()
+    assert "before" in verdict(page, "before")
 
 
 def test_two_fingers_zoom_and_pan(page):
@@ -262,3 +282,16 @@ def test_large_models_are_drawn_and_zoomed_with_few_nodes(browser, serve, size):
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
     page.execute_script("for (let n = 0; n < 30; n++) { viewer.zoom(n % 2 ? 1.2 : 1 / 1.2, 1); viewer.paint(); }")
     assert page.execute_script("return document.getElementsByTagName('*').length") < 30_000
+
+
+def test_every_unit_can_be_read_and_rows_out_of_sight_cost_nothing(browser, serve):
+    """Laid out all at once, the rows of 500 tasks would take longer than to schedule them."""
+    page = opened(browser, serve(generated(*LARGE["500 tasks"].split())))
+    page.execute_script("viewer.paint()")
+    assert page.execute_script("return viewer.lane") >= 12
+    assert page.execute_script("return viewer.base(viewer.meters.length - 1) <= viewer.height")
+    seen = "const row = document.querySelector('#tasks tbody').{}; return row.firstElementChild.checkVisibility({})"
+    option = "{contentVisibilityAuto: true}"
+    assert page.execute_script(seen.format("lastElementChild", option)) is False
+    page.execute_script("document.querySelector('#tasks tbody').lastElementChild.scrollIntoView()")
+    WebDriverWait(page, PATIENCE).until(lambda _: page.execute_script(seen.format("lastElementChild", option)))

@@ -85,5 +85,13 @@ def _explain_code(id: str) -> int:
     code = REGISTER.get(id)
     if code is None:
         raise typer.BadParameter(f"there is no code {id}; {did_you_mean(id, REGISTER, 'see the reference')}")
-    output.text(f"{code.id} ({code.severity}): {code.title}\n\n{code.explanation}".rstrip())
+    output.text(f"{code.id} ({code.severity}): {code.title}\n\n{_wrapped(code.explanation)}".rstrip())
     return Exit.OK
+
+
+def _wrapped(text: str) -> str:
+    """Return a paragraph in lines that the terminal need not break within words."""
+    import shutil
+    import textwrap
+
+    return textwrap.fill(text, min(100, shutil.get_terminal_size().columns), break_on_hyphens=False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from halpipe.cli import output
+from halpipe.cli import output, streams
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import Quiet, ScheduleFile, Verbose
 from halpipe.diagnostics import Exit
@@ -16,6 +16,7 @@ from halpipe.diagnostics import Exit
 if TYPE_CHECKING:
     from fractions import Fraction
 
+    from halpipe.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule
 
 MOST_JOBS = 200
@@ -68,12 +69,18 @@ def _width() -> int:
     return shutil.get_terminal_size((100, 24)).columns
 
 
-def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> None:
-    from halpipe.cli.gantt import gantt
+def _show_chart(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], *, wraps: bool) -> None:
+    """Print a Gantt chart; under an ASCII terminal with full stops where nothing runs."""
+    from halpipe.cli.gantt import IDLE, gantt
 
+    idle = IDLE if streams.can_print(IDLE) else "."
+    for line in gantt(jobs, length, letters, _width() - 2, wraps=wraps):
+        output.result(f"  {line.replace(IDLE, idle)}")
+
+
+def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> None:
     output.result(f"mode {mode.name}: {len(mode.jobs)} jobs in {mode.hyperperiod}, claimed {mode.status}")
-    for line in gantt(mode.jobs, mode.hyperperiod, letters, _width() - 2, wraps=True):
-        output.result(f"  {line}")
+    _show_chart(mode.jobs, mode.hyperperiod, letters, wraps=True)
     if every or len(mode.jobs) <= MOST_JOBS:
         _show_jobs(mode.jobs, letters)
     else:
@@ -99,8 +106,6 @@ def _show_jobs(jobs: tuple[Job, ...], letters: dict[str, str]) -> None:
 
 
 def _show_switches(tables: Schedule, letters: dict[str, str]) -> None:
-    from halpipe.cli.gantt import gantt
-
     rows = []
     for switch in tables.transitions:
         facts = (str(switch.length), str(switch.worst_latency), str(len(switch.jobs)), str(switch.status))
@@ -110,8 +115,7 @@ def _show_switches(tables: Schedule, letters: dict[str, str]) -> None:
         if switch.length:
             output.result()
             output.result(f"{switch.source} to {switch.target}")
-            for line in gantt(switch.jobs, switch.length, letters, _width() - 2, wraps=False):
-                output.result(f"  {line}")
+            _show_chart(switch.jobs, switch.length, letters, wraps=False)
 
 
 def _percent(share: Fraction) -> str:

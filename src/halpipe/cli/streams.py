@@ -39,6 +39,15 @@ def flush_results() -> None:
             sys.stdout.flush()
 
 
+def can_print(text: str) -> bool:
+    """Return whether standard output has these characters, so that they need not be escaped."""
+    try:
+        text.encode(getattr(sys.stdout, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def write_remark(text: str) -> None:
     """Print to standard error, if that is possible."""
     try:

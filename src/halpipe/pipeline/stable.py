@@ -152,7 +152,7 @@ def _hinders(units: Mapping[str, Unit], task: Task, job: Job) -> str:
     version = next((v for v in task.versions if v.name == job.version), None)
     if version is None or version.wcet is None:
         return f'has no version "{job.version}"'
-    if not set(job.units) <= set(version.units) & set(units) or len(job.units) != version.gang:
+    if len(job.units) != version.gang or not all(unit in version.units and unit in units for unit in job.units):
         return "has other units"
     work = sum((end - start for start, end in job.occupations()), ZERO)
     if job.parts or work == reserved_length(version.wcet, service_of(units, job.units)):

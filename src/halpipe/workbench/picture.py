@@ -15,7 +15,7 @@ Plain = dict[str, Any]
 
 def picture(session: Session) -> Plain:
     """Return everything that the page shows."""
-    state = session.state
+    state, seconds = session.state, session.answered.seconds
     return {
         "revision": session.revision,
         "path": session.path,
@@ -28,12 +28,12 @@ def picture(session: Session) -> Plain:
         "answered": {
             "stayed": session.answered.stayed,
             "jobs": session.answered.jobs,
-            "milliseconds": round(session.answered.seconds * 1000),
+            "milliseconds": None if seconds is None else round(seconds * 1000),
         },
         "findings": [plain(found) for found in state.findings],
         "variants": list(session.variants),
         "pins": [[pin.mode, pin.task, pin.index] for pin in state.pins],
-        **scene(state.model, state.schedule, is_valid=state.is_valid),
+        **scene(state.model, state.schedule, is_valid=state.is_valid, drawn=session.drawn),
     }
 
 

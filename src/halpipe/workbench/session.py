@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.durations import Duration
+    from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit
 
@@ -78,11 +79,11 @@ class State:
 
 @record
 class Answered:
-    """How the last answer came about: jobs that stayed of how many, and seconds."""
+    """How what is shown came about: jobs that stayed of how many, and seconds; None where nothing was solved for it."""
 
     stayed: int = 0
     jobs: int = 0
-    seconds: float = 0.0
+    seconds: float | None = None
 
 
 class Session:
@@ -102,6 +103,8 @@ class Session:
         self._past: list[State] = []
         self._future: list[State] = []
         self.opened = parse_model(content, path)
+        self.drawn: Drawn = {}
+        """What the page was last told of each task."""
         self.state = State(self.opened)
 
     def begin(self) -> None:
@@ -136,13 +139,13 @@ class Session:
         """Go back one step, if there is one."""
         if self._past:
             self._future.append(self.state)
-            self._show(self._past.pop())
+            self._show_again(self._past.pop())
 
     def redo(self) -> None:
         """Go forward again, if there is a step."""
         if self._future:
             self._past.append(self.state)
-            self._show(self._future.pop())
+            self._show_again(self._future.pop())
 
     def keep(self, name: str) -> None:
         """Keep what is shown as a variant of that name."""
@@ -154,7 +157,7 @@ class Session:
         self._check(revision)
         kept = self.variant(name)
         self._remember()
-        self._show(replace(kept, what=f'variant "{name}"'))
+        self._show_again(replace(kept, what=f'variant "{name}"'))
 
     def save(self, path: str, *, force: bool = False) -> str:
         """Write the model, or into a YAML file the edits as an overlay; over a file that is there only if asked for."""
@@ -228,7 +231,8 @@ class Session:
         return self.state.schedule
 
     def _as_read(self, model: TaskModel) -> TaskModel:
-        return parse_model(format_model(model), self.path)  # as it would be read from its file
+        """Return the model as it would be read from its file, whose form the writer has looked at."""
+        return parse_model(format_model(model), self.path, is_checked=True)
 
     @property
     def can_undo(self) -> bool:
@@ -260,6 +264,10 @@ class Session:
     def _show(self, state: State) -> None:
         self.state = state
         self.revision += 1
+
+    def _show_again(self, state: State) -> None:
+        self._show(state)
+        self.answered = Answered()
 
     def _held(self, pin: Pin) -> list[Pin]:
         """Return pins for all jobs of a task: without slack, the others move as far; else they stay where they are."""

@@ -2,8 +2,9 @@
 
 import pytest
 
-from halpipe import diagnostics
-from halpipe.pipeline.validate import validate
+from halpipe.diagnostics import Path
+from halpipe.pipeline.validate import names
+from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from support import job, model, schedule, task, version
 
@@ -11,30 +12,31 @@ from support import job, model, schedule, task, version
 @pytest.fixture
 def paths(monkeypatch):
     made = []
-    original = diagnostics.Path.__new__
+    original = Path.__new__
 
     def counted(cls, text, subjects=()):
         made.append(text)
         return original(cls, text, subjects)
 
-    monkeypatch.setattr(diagnostics.Path, "__new__", counted)
+    monkeypatch.setattr(Path, "__new__", counted)
     return made
 
 
 def system(count):
-    names = [f"t{n}" for n in range(count)]
-    tasks = [task(name, "100ms", version("v", "1ms")) for name in names]
-    jobs = [job(name, 0, 2 * n, 2 * n + 1) for n, name in enumerate(names)]
-    return model(*tasks), jobs
+    found = model(*(task(f"t{n}", "100ms", version("v", "1ms")) for n in range(count)))
+    return found, schedule(found, "100ms", *(job(found, f"t{n}", 0, 2 * n, "u1") for n in range(count)))
 
 
-@pytest.mark.parametrize("checks", [lambda a, _: validate(a), verify], ids=["validate", "verify"])
-def test_nothing_found_costs_no_paths(paths, checks):
+def check_names(given, _):
+    context = Context(given)
+    return [found for check in names.CHECKS for found in check.run(context)]
+
+
+@pytest.mark.parametrize("check", [check_names, verify])
+def test_what_finds_nothing_makes_no_paths(paths, check):
     counts = []
-    for size in (5, 40):
-        given, jobs = system(size)
-        made = schedule(given, all=jobs)
+    for given, made in (system(5), system(40)):
         paths.clear()
-        assert [found for found in checks(given, made) if found.is_error] == []
+        assert [found for found in check(given, made) if found.is_error] == []
         counts.append(len(paths))
     assert counts[0] == counts[1]

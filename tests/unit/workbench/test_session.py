@@ -5,6 +5,8 @@ import pytest
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.native import format_model
+from halpipe.exporters.report import scene as drawing
+from halpipe.exporters.report.scene import scene
 from halpipe.importers.native import parse_model, read_model
 from halpipe.pipeline.checked import verify_schedule
 from halpipe.starters import first_model
@@ -174,3 +176,24 @@ def test_the_picture_has_every_job_once(session):
     assert [len(mode["jobs"]) for mode in drawn["modes"]] == [9, 4]
     assert drawn["valid"] is True
     assert drawn["tasks"][0]["figures"][0]["response"] == "6ms"
+
+
+def test_only_tasks_that_changed_are_drawn_anew(session, monkeypatch):
+    picture(session)
+    made = []
+    original = drawing._facts
+    monkeypatch.setattr(drawing, "_facts", lambda task, *rest: made.append(task.name) or original(task, *rest))
+    session.edit(wcet("7ms"), session.revision)
+    told = picture(session)
+    assert "camera" in made
+    assert len(made) <= session.answered.jobs - session.answered.stayed + 1
+    assert told["tasks"] == scene(session.state.model, session.state.schedule)["tasks"]
+
+
+def test_what_was_proven_before_is_not_told_as_answered_now(session):
+    session.edit(wcet("7ms"), session.revision)
+    assert picture(session)["answered"]["jobs"] == 13
+    session.undo()
+    assert picture(session)["answered"] == {"stayed": 0, "jobs": 0, "milliseconds": None}
+    session.redo()
+    assert picture(session)["answered"]["milliseconds"] is None

@@ -63,8 +63,10 @@ def _write_unit(parent: etree._Element, unit: Unit) -> None:
 def _common(tasks: tuple[Task, ...]) -> dict[str, str]:
     """Return what all tasks say alike and may say once, so that it need not be said of each."""
     found: dict[str, str] = {}
-    for stated in attributes(Task):
-        said = {texts(task).get(stated.name) for task in tasks} if stated.is_common else ()
+    common = [stated for stated in attributes(Task) if stated.is_common]
+    said_of = [texts(task) for task in tasks] if common else []
+    for stated in common:
+        said = {stating.get(stated.name) for stating in said_of}
         found.update((stated.name, text) for text in said if text is not None and len(said) == 1)
     return found
 

@@ -16,23 +16,37 @@ if TYPE_CHECKING:
     from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel
 
 Plain = dict[str, Any]
+Drawn = dict[str, tuple[Any, Plain]]
+"""What was made of each task, by its name, and of what: most tasks and jobs are after an edit what they were."""
 
 
-def scene(model: TaskModel, schedule: Schedule | None, *, is_valid: bool = True) -> Plain:
-    """Return a model and its schedule, as the viewer takes them; what resources bear only of one that is valid."""
+def scene(model: TaskModel, schedule: Schedule | None, *, is_valid: bool = True, drawn: Drawn | None = None) -> Plain:
+    """Return a model and its schedule, as the viewer takes them; what resources bear only of one that is valid.
+
+    What is `drawn` already is not made again; it is kept up to date.
+    """
+    drawn = {} if drawn is None else drawn
     order = {task.name: number for number, task in enumerate(model.tasks)}
     modes = [(jobs_by_task(mode), mode.hyperperiod) for mode in schedule.modes] if schedule else []
     return {
         "model": model.name,
         "units": [unit.name for unit in model.units],
-        "tasks": [_task(task, tone(number), modes) for number, task in enumerate(model.tasks)],
+        "tasks": [_task(task, tone(number), modes, drawn) for number, task in enumerate(model.tasks)],
         "chains": [_chain(chain, order, schedule) for chain in model.chains],
         "modes": [_mode(model, mode, order, is_valid=is_valid) for mode in schedule.modes] if schedule else [],
         "switches": _switches(schedule) if schedule else [],
     }
 
 
-def _task(task: Task, colour: int, modes: Sequence[tuple[dict[str, list[Job]], Duration]]) -> Plain:
+def _task(task: Task, colour: int, modes: Sequence[tuple[dict[str, list[Job]], Duration]], drawn: Drawn) -> Plain:
+    own = [(jobs.get(task.name, []), length) for jobs, length in modes]
+    known = drawn.get(task.name)
+    if known is None or known[0] != (task, colour, own):
+        known = drawn[task.name] = (task, colour, own), _facts(task, colour, own)
+    return known[1]
+
+
+def _facts(task: Task, colour: int, modes: Sequence[tuple[Sequence[Job], Duration]]) -> Plain:
     return {
         "name": task.name,
         "colour": FILLS[colour],
@@ -53,7 +67,7 @@ def _task(task: Task, colour: int, modes: Sequence[tuple[dict[str, list[Job]], D
             }
             for version in task.versions
         ],
-        "figures": [figures(task, jobs.get(task.name, []), length) for jobs, length in modes],
+        "figures": [figures(task, jobs, length) for jobs, length in modes],
     }
 
 
@@ -170,7 +184,7 @@ def _text(value: Duration | None) -> str:
 
 
 def _ms(value: Duration) -> float:
-    return float(value.in_unit("ms"))
+    return float(value.ns / 10**6)
 
 
 def _percent(share: Any) -> float:

@@ -288,7 +288,9 @@ class _WholeJobs(_Search):
     def _stays(self, active: ActiveTask, job: Job) -> bool:
         in_time = ZERO <= job.start < self.expansion.hyperperiod
         versions = [version for version in active.versions if version.name == job.version]
-        return in_time and any({*job.units} <= {*v.units} and len(job.units) == v.gang for v in versions)
+        return in_time and any(
+            len(job.units) == v.gang and all(unit in v.units for unit in job.units) for v in versions
+        )
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.exact import is_installed

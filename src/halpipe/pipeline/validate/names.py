@@ -41,7 +41,8 @@ def check_form(context: Context) -> Iterator[Diagnostic]:
         for interrupt in unit.interrupts:
             yield from _form(about(unit=unit.name), "interrupt", interrupt.name, interrupt, unit)
     for task, version in context.versions_of_tasks:
-        yield from _form(about(task=task.name), "version", version.name, version, task)
+        if not _NAME.fullmatch(version.name):  # asked first: the path of each version would take longer than all checks
+            yield from _form(about(task=task.name), "version", version.name, version, task)
     for task, version, access in context.accesses_of_versions:
         for transfer in access.transfers:
             path = version_path(task, version)
@@ -69,9 +70,11 @@ def check_duplicates(context: Context) -> Iterator[Diagnostic]:
     for kind, elements in _named_elements(context):
         yield from _duplicates("", kind, elements)
     for unit in context.model.units:
-        yield from _duplicates(about(unit=unit.name), "interrupt", list(unit.interrupts), unit)
+        if len(unit.interrupts) > 1:
+            yield from _duplicates(about(unit=unit.name), "interrupt", list(unit.interrupts), unit)
     for task in context.model.tasks:
-        yield from _duplicates(task_path(task), "version", list(task.versions), task)
+        if len(task.versions) > 1:
+            yield from _duplicates(task_path(task), "version", list(task.versions), task)
 
 
 def _duplicates(within: str, kind: str, elements: list[Any], *owners: Any) -> Iterator[Diagnostic]:
@@ -92,13 +95,13 @@ def check_lists(context: Context) -> Iterator[Diagnostic]:
     for mode in context.model.modes:
         tasks: set[str] = set()
         for run in mode.runs:
-            path = about(mode=mode.name, task=run.task)
-            at = place(run, mode)
             if run.task in tasks:
+                at, path = place(run, mode), about(mode=mode.name, task=run.task)
                 help = "merge the two lists of versions"
                 yield codes.DUPLICATE_RUN("is listed twice in the mode", at=at, path=path, help=help)
             tasks.add(run.task)
             for name in repeated(run.versions) if len(run.versions) > 1 else ():
+                at, path = place(run, mode), about(mode=mode.name, task=run.task)
                 text = f'lists version "{name}" more than once'
                 yield codes.REPEATED_IN_LIST(text, at=at, path=path, help="list it once")
     for task, version in context.versions_of_tasks:
@@ -143,7 +146,8 @@ def _named_tasks(context: Context) -> Iterator[tuple[str, str, tuple[Any, ...]]]
     for chain in context.model.chains:
         yield from ((name, about(chain=chain.name), (chain,)) for name in dict.fromkeys(chain.tasks))
     for mode in context.model.modes:
-        yield from ((run.task, about(mode=mode.name), (run, mode)) for run in mode.runs)
+        path = about(mode=mode.name)
+        yield from ((run.task, path, (run, mode)) for run in mode.runs)
     yield from ((rule.task, "health rule", (rule,)) for rule in context.model.health)
 
 

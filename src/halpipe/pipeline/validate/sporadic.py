@@ -35,6 +35,8 @@ def least_length(units: Mapping[str, Unit], version: Version) -> Duration | None
     """
     if version.wcet is None:
         return None
+    if any(name not in units or not units[name].interrupts for name in version.units):
+        return version.wcet  # no unit is quicker
     lengths = [length for name in version.units if (length := _length(units.get(name), version.wcet)) is not None]
     return min(lengths, default=version.wcet)
 

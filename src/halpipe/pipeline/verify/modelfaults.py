@@ -86,50 +86,56 @@ def is_interrupt(interrupt: Interrupt) -> bool:
 
 def timing(task: Task) -> Iterator[Diagnostic]:
     """A period is positive, a slack is a share; arrivals are polled, at least as often as they come."""
-    path = about(task=task.name)
+    return (_fault(about(task=task.name), text, task.at) for text in _timing(task))
+
+
+def _timing(task: Task) -> Iterator[str]:
     if task.period is not None and task.period <= ZERO:
-        yield _fault(path, f"has the period {task.period}; it must be positive", task.at)
+        yield f"has the period {task.period}; it must be positive"
     if not 0 <= task.slack <= 1:
-        yield _fault(path, f"has the slack {task.slack}; it must lie between 0 and 1", task.at)
+        yield f"has the slack {task.slack}; it must lie between 0 and 1"
     if task.distance is not None and (task.period is None or not ZERO < task.period <= task.distance):
         text = f"serves arrivals {task.distance} apart and is polled every {task.period or 'never'}"
-        yield _fault(path, f"{text}; its period must be at most the distance", task.at)
+        yield f"{text}; its period must be at most the distance"
 
 
 def version(task: Task, version: Version) -> Iterator[Diagnostic]:
     """A version that is available in a mode states a WCET, a gang, windows and access phases that make sense."""
-    path = about(task=task.name, version=version.name)
+    told = (*_stated(version), *_split(version))
+    return (_fault(about(task=task.name, version=version.name), text, at) for text, at in told)
+
+
+def _stated(version: Version) -> Iterator[tuple[str, Location]]:
     if version.wcet is None:
-        yield _fault(path, "has no WCET, so nothing can be said about its jobs", version.at)
+        yield "has no WCET, so nothing can be said about its jobs", version.at
     elif version.wcet < ZERO:
-        yield _fault(path, f"has the negative WCET {version.wcet}", version.at)
+        yield f"has the negative WCET {version.wcet}", version.at
     if version.gang < 1:
-        yield _fault(path, f"has the gang size {version.gang}; it must be at least 1", version.at)
+        yield f"has the gang size {version.gang}; it must be at least 1", version.at
     for precedence in version.precedences:
         if precedence.min < ZERO:
-            yield _fault(path, f'has a window after "{precedence.task}" that begins below zero', precedence.at)
+            yield f'has a window after "{precedence.task}" that begins below zero', precedence.at
     for access in version.accesses:
         if not is_phase(access, version):
             text = f'has an access to "{access.resource}" from {access.start} to {access.end} with bound {access.bound}'
-            yield _fault(path, f"{text}; it must lie within the WCET, with a bound above 0 and up to 1", access.at)
-    yield from _split(path, version)
+            yield f"{text}; it must lie within the WCET, with a bound above 0 and up to 1", access.at
 
 
-def _split(path: str, version: Version) -> Iterator[Diagnostic]:
+def _split(version: Version) -> Iterator[tuple[str, Location]]:
     """Split points ascend within (0, C) and cut no access phase; `anywhere` says how often."""
     split, wcet = version.split, version.wcet
     points = split.points
     if any(a >= b for a, b in pairwise((ZERO, *points, *([wcet] if wcet is not None else [])))) and points:
-        yield _fault(path, "has split points that do not ascend between 0 and the WCET", version.at)
+        yield "has split points that do not ascend between 0 and the WCET", version.at
     for access in version.accesses:
         for point in points:
             if access.start < point < access.end:
                 text = f'has the split point {point} within its access to "{access.resource}"'
-                yield _fault(path, text, version.at)
+                yield text, version.at
     if split.anywhere and (points or split.max_gaps is None):
-        yield _fault(path, "may be split anywhere, but does not say how often at most (max-gaps)", version.at)
+        yield "may be split anywhere, but does not say how often at most (max-gaps)", version.at
     if split.resume < ZERO or (split.max_gaps or 0) < 0 or (split.min_part is not None and split.min_part < ZERO):
-        yield _fault(path, "has a negative resume, max-gaps or min-part", version.at)
+        yield "has a negative resume, max-gaps or min-part", version.at
 
 
 def is_phase(access: Access, version: Version) -> bool:

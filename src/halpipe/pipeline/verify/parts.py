@@ -30,9 +30,10 @@ def _parts(jobs: Iterable[Placed], table: ModeTable | Switch) -> Iterator[Diagno
     clock = table.clock
     on: dict[tuple[str, ...], Placed] = {}
     for placed in jobs:
-        job, path = placed.job, table.path(placed)
+        job = placed.job
         on.setdefault(job.units, placed)
         if job.parts and placed.version is not None and placed.version.wcet is not None:
+            path = table.path(placed)
             for text in _shape(placed, clock):
                 yield codes.PARTS_DIFFER(text, at=job.at, path=path, help="give each part its start, end, from and to")
             for text in _gaps(placed):

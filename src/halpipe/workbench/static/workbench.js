@@ -2,18 +2,22 @@
 // The page of the workbench. It holds no rules: it shows the state that the server gives, and sends orders.
 const $ = id => document.getElementById(id);
 let state = null, busy = false, sorted = null;
-// The rows of each task, as long as it is what it was: to make all of them takes longer than to schedule the tasks.
+// The rows of each task and chain by their names: to make all of them takes longer than to schedule the tasks.
 const made = new Map();
 
 const viewer = new Viewer($("chart"), {
   chosen(job) {
-    $("facts").textContent = job ? `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
-      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") : "";
+    const spare = job && viewer.heat ? viewer.heat[job.name] : undefined;
+    $("facts").textContent = !job ? legend() : `${job.name} job ${job.index}, ${job.version}: ${job.startText} to ${job.endText} on ` +
+      job.lanes.map(lane => state.units[lane]).join(", ") + (job.gaps ? `, ${job.parts.length} parts` : "") +
+      (spare === undefined ? "" : `; its WCET can grow by ${Math.floor(spare * 1000) / 10} %`);
   },
   moved(job, start) {
     order("pin", {mode: viewer.mode.name, task: job.name, index: job.index, start: `${+start.toFixed(6)}ms`});
   },
 });
+
+function legend() { return viewer.heat ? "how much the WCET can grow: from orange, 0 %, to blue, 100 % and more" : ""; }
 
 // Orders go to the server one after the other: what is typed while it works is not lost.
 let before = Promise.resolve();
@@ -51,7 +55,7 @@ async function follow() {
   setTimeout(follow, 400);
 }
 
-function say(text, kind) { $("verdict").textContent = text; $("verdict").className = kind; }
+function say(text, kind) { $("verdict").textContent = $("verdict").title = text; $("verdict").className = kind; }
 
 function element(name, text, properties = {}) {
   const made = document.createElement(name);
@@ -69,20 +73,29 @@ function show(told, quiet) {
   viewer.pinned = new Set(told.pins.map(([mode, task, index]) => `${mode} ${told.tasks.findIndex(t => t.name === task)} ${index}`));
   const chain = told.chains.find(each => each.name === $("chain").value);
   viewer.chain = chain ? chain.tasks : null;
-  viewer.show(told, $("mode").value);
+  draw();
   $("undo").disabled = !told.can_undo; $("redo").disabled = !told.can_redo; $("unpin").disabled = !told.pins.length;
   const answered = told.answered;
   const stayed = answered.jobs ? `; ${answered.stayed} of ${answered.jobs} jobs stay` : "";
   if (told.refused) say(told.refused[0].message, "bad");
-  else if (told.valid) say(`valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
-  else say("no schedule for this model yet: the chart shows the last one that was valid", "bad");
+  else if (told.valid) say(answered.milliseconds === null ? `valid, verified before: ${told.what}` : `valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
+  else say("no schedule of this model: the last valid one is shown", "bad");
   findings([...(told.refused || []), ...told.findings]);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
   tools();
   if (!quiet) { taskTable(); chainTable(); }
 }
 
+// Shows the mode that is chosen, as high as its lanes need.
+function draw() {
+  viewer.show(state, $("mode").value);
+  const height = `${Math.max(380, Math.min(20000, viewer.tall()))}px`;
+  if (viewer.canvas.style.height !== height) viewer.canvas.style.height = height;
+}
+
 function options(select, names, chosen, first) {
+  const values = [...(first ? [""] : []), ...names];
+  if (select.options.length === values.length && values.every((value, place) => select.options[place].value === value)) return;
   select.replaceChildren(...(first ? [element("option", first, {value: ""})] : []), ...names.map(name => element("option", name, {value: name})));
   if (names.includes(chosen)) select.value = chosen;
 }
@@ -104,17 +117,26 @@ function findings(found, more = false) {
   if (more) $("findings").append(...rows); else $("findings").replaceChildren(...rows);
 }
 
-function field(value, edit, wide) {
-  const input = element("input", "", {value, className: wide ? "wide" : ""});
-  input.setAttribute("aria-label", `${edit.name} ${edit.inner || ""} ${edit.field}`);
+function field(edit, wide) {
+  const input = element("input", "", {className: wide ? "wide" : "", told: ""});
+  input.setAttribute("aria-label", [edit.name, edit.inner, edit.field].filter(Boolean).join(" "));
   input.addEventListener("change", async () => {
-    made.delete(edit.name); // what was typed is no content of the model
+    input.told = input.value;
     const told = await order("edit", {...edit, value: input.value}, true);
+    for (const known of made.values()) if (known.fields.has(input)) known.content = ""; // what was typed is no content of the model
     if (told && told.refused) { input.classList.add("wrong"); input.title = told.refused[0].message; }
     else { taskTable(); chainTable(); }
   });
-  input.addEventListener("keydown", event => { if (event.key === "Escape") { input.value = value; input.classList.remove("wrong"); } });
+  input.addEventListener("keydown", event => { if (event.key === "Escape") { input.told = input.value; tell(input, input.actual); } });
   return input;
+}
+
+// Shows a value in its field, but never over what somebody is typing there.
+function tell(input, value) {
+  input.actual = value;
+  if (input === document.activeElement && input.value !== input.told) return;
+  input.told = input.value = value;
+  input.classList.remove("wrong"); input.removeAttribute("title");
 }
 
 function cell(row, ...inside) { const made = element("td"); made.append(...inside); row.append(made); return made; }
@@ -138,25 +160,44 @@ function fill(body, rows) {
 
 function rowsOf(task) {
   const own = figures(task), {versions, colour, period, deadline} = task;
-  const content = JSON.stringify([versions, colour, period, deadline, own.response, own.margin, own.jitter, own.gaps]);
-  const known = made.get(task.name);
-  if (known && known.content === content) return known.rows;
-  const rows = versions.map((version, place) => {
-    const row = element("tr"), name = cell(row);
+  const content = [versions, period, deadline, own.response, own.margin, own.jitter, own.gaps];
+  return kept(`task ${task.name}`, [colour, versions.map(version => version.name)], content, task, taskRows);
+}
+
+// Rows stay as long as their form is the same, so that the keyboard stays where it is; what they show is told anew.
+function kept(name, form, content, shown, make) {
+  const shape = JSON.stringify(form), text = JSON.stringify(content);
+  let known = made.get(name);
+  if (!known || known.shape !== shape) {
+    const fields = new Map(), texts = [];
+    known = {shape, content: "", fields, texts, rows: make(shown, fields, texts)};
+    made.set(name, known);
+  }
+  if (known.content !== text) {
+    known.content = text;
+    for (const [input, read] of known.fields) tell(input, read(shown));
+    for (const [place, read] of known.texts) place.title = place.textContent = String(read(shown) ?? "");
+  }
+  return known.rows;
+}
+
+function taskRows(task, fields, texts) {
+  const {name, colour} = task;
+  const put = (row, edit, read, wide) => { const input = field(edit, wide); cell(row, input); fields.set(input, read); };
+  return task.versions.map((version, place) => {
+    const row = element("tr"), first = cell(row), inner = version.name;
     if (!place) {
       const swatch = element("span", "", {className: "swatch"}); swatch.style.setProperty("background", colour);
-      name.append(swatch, task.name);
+      first.append(swatch, name); first.title = name;
     }
-    cell(row, version.name);
-    cell(row, ...(place ? [] : [field(period, {kind: "task", name: task.name, field: "period"})]));
-    cell(row, field(version.wcet, {kind: "version", name: task.name, inner: version.name, field: "wcet"}));
-    cell(row, field(version.units, {kind: "version", name: task.name, inner: version.name, field: "units"}, true));
-    cell(row, ...(place ? [] : [field(deadline, {kind: "task", name: task.name, field: "deadline"})]));
-    for (const key of ["response", "margin", "jitter", "gaps"]) cell(row, place ? "" : String(own[key] ?? ""));
+    cell(row, inner).title = inner;
+    if (place) cell(row); else put(row, {kind: "task", name, field: "period"}, now => now.period);
+    put(row, {kind: "version", name, inner, field: "wcet"}, now => now.versions[place].wcet);
+    put(row, {kind: "version", name, inner, field: "units"}, now => now.versions[place].units, true);
+    if (place) cell(row); else put(row, {kind: "task", name, field: "deadline"}, now => now.deadline);
+    for (const key of ["response", "margin", "jitter", "gaps"]) { const here = cell(row); if (!place) texts.push([here, now => figures(now)[key]]); }
     return row;
   });
-  made.set(task.name, {content, rows});
-  return rows;
 }
 
 function compare(key, a, b) {
@@ -166,19 +207,28 @@ function compare(key, a, b) {
 }
 
 function chainTable() {
-  const rows = state.chains.map(chain => {
-    const row = element("tr"), found = chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {};
-    cell(row, chain.name);
-    cell(row, field(chain.max_reaction, {kind: "chain", name: chain.name, field: "max_reaction"}));
-    cell(row, found.reaction || "");
-    cell(row, field(chain.max_age, {kind: "chain", name: chain.name, field: "max_age"}));
-    cell(row, found.age || "");
-    return row;
+  const rows = state.chains.flatMap(chain => {
+    const found = latencies(chain);
+    return kept(`chain ${chain.name}`, [], [chain.max_reaction, chain.max_age, found.reaction, found.age], chain, chainRows);
   });
-  $("chains").tBodies[0].replaceChildren(...rows);
+  fill($("chains").tBodies[0], rows);
+  $("chains").hidden = !rows.length;
 }
 
-$("mode").addEventListener("change", () => { viewer.show(state, $("mode").value); taskTable(); chainTable(); });
+function latencies(chain) { return chain.latencies.find(each => viewer.mode && each.mode === viewer.mode.name) || {}; }
+
+function chainRows(chain, fields, texts) {
+  const row = element("tr"), {name} = chain;
+  cell(row, name);
+  for (const [limit, key] of [["max_reaction", "reaction"], ["max_age", "age"]]) {
+    const input = field({kind: "chain", name, field: limit});
+    cell(row, input); fields.set(input, now => now[limit]);
+    texts.push([cell(row), now => latencies(now)[key]]);
+  }
+  return [row];
+}
+
+$("mode").addEventListener("change", () => { draw(); taskTable(); chainTable(); });
 $("chain").addEventListener("change", () => show(state, true));
 $("search").addEventListener("input", () => { viewer.filter = $("search").value.toLowerCase(); viewer.draw(); taskTable(); });
 $("undo").addEventListener("click", () => order("undo"));
@@ -190,10 +240,11 @@ $("why").addEventListener("click", async () => {
   if (told && told.said) findings(told.said);
 });
 $("margins").addEventListener("click", async () => {
-  if (viewer.heat) { viewer.heat = null; viewer.draw(); tools(); return; }
+  if (viewer.heat) { heat(null); return; }
   const told = await order("sensitivity", {}, true);
-  if (told && told.said) { viewer.heat = told.said; viewer.draw(); tools(); }
+  if (told && told.said) heat(told.said);
 });
+function heat(margins) { viewer.heat = margins; viewer.select(viewer.selected); tools(); }
 $("save").addEventListener("click", async () => {
   const path = prompt("Save the model (.xml), or what was changed as an overlay (.yaml), as", state.path);
   if (path === null) return;
@@ -221,9 +272,16 @@ $("export").addEventListener("change", async event => {
   const link = element("a", "", {href: URL.createObjectURL(await answer.blob()), download: name});
   link.click(); URL.revokeObjectURL(link.href);
 });
-for (const head of document.querySelectorAll("th[data-key]")) head.addEventListener("click", () => {
-  sorted = {key: head.dataset.key, sign: sorted && sorted.key === head.dataset.key ? -sorted.sign : 1}; taskTable();
-});
+const heads = [...document.querySelectorAll("th[data-key]")];
+for (const head of heads) {
+  const button = element("button", head.textContent, {type: "button"});
+  button.addEventListener("click", () => {
+    sorted = {key: head.dataset.key, sign: sorted && sorted.key === head.dataset.key ? -sorted.sign : 1}; taskTable();
+    for (const each of heads) each.removeAttribute("aria-sort");
+    head.setAttribute("aria-sort", sorted.sign > 0 ? "ascending" : "descending");
+  });
+  head.replaceChildren(button);
+}
 document.addEventListener("keydown", event => {
   if (!(event.ctrlKey || event.metaKey) || event.target.tagName === "INPUT") return;
   if (event.key === "z") { order("undo"); event.preventDefault(); }

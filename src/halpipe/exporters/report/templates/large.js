@@ -13,7 +13,7 @@ for (const canvas of document.querySelectorAll("canvas.viewer")) {
   });
   viewer.fixed = true;
   viewer.show(SCENE, canvas.dataset.mode);
-  canvas.style.height = `${Math.max(240, Math.min(20000, 40 + 14 * SCENE.units.length)) + METER * viewer.meters.length}px`;
+  canvas.style.height = `${Math.max(240 + METER * viewer.meters.length, Math.min(20000, viewer.tall()))}px`;
   viewers.set(canvas.dataset.mode, viewer);
 }
 

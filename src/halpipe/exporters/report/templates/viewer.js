@@ -1,7 +1,7 @@
 "use strict";
 // One chart of one mode on a canvas: lanes are units, boxes are jobs; below them, what units and resources bear. Zoom with the wheel, two fingers or + and -, pan by
 // dragging, choose with a click or the arrow keys. Dragging a job, or Alt with an arrow, asks the owner to move it.
-const METER = 30; // pixels
+const METER = 30, FONT = "12px system-ui, sans-serif"; // pixels
 
 class Viewer {
   constructor(canvas, owner) {
@@ -12,6 +12,7 @@ class Viewer {
     this.from = 0; this.to = 1; this.filter = ""; this.chain = null; this.heat = null; this.pinned = new Set();
     this.fixed = false; // nothing can be moved
     this.selected = null; this.hovered = null; this.drag = null; this.drawn = false;
+    this.wide = new Map(); // by name: its width in pixels
     this.fingers = new Map(); // by pointer: where it is
     const on = (name, act, options) => canvas.addEventListener(name, act.bind(this), options);
     on("wheel", this.onWheel, {passive: false});
@@ -35,10 +36,17 @@ class Viewer {
       name: scene.tasks[row[0]].name, colour: scene.tasks[row[0]].colour,
     }));
     this.meters = [{name: "busy units", steps: busyUnits(this.jobs, this.mode.length, scene.units.length)}, ...(this.mode.meters || [])];
+    this.context.font = FONT;
+    this.names = Math.max(90, ...scene.units.map(unit => 12 + this.context.measureText(unit).width));
     this.byLane = scene.units.map((_, lane) => this.jobs.filter(job => job.lanes.includes(lane)).sort((a, b) => a.start - b.start));
-    if (this.selected) this.selected = this.jobs.find(job => job.name === this.selected.name && job.index === this.selected.index) || null;
+    if (this.selected) { // what is said of it is said anew
+      this.selected = this.jobs.find(job => job.name === this.selected.name && job.index === this.selected.index) || null;
+      this.owner.chosen(this.selected);
+    }
     this.draw();
   }
+
+  tall() { return 40 + 14 * this.scene.units.length + METER * (this.meters || []).length; } // pixels in which every lane can be read
 
   draw() { if (!this.drawn) { this.drawn = true; requestAnimationFrame(() => { this.drawn = false; this.paint(); }); } }
 
@@ -55,7 +63,7 @@ class Viewer {
     }
     this.context.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.width = box.width; this.height = box.height;
-    this.left = 90; this.top = 24;
+    this.left = Math.min(this.width / 4, this.names); this.top = 24;
     this.seen = [-box.top, window.innerHeight - box.top]; // what of the canvas is in sight
     const below = METER * (this.meters ? this.meters.length : 0) + 6;
     this.lane = Math.max(8, (this.height - this.top - below) / Math.max(1, this.scene.units.length));
@@ -81,15 +89,15 @@ class Viewer {
   }
 
   paintLanes(pen, tone) {
-    pen.font = "12px system-ui, sans-serif"; pen.textBaseline = "middle"; pen.textAlign = "left";
+    pen.font = FONT; pen.textBaseline = "middle"; pen.textAlign = "left";
     this.scene.units.forEach((unit, lane) => {
       const y = this.top + lane * this.lane;
       pen.fillStyle = lane % 2 ? tone.back : tone.lane; pen.fillRect(0, y, this.width, this.lane);
       pen.fillStyle = tone.ink;
-      if (this.lane >= 12) pen.fillText(unit.slice(0, 12), 6, y + this.lane / 2);
+      if (this.lane >= 12) this.paintName(pen, tone.ink, unit, 6, this.left - 4, y + this.lane / 2);
     });
     pen.fillStyle = tone.faint;
-    this.meters.forEach((meter, row) => pen.fillText(meter.name.slice(0, 12), 6, this.base(row) - METER / 2 + 4));
+    this.meters.forEach((meter, row) => this.paintName(pen, tone.faint, meter.name, 6, this.left - 4, this.base(row) - METER / 2 + 4));
   }
 
   base(row) { return this.top + this.scene.units.length * this.lane + (row + 1) * METER; }
@@ -115,7 +123,7 @@ class Viewer {
   }
 
   paintAxis(pen, tone) {
-    const span = this.to - this.from, rough = span / 8, power = 10 ** Math.floor(Math.log10(rough));
+    const span = this.to - this.from, rough = span / Math.max(2, Math.min(8, (this.width - this.left) / 75)), power = 10 ** Math.floor(Math.log10(rough));
     const step = [1, 2, 5, 10].map(n => n * power).find(n => n >= rough);
     pen.strokeStyle = tone.line; pen.fillStyle = tone.faint; pen.textAlign = "center"; pen.lineWidth = 1;
     for (let tick = Math.ceil(this.from / step) * step; tick <= this.to + step / 1e6; tick += step) {
@@ -152,13 +160,10 @@ class Viewer {
           if (wide > 3) { pen.strokeStyle = "#0006"; pen.lineWidth = 1; pen.strokeRect(begin + .5, y + .5, wide - 1, high - 1); }
           if (this.pinned.has(`${this.mode.name} ${job.task} ${job.index}`)) { pen.fillStyle = tone.ink; pen.fillRect(begin, y, wide, 3); }
           if (job === this.selected || job === this.hovered) { pen.strokeStyle = tone.accent; pen.lineWidth = 2.5; pen.strokeRect(begin + 1, y + 1, Math.max(1, wide - 2), high - 2); }
-          if (wide > 34 && high > 11) { pen.fillStyle = "#111"; pen.fillText(job.name, begin + 4, y + high / 2, wide - 8); }
+          if (wide > 34 && high > 11) this.paintName(pen, "#111", job.name, Math.max(begin, this.left) + 4, Math.min(until, this.width) - 4, y + high / 2);
         }
       }
-      if (job.gaps) {
-        pen.strokeStyle = tone.faint; pen.lineWidth = 1; pen.beginPath();
-        pen.moveTo(this.x(job.start), y + high / 2); pen.lineTo(this.x(job.end), y + high / 2); pen.stroke();
-      }
+      if (job.gaps) this.paintGaps(pen, tone, job, y + high / 2);
     }
     pen.globalAlpha = 1;
     if (this.drag && this.drag.job && !this.fixed && this.drag.job.lanes.includes(lane)) {
@@ -167,6 +172,24 @@ class Viewer {
       pen.fillRect(this.x(job.start + this.drag.by), y, Math.max(2, this.x(job.end) - this.x(job.start)), high);
       pen.globalAlpha = 1;
     }
+  }
+
+  paintGaps(pen, tone, job, y) { // thin lines from part to part, also where they go on at the beginning of the cycle
+    pen.strokeStyle = tone.ink; pen.lineWidth = 1; pen.beginPath();
+    for (let n = 1; n < job.parts.length; n++) {
+      for (const shift of job.end > this.mode.length ? [0, -this.mode.length] : [0]) {
+        pen.moveTo(this.x(job.parts[n - 1][1] + shift), y); pen.lineTo(this.x(job.parts[n][0] + shift), y);
+      }
+    }
+    pen.stroke();
+  }
+
+  paintName(pen, colour, name, begin, end, y) { // or as much of it as there is room for
+    const wide = this.wide.get(name) || pen.measureText(name).width, room = end - begin;
+    this.wide.set(name, wide);
+    pen.fillStyle = colour;
+    if (wide <= room) pen.fillText(name, begin, y);
+    else if (room > 24) pen.fillText(`${name.slice(0, Math.floor(name.length * (room - 12) / wide))}…`, begin, y, room);
   }
 
   paintBeside(pen, tone) {

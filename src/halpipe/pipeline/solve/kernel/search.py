@@ -80,10 +80,14 @@ def search(
     hint = hints(problem, earlier)
     problem = problem.with_construction(known_first(problem.arrays.construction, hint))
     changed: tuple[str, ...] = ()
+    first = new_state(problem.arrays, seed, problem.mean_wcet)
+    first.hint[:] = hint
     if shipped:
-        problem, changed = freeze(problem, new_state(problem.arrays, seed, problem.mean_wcet), shipped)
+        problem, changed = freeze(problem, first, shipped)
 
     def begin(member: int) -> State:
+        if member == 0:
+            return first
         state = new_state(problem.arrays, seed + member * MEMBER_SEED, problem.mean_wcet)
         state.hint[:] = hint
         if shipped:

@@ -1,0 +1,96 @@
+"""What is drawn can be read: long names, many parts, narrow windows, in the workbench and in reports."""
+
+import pytest
+
+from halpipe.api import export, schedule
+from halpipe.exporters.native import format_model
+from halpipe.models import Split
+from support import chain, mode, model, task, version
+
+pytest.importorskip("starlette", reason="the extra [serve]")
+pytest.importorskip("selenium", reason="drives the browser")
+
+from dataclasses import replace
+from itertools import pairwise
+
+from selenium.webdriver.support.ui import WebDriverWait
+
+pytestmark = pytest.mark.slow  # a browser starts
+
+LONG = "some/package/with/many/words/that/nobody/has/shortened/" + "x" * 120
+UNITS = "unit_number_one_of_the_left_zone_controller unit_number_two_of_the_left_zone_controller"
+PEN = """
+const said = [], lines = [], pen = new Proxy({}, {
+  get: (_, name) => name === "fillText" ? (text, x) => said.push([text, x])
+    : name === "measureText" ? text => ({width: 7 * text.length})
+    : name === "moveTo" || name === "lineTo" ? x => lines.push(x) : () => 0,
+  set: () => true,
+});
+"""
+
+
+def long_names():
+    tasks = [task(f"{LONG}{n}", "10ms", version("w" * 90, f"{n + 1}ms", UNITS)) for n in range(3)]
+    chains = [chain("c" * 110, " ".join(each.name for each in tasks), "90ms")]
+    return model(*tasks, units=UNITS, chains=chains, modes=[mode("m" * 100, tasks)])
+
+
+def split_job():
+    """A job of 22 ms that another one interrupts every 5 ms."""
+    parts = replace(version("v", "22ms"), split=Split(anywhere=True, max_gaps=8))
+    return model(task("long", "40ms", parts), task("short", "5ms", version("v", "1500us")))
+
+
+@pytest.fixture
+def shown(browser, serve):
+    def show(system):
+        browser.get(serve(format_model(system)))
+        WebDriverWait(browser, 300).until(lambda b: b.execute_script("return Boolean(state && state.valid)"))
+        browser.execute_script("viewer.paint()")
+        return browser
+
+    return show
+
+
+def overhang(browser):
+    return browser.execute_script("return document.documentElement.scrollWidth - window.innerWidth")
+
+
+def test_long_names_make_no_page_wider_than_its_window(shown, tmp_path):
+    page = shown(long_names())
+    assert overhang(page) <= 0
+    assert page.execute_script("return viewer.left") > 200  # or the units could not be told apart
+    found = export("report", long_names(), schedule(long_names()))
+    (tmp_path / "long.html").write_bytes(found[""])
+    page.get((tmp_path / "long.html").as_uri())
+    assert overhang(page) <= 0
+
+
+def test_a_name_is_cut_where_its_bar_ends(shown):
+    page = shown(split_job())
+    name = "viewer.paintName(pen, 'black', '{}', 10, {}, 5); return said.map(([text]) => text)"
+    assert page.execute_script(PEN + name.format("brake", 45)) == ["brake"]
+    assert page.execute_script(PEN + name.format("detection", 60)) == ["detec…"]
+    assert page.execute_script(PEN + name.format("steering", 30)) == []
+
+
+def test_lines_of_gaps_lie_between_the_parts(shown):
+    page = shown(split_job())
+    ends = "job.parts.slice(1).flatMap((part, n) => [viewer.x(job.parts[n][1]), viewer.x(part[0])])"
+    find = "const job = viewer.jobs.find(job => job.name === 'long'); viewer.paintGaps(pen, {}, job, 5);"
+    lines, expected = page.execute_script(PEN + find + f"return [lines, {ends}]")
+    assert lines == expected
+    assert len(lines) == 2 * 7
+
+
+@pytest.mark.parametrize("width", [480, 1400])
+def test_instants_on_the_axis_stand_apart(shown, width):
+    page = shown(split_job())
+    page.set_window_size(width, 900)
+    try:
+        told = page.execute_script(PEN + "viewer.layout(); viewer.paintAxis(pen, {}); return said")
+    finally:
+        page.set_window_size(1400, 900)
+    assert len(told) >= 3
+    ends = [(x - 3.5 * len(text), x + 3.5 * len(text)) for text, x in told]
+    assert all(before[1] < after[0] for before, after in pairwise(ends))
