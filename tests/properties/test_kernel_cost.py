@@ -15,7 +15,16 @@ from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel.assign_units import deal_anyhow
-from halpipe.pipeline.solve.kernel.kernel import anneal, load, luby, move, next_temperature, restart, total_cost
+from halpipe.pipeline.solve.kernel.kernel import (
+    anneal,
+    load,
+    luby,
+    move,
+    move_swap,
+    next_temperature,
+    restart,
+    total_cost,
+)
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import BEST, COST, CYCLE_LEFT, INSERTED, new_state
@@ -142,6 +151,19 @@ def test_the_running_cost_is_the_cost_of_the_placement_after_every_move(seed, gr
     for state in walk(problem, seed, 80):
         assert state.register[COST] == total_cost(problem.arrays, state)
         check_phases(problem, state)
+
+
+@FAST
+@given(SEEDS, st.booleans())
+def test_the_running_cost_is_that_of_the_placement_after_entries_have_changed_places(seed, grouped):
+    _, problem = random_problem(seed, grouped=grouped)
+    entries = len(problem.arrays.entry_offset)
+    for number, state in enumerate(walk(problem, seed, entries + 40)):
+        if is_complete(problem, state):
+            move_swap(problem.arrays, state, NOISE, number % entries)
+            assert state.register[COST] == total_cost(problem.arrays, state)
+            check_phases(problem, state)
+            check_profiles(problem, state)
 
 
 @FAST

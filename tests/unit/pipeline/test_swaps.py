@@ -25,10 +25,9 @@ def constructed(*tasks, seed=1):
     return problem.arrays, state
 
 
-def swaps(arrays, state, entry, times=100):
-    """Return whether an entry changed places at least once in so many moves."""
-    state.register[-3] = 0  # the temperature
-    return any([move_swap(arrays, state, NOISE, entry) for _ in range(times)])
+def finds_a_partner(arrays, state, entry):
+    """Return whether an entry has somebody to change places with, in many moves."""
+    return any(move_swap(arrays, state, NOISE, entry) for _ in range(100))
 
 
 def plain(name, wcet=3, period=20, **options):
@@ -40,7 +39,7 @@ def test_entries_of_the_same_period_change_places_and_nothing_else_moves():
     before = state.start.tolist()
     moved = set()
     for _ in range(200):
-        assert move_swap(arrays, state, NOISE, 0)
+        move_swap(arrays, state, NOISE, 0)  # now and then, nobody of the same period is drawn
         assert state.register[COST] == total_cost(arrays, state)
         moved |= {job for job, (was, now) in enumerate(zip(before, state.start, strict=True)) if was != now}
     assert moved == {0, 1}, "the jobs of the task with another period stay"
@@ -52,35 +51,37 @@ def test_entries_of_the_same_period_change_places_and_nothing_else_moves():
         plain("b", period=10),
         plain("b", offset=3),
         task("b", 20, version("v", 3, "u1 u2", after("a", 0, 19))),
-        plain("b", chained=True),
-    ][:3],
+    ],
     ids=["period", "offset", "window"],
 )
 def test_what_is_of_another_kind_has_no_part_in_it(other):
     arrays, state = constructed(plain("a"), other)
-    assert not swaps(arrays, state, 0)
+    assert not finds_a_partner(arrays, state, 0)
 
 
 def test_what_is_frozen_stays():
     arrays, state = constructed(plain("a"), plain("b"))
     state.hint[1] = FROZEN_HINT
-    assert not swaps(arrays, state, 0)
-    assert not swaps(arrays, state, 1)
+    assert not finds_a_partner(arrays, state, 0)
+    assert not finds_a_partner(arrays, state, 1)
 
 
-DENSE = SetParameters(tasks=48, units=2, unit_types=1, utilisation=Fraction(97, 100), resource_fill=Fraction(1, 2))
+DENSE = SetParameters(tasks=72, units=3, unit_types=1, utilisation=Fraction(94, 100), resource_fill=Fraction(3, 5))
+FULL = SetParameters(tasks=72, units=3, unit_types=1, utilisation=Fraction(98, 100), resource_fill=Fraction(1, 5))
 
 
 @pytest.mark.slow
-def test_where_little_is_idle_changing_places_is_what_finds_a_schedule():
-    """Of six sets of 48 tasks on two units at 97 %, in 200 000 moves each."""
-    solved = {parts: 0 for parts in (ALL_PARTS, ALL_PARTS & ~Part.MOVE_SWAP)}
-    for seed in range(1, 7):
-        system = generate(DENSE, seed)
-        problem = build_problem(expand(system, system.modes[0]), system.units, [r.name for r in system.resources])
-        for parts in solved:
-            state = new_state(problem.arrays, seed, problem.mean_wcet, parts)
-            anneal(problem.arrays, state, NOISE, 200_000)
-            solved[parts] += state.register[BEST] == 0
+def test_where_little_is_idle_changing_places_finds_more_schedules():
+    """Of five sets each, in 200 000 moves: units full and resources not, and both nearly so."""
+    solved = dict.fromkeys((ALL_PARTS, ALL_PARTS & ~Part.MOVE_SWAP), 0)
+    for parameters in (DENSE, FULL):
+        for seed in range(1, 6):
+            system = generate(parameters, seed)
+            resources = [resource.name for resource in system.resources]
+            problem = build_problem(expand(system, system.modes[0]), system.units, resources)
+            for parts in solved:
+                state = new_state(problem.arrays, seed, problem.mean_wcet, parts)
+                anneal(problem.arrays, state, NOISE, 200_000)
+                solved[parts] += state.register[BEST] == 0
     with_swaps, without = solved.values()
-    assert with_swaps > without, solved
+    assert with_swaps >= without + 2, solved

@@ -72,6 +72,11 @@ def move_cluster(arrays: Arrays, state: State, noise: Ints, size: int) -> None:
     tell("move_cluster", arrays, state, size, noise=noise)
 
 
+def move_swap(arrays: Arrays, state: State, noise: Ints, entry: int) -> bool:
+    """Let an entry change places with another one, and account for the cost; False if it has nobody to do so."""
+    return ask("move_swap", arrays, state, entry, noise=noise) != 0
+
+
 def luby(number: int) -> int:
     """Return the number-th term, from 1 on, of Luby's sequence 1, 1, 2, 1, 1, 2, 4, ..."""
     return int(function("luby")(INTEGER(number)))

@@ -63,6 +63,8 @@ class Part(IntFlag):
     PICK_CONFLICTS = 1 << 12
     HOT_CYCLES = 1 << 13
     RESTARTS = 1 << 14
+    # One more of the moves other than that of a whole entry.
+    MOVE_SWAP = 1 << 15
 
 
 ALL_PARTS = Part(-1)

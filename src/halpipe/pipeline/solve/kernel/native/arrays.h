@@ -139,6 +139,8 @@ typedef enum {
     PICK_CONFLICTS = 1 << 12,
     HOT_CYCLES = 1 << 13,
     RESTARTS = 1 << 14,
+    /* One more of the moves other than that of a whole entry. */
+    MOVE_SWAP = 1 << 15,
 } Part;
 
 static inline bool is_on(const State *s, Part part) { return (s->enabled & part) != 0; }

@@ -15,10 +15,15 @@
 #include "cycles.h"
 #include "move_cluster.h"
 #include "move_entry.h"
+#include "move_swap.h"
 
 /* One move in so many of a task that is coupled with others takes along what is tightly linked to it; of one that is in a
  * body, all but one in so many: alone, it can only break the body apart. */
 enum { CLUSTERS = 4 };
+
+/* One move in so many lets an entry change places with another one, if it may; but not in the first cycles, of which most
+ * sets need no more, and not where windows are what is hard. */
+enum { SWAPS = 2 };
 
 /* Remember the current placement if it is complete and the best so far. */
 static void note_best(const Arrays *p, State *s) {
@@ -32,20 +37,30 @@ static void note_best(const Arrays *p, State *s) {
     }
 }
 
-/* Make one heat-bath move and account for its cost: of an entry, or of it and what is tightly linked to it. */
+/* Gather what moves with a task, if it is coupled with others and they move together this time; return how many. */
+static int64_t gather(const Arrays *p, State *s, int64_t task) {
+    if (p->task_coupled[task] == 0)
+        return 1;
+    int64_t chance = draw(s, CLUSTERS);
+    bool is_joint = is_in_body(p, task) ? chance > 0 : chance == 0;
+    return is_joint && is_on(s, MOVE_CLUSTER) ? gather_cluster(p, s, task) : 1;
+}
+
+/* Whether the next move is to let two entries change places. */
+static bool is_swap(const Arrays *p, State *s) {
+    bool is_time = s->registers->cycle > FEW_CYCLES && p->rows == 0 && s->registers->inserted == p->entries;
+    return is_time && is_on(s, MOVE_SWAP) && draw(s, SWAPS) == 0;
+}
+
+/* Make one heat-bath move and account for its cost: of an entry, of it and another one that change places, or of it and
+ * what is tightly linked to it. */
 static void move(const Arrays *p, State *s, const int64_t *noise) {
     Pick next = pick(p, s);
-    int64_t task = p->job_task[p->entry_job[next.entry]], size = 1;
-    bool may_be_joint = s->registers->inserted == p->entries && p->task_coupled[task] == 1;
-    if (may_be_joint) {
-        int64_t chance = draw(s, CLUSTERS);
-        bool is_joint = is_in_body(p, task) ? chance > 0 : chance == 0;
-        if (is_joint && is_on(s, MOVE_CLUSTER))
-            size = gather_cluster(p, s, task);
-    }
+    bool is_complete = s->registers->inserted == p->entries;
+    int64_t size = is_complete ? gather(p, s, p->job_task[p->entry_job[next.entry]]) : 1;
     if (size > 1)
         move_cluster(p, s, noise, size);
-    else
+    else if (!is_swap(p, s) || !move_swap(p, s, noise, next.entry))
         move_entry(p, s, noise, next.entry, next.job);
     note_best(p, s);
 }
@@ -116,6 +131,10 @@ EXPORTED int64_t halpipe_gather_cluster(const Arrays *p, State *s, int64_t task)
 
 EXPORTED void halpipe_move_cluster(const Arrays *p, State *s, const int64_t *noise, int64_t size) {
     move_cluster(p, s, noise, size);
+}
+
+EXPORTED int64_t halpipe_move_swap(const Arrays *p, State *s, const int64_t *noise, int64_t entry) {
+    return move_swap(p, s, noise, entry);
 }
 
 /* What the sources hashed to when this was built: a library left over from other sources is refused. */

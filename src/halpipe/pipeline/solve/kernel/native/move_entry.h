@@ -187,6 +187,13 @@ static bool is_flexible(const Arrays *p, int64_t task) {
     return options_of(p, task) > 1 || p->option_late[p->task_option[task]] > 0;
 }
 
+/* Remember an entry of which jobs [begin, end) were placed, and whoever shares what is overloaded with them. */
+static void heat_up_around(const Arrays *p, State *s, int64_t entry, int64_t begin, int64_t end) {
+    heat_up(s, entry);
+    for (int64_t job = begin; job < end; job++)
+        heat_up_overlapped(p, s, job);
+}
+
 /* Move an entry or, of one with a choice for each job, half of the time a job: that in conflict, if one is. */
 static void move_entry(const Arrays *p, State *s, const int64_t *noise, int64_t entry, int64_t conflicting) {
     Registers *at = s->registers;
@@ -217,9 +224,7 @@ static void move_entry(const Arrays *p, State *s, const int64_t *noise, int64_t 
     if (fresh)
         at->inserted++;
     if (after > 0 && (fresh || has_moved(s, begin, end))) {
-        heat_up(s, entry);
-        for (int64_t job = begin; job < end; job++)
-            heat_up_overlapped(p, s, job);
+        heat_up_around(p, s, entry, begin, end);
         if (side > 0)
             heat_up_partners(p, s, task, begin, end);
     }

@@ -14,7 +14,12 @@ enum {
     PARTNERS = 8,
     /* Each of the two begins where the other one did, or ends where it did. */
     WAYS_TO_SWAP = 4,
+    /* They are tried at a temperature divided by 2**4: other moves keep the best of many places that were made to fit, and
+     * at the same temperature these four would disturb more than those put in order. */
+    COLDER = 4,
 };
+
+static int64_t draw_cold_noise(State *s, const int64_t *noise) { return draw_noise(s, noise) >> COLDER; }
 
 typedef struct { int64_t entry, task, begin, end; } Side; /* jobs [begin, end) of one of the two */
 
@@ -66,7 +71,7 @@ static void sample_swaps(const Arrays *p, State *s, const int64_t *noise, Side o
     int64_t here = s->old[one.begin].phase, there = s->old[other.begin].phase;
     int64_t longer = p->option_wcet[s->old[one.begin].option] - p->option_wcet[s->old[other.begin].option];
     for (int way = 0; way < WAYS_TO_SWAP; way++) {
-        int64_t limit = best + draw_noise(s, noise);
+        int64_t limit = best + draw_cold_noise(s, noise);
         int64_t phase = modulo((way & 1) == 0 ? there : there - longer, period);
         int64_t its_phase = modulo((way & 2) == 0 ? here : here + longer, period);
         int64_t cost = try_both(p, s, noise, one, phase, other, its_phase, limit);
@@ -88,7 +93,7 @@ static bool move_swap(const Arrays *p, State *s, const int64_t *noise, int64_t e
     Side one = side_of(p, entry), other = side_of(p, partner);
     int64_t before = take_out(p, s, one.begin, one.end);
     before += take_out(p, s, other.begin, other.end);
-    int64_t best = before - draw_noise(s, noise);
+    int64_t best = before - draw_cold_noise(s, noise);
     sample_swaps(p, s, noise, one, other, best);
     int64_t after = put_back(p, s, one.begin, one.end);
     after += put_back(p, s, other.begin, other.end);
