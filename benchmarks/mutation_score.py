@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import gc
 import json
 import os
 import random
@@ -109,9 +110,9 @@ class Mutant:
     """One fault: its file, number of its place, and what the tests have to reach to notice it."""
 
     def __init__(self, path: Path, number: int) -> None:
-        self.path, self.number = path, number
-        self.tree = ast.parse(path.read_text())
-        node, field = places(self.tree)[number]
+        self.path = path
+        self._tree = ast.parse(path.read_text())
+        node, field = places(self._tree)[number]
         self.line = node.lineno
         self.lines = self._reached_by(node)
         statement = self._statement(node)
@@ -120,14 +121,16 @@ class Mutant:
         change(node, field)
         self.text = f"{path.name}: {before}  ->  {ast.unparse(node)}"
         self.place = f"{path.name}:{self.line}: {before}  ->  {ast.unparse(node)}   in   {whole}"
+        self.source = ast.unparse(ast.fix_missing_locations(self._tree))
+        del self._tree
 
     def _statement(self, node: ast.AST) -> ast.stmt:
-        around = [s for s in ast.walk(self.tree) if isinstance(s, ast.stmt) and any(n is node for n in ast.walk(s))]
+        around = [s for s in ast.walk(self._tree) if isinstance(s, ast.stmt) and any(n is node for n in ast.walk(s))]
         return max(around, key=lambda s: (s.lineno, -(s.end_lineno or 0)))
 
     def _reached_by(self, node: ast.AST) -> range | None:
         """Return the lines of the expression's statement; None for what is decided at import."""
-        bodies = [s for f in ast.walk(self.tree) if isinstance(f, ast.FunctionDef) for s in f.body]
+        bodies = [s for f in ast.walk(self._tree) if isinstance(f, ast.FunctionDef) for s in f.body]
         if not any(n is node for body in bodies for n in ast.walk(body)):
             return None
         statement = self._statement(node)
@@ -281,9 +284,10 @@ def prepared(folder: Path, tests: Tests) -> None:
 def tried(chosen: list[Mutant], tests: Tests) -> list[Mutant]:
     """Try them all, and return the survivors."""
     survivors = []
+    gc.freeze()  # what is loaded is nothing to look at for the forks
     for count, mutant in enumerate(chosen, 1):
         original = mutant.path.read_text()
-        mutant.path.write_text(ast.unparse(ast.fix_missing_locations(mutant.tree)))
+        mutant.path.write_text(mutant.source)
         if not tests.notice(mutant):
             survivors.append(mutant)
             print(f"{'equivalent' if mutant.is_known() else 'survived'}: {mutant.place}", flush=True)

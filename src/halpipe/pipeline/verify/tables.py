@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from halpipe.diagnostics import Path, Subject, about
@@ -57,7 +58,12 @@ class Clock:
 
     def text(self, ticks: int) -> str:
         """Print `ticks` as a duration."""
-        return str(Duration(Fraction(ticks, self.scale)))
+        return _told(ticks, self.scale)
+
+
+@lru_cache(maxsize=8192)  # messages of many jobs have the same WCET and the same limits
+def _told(ticks: int, scale: int) -> str:
+    return str(Duration(Fraction(ticks, scale)))
 
 
 @dataclass(slots=True)
