@@ -16,7 +16,7 @@ OUT_OF_MEMORY = error(
 
 _NO_MEMORY = ("can't start new thread", "cannot allocate memory", "failed to map segment")
 _SCARCE = (errno.EAGAIN, errno.EMFILE, errno.ENFILE)
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF)
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 def told(failure: Exception) -> int:
