@@ -108,7 +108,8 @@ def run(folder: Path, words: str, what: int = 0, limit: int | None = None) -> su
         [sys.executable, "-m", "halpipe", *words.split()],
         cwd=folder, text=True, capture_output=True, errors="replace", timeout=PATIENCE, check=False,
         preexec_fn=(lambda: resource.setrlimit(what, (limit, limit))) if limit is not None else None,
-        env={**os.environ, "TMPDIR": str(folder / "tmp"), "XDG_CACHE_HOME": str(folder / "cache")},
+        env={**os.environ, "TMPDIR": str(folder / "tmp"), "XDG_CACHE_HOME": str(folder / "cache"),
+             "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "compiled")},
     )  # fmt: skip
 
 

@@ -139,6 +139,6 @@ def _exit_code(failure: Exception) -> int:
         return failures.told(failure)
     except BrokenPipeError:
         return _ended_by_reader()
-    except MemoryError:
+    except (MemoryError, ImportError, SyntaxError):  # too little even to load what tells it, or to compile that
         os.write(2, b"error[HAL0007] the system gives no more memory\n")
         return 1

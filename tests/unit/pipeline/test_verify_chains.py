@@ -88,3 +88,18 @@ def test_the_newest_data_are_those_that_ended_last():
     assert not errors(system, plan)
     tight = model(*system.tasks, units="u1 u2 u3", chains=[chain("c", "a b", age=15)])
     assert "data age 16ms" in only(tight, plan, codes.CHAIN_LIMIT)
+
+
+def test_of_jobs_a_nanosecond_apart_the_second_is_the_next():
+    """After the first of them, the stimulus is seen by the second: at 10 ms, out at 18."""
+    system = relay(28, None, slack=1, deadline=30)
+    jobs = [job(system, "a", 0, "9999999ns", "u1"), job(system, "a", 1, 10, "u3")]
+    system = replace(system, units=model(units="u1 u2 u3").units, tasks=(_anywhere(system.tasks[0]), *system.tasks[1:]))
+    plan = schedule(system, 20, *jobs, job(system, "b", 0, 15, "u2"))
+    assert messages(system, plan, codes.CHAIN_LIMIT) == []
+    tight = replace(system, chains=(chain("c", "a b", "27999999ns"),))
+    assert 'reaction time 28ms for "a" job 1 at 10ms' in only(tight, plan, codes.CHAIN_LIMIT)
+
+
+def _anywhere(own):
+    return replace(own, versions=tuple(replace(v, units=("u1", "u3")) for v in own.versions))

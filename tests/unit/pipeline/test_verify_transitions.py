@@ -337,3 +337,83 @@ def test_chains_of_tasks_that_run_in_only_one_mode_are_left_alone():
     system = two_modes((A,), (A, B), chains=[chain("k", "a b", 18, 100)])
     plan = tables(system, [("a", 0, "u1")], [("a", 0, "u1"), ("b", 4, "u2")])
     assert not errors(system, switch(plan, 5))
+
+
+def relayed(first, second, chains):
+    """Modes of c and d, by where their jobs start: once or twice each, in a hyperperiod of 10 or 20 ms."""
+    c = task("c", 10, version("v", 2, "u1 u3"), version("long", 10, "u1"), slack=1, deadline=30)
+    d = task("d", 10, version("v", 2, "u2"), slack=1, deadline=30)
+    slow = task("slow", 20, version("v", 1, "u4"))
+    parts = [part if len(part) == 2 else [*part, ("slow", "0ms", "u4")] for part in (first, second)]
+    runs = [(c, d) if len(part) == 2 else (c, d, slow) for part in parts]
+    modes = [mode(name, tasks) for name, tasks in zip(("one", "two"), runs, strict=True)]
+    system = model(c, d, slow, units="u1 u2 u3 u4", modes=modes, transitions=(("one", "two", 20),), chains=chains)
+    made = []
+    for name, part in zip(("one", "two"), parts, strict=True):
+        jobs = [job(system, task_, 0, *where) for task_, *where in part]
+        numbered = [replace(j, index=[k.task for k in jobs[:n]].count(j.task)) for n, j in enumerate(jobs)]
+        made.append(table(name, 10 if len(part) == 2 else 20, *numbered))
+    return system, switch(plan_of(system, *made), 0)
+
+
+def test_a_chain_may_cross_a_switch_from_three_cycles_before():
+    """Missed by c at -29, seen at -19, out at -9, where d starts no more: it reads at 5 in the mode to come."""
+    first, second = [("c", 1, "u1", "long"), ("d", "0ms", "u2")], [("c", 1, "u1", "long"), ("d", 5, "u2")]
+    system, plan = relayed(first, second, [chain("k", "c d", 36)])
+    assert messages(system, plan, codes.CHAIN_LIMIT) == []
+    system, plan = relayed(first, second, [chain("k", "c d", 35)])
+    assert 'reaction time 36ms for "c" job 0 of mode "one" at -29ms' in only(system, plan, codes.CHAIN_LIMIT)
+
+
+def test_a_path_whose_last_job_starts_with_the_switch_crosses_it():
+    """After c at -20: c at -10 to -8, d at 0. That d belongs to mode two; mode one by itself takes till 3."""
+    first, second = (
+        [("c", "0ms", "u1"), ("d", 1, "u2")],
+        [("c", "0ms", "u1"), ("c", 10, "u1"), ("d", "0ms", "u2"), ("d", 4, "u2")],
+    )
+    system, plan = relayed(first, second, [chain("k", "c d", 21)])
+    assert not [text for text in errors(system, plan) if codes.CHAIN_LIMIT.id not in text]
+    assert [text.split(" for ")[0] for text in messages(system, plan, codes.CHAIN_LIMIT)] == [
+        'mode "one" chain "k": reaction time 23ms',
+        'mode "two" chain "k": reaction time 22ms',
+        'transition "one" to "two" chain "k": reaction time 22ms',
+    ]
+
+
+def test_a_path_that_begins_with_the_mode_to_come_is_its_own_matter():
+    system, plan = relayed(
+        [("c", "0ms", "u1"), ("d", 2, "u2")], [("c", "0ms", "u1"), ("d", 6, "u2")], [chain("k", "c d", None, 7)]
+    )
+    (text,) = messages(system, plan, codes.CHAIN_LIMIT)
+    assert text.startswith('mode "two" chain "k": data age 8ms')
+
+
+def test_of_jobs_a_nanosecond_apart_before_a_switch_the_second_is_the_next():
+    """Missed by c at -10 ms, a stimulus is seen at 5; missed a nanosecond before, by c at -10 ms."""
+    first = [("c", "9999999ns", "u1"), ("c", 10, "u3"), ("d", 5, "u2"), ("d", 15, "u2")]
+    system, plan = relayed(first, [("c", 5, "u1"), ("d", 9, "u2")], [chain("k", "c d", 21)])
+    assert not [text for text in messages(system, plan, codes.CHAIN_LIMIT) if text.startswith("transition")]
+
+
+def test_chains_of_three_tasks_are_traced_through_all_of_them():
+    """e at 6 reads d at 3, which reads c at 0; after the switch e at 6 reads d at 3 and c of mode one, at -10."""
+    tasks = [task(name, 10, version("v", 2, f"u{n}"), slack=1) for n, name in enumerate("cde", 1)]
+    starts = {"c": ["0ms", 4], "d": [3, 3], "e": [6, 6]}
+    for limit, told in ((18, 0), (17, 1)):
+        system = model(
+            *tasks,
+            units="u1 u2 u3",
+            modes=[mode("one", tasks), mode("two", tasks)],
+            transitions=(("one", "two", 20),),
+            chains=[chain("k", "c d e", None, limit)],
+        )
+        made = [
+            table(name, 10, *(job(system, t, 0, starts[t][n], f"u{i}") for i, t in enumerate("cde", 1)))
+            for n, name in enumerate(("one", "two"))
+        ]
+        found = [
+            text
+            for text in messages(system, switch(plan_of(system, *made), 0), codes.CHAIN_LIMIT)
+            if text.startswith("transition")
+        ]
+        assert len(found) == told, found

@@ -91,7 +91,7 @@ def timing(task: Task) -> Iterator[Diagnostic]:
         yield _fault(path, f"has the period {task.period}; it must be positive", task.at)
     if not 0 <= task.slack <= 1:
         yield _fault(path, f"has the slack {task.slack}; it must lie between 0 and 1", task.at)
-    if task.distance is not None and (task.period is None or not ZERO < task.period <= task.distance):
+    if task.distance is not None and (task.period is None or task.period > task.distance):
         text = f"serves arrivals {task.distance} apart and is polled every {task.period or 'never'}"
         yield _fault(path, f"{text}; its period must be at most the distance", task.at)
 
