@@ -103,3 +103,11 @@ def test_of_jobs_a_nanosecond_apart_the_second_is_the_next():
 
 def _anywhere(own):
     return replace(own, versions=tuple(replace(v, units=("u1", "u3")) for v in own.versions))
+
+
+@pytest.mark.parametrize(("limit", "is_kept"), [(2, True), ("1999999ns", False)])
+def test_a_job_without_length_ends_where_it_starts(limit, is_kept):
+    """b takes no time at 2 ms, and reads what a did from 0 to 2."""
+    system = relay(None, limit)
+    system = replace(system, tasks=(system.tasks[0], task("b", 20, version("v", "0ms", "u2")), system.tasks[2]))
+    assert (not messages(system, at(system, 2), codes.CHAIN_LIMIT)) == is_kept

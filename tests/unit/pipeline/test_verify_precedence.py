@@ -1,7 +1,9 @@
 """Rule precedence, with the paper's own stack as the case that must wrap round."""
 
+from dataclasses import replace
+
 import pytest
-from verify_helpers import codes_found, errors, messages, only
+from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
 
 from halpipe.pipeline.verify import codes
 from support import after, chain, job, mode, model, schedule, task, version
@@ -136,3 +138,40 @@ def test_it_passes_through_in_63_ms_and_reacts_a_period_later():
 @pytest.mark.parametrize(("start", "text"), [(10, "1ms before the end"), (12, "1ms too late")])
 def test_one_tick_off_the_end_of_the_stack(start, text):
     assert text in only(roboracer(), stack(roboracer(), start), codes.OUT_OF_WINDOW)
+
+
+# ------------------------------------------------------------------------------------------------ switches
+
+
+def cycles_apart():
+    """Mode two looks back over 35 cycles at mode one, whose hyperperiod shares no divisor with its own but 10."""
+    first = task("first", 10, version("v", 1), slack=1)
+    then = task("then", 10, version("v", 1, "u2", after("first", 350, 360)), slack=1)
+    slow = task("slow", 30, version("v", 1, "u3"))
+    modes = [mode("one", [first, slow]), mode("two", [first, then])]
+    system = model(first, then, slow, units="u1 u2 u3", modes=modes, transitions=[("one", "two", 20)])
+    jobs = [replace(job(system, "first", 0, 10 * k, "u1"), index=k) for k in range(3)]
+    one = table("one", 30, *jobs, job(system, "slow", 0, 0, "u3"))
+    two = table("two", 10, job(system, "first", 0, 0, "u1"), job(system, "then", 0, 5, "u2"))
+    return system, switch(plan_of(system, one, two), 0)
+
+
+@pytest.mark.parametrize(("most", "is_refused"), [(3, False), (2, True)])
+def test_cycles_that_look_at_another_instant_are_counted_to_the_limit(monkeypatch, most, is_refused):
+    """Three cycles of 10 ms look at three instants of a mode of 30 ms; after them all is repeated."""
+    monkeypatch.setattr("halpipe.pipeline.verify.precedence.MAX_LINE", most)
+    system, plan = cycles_apart()
+    assert [text for text in errors(system, plan) if "in too many cycles" in text] == errors(system, plan)
+    assert bool(errors(system, plan)) == is_refused
+
+
+def test_what_no_job_of_a_mode_finds_is_the_matter_of_the_mode():
+    """In no cycle of mode two is there a first 5 to 6 ms before then, nor is there in mode one."""
+    first = task("first", 10, version("v", 1), slack=1)
+    then = task("then", 10, version("v", 1, "u2", after("first", 15, 16)), slack=1)
+    modes = [mode("one", [first, then]), mode("two", [first, then])]
+    system = model(first, then, units="u1 u2", modes=modes, transitions=[("one", "two", 20)])
+    one = table("one", 10, job(system, "first", 0, 0, "u1"), job(system, "then", 0, 5, "u2"))
+    two = table("two", 10, job(system, "first", 0, 0, "u1"), job(system, "then", 0, 7, "u2"))
+    found = messages(system, switch(plan_of(system, one, two), 0), codes.OUT_OF_WINDOW)
+    assert [text.split(" task")[0] for text in found] == ['mode "two"']

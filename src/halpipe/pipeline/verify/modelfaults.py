@@ -128,7 +128,8 @@ def _split(path: str, version: Version) -> Iterator[Diagnostic]:
                 yield _fault(path, text, version.at)
     if split.anywhere and (points or split.max_gaps is None):
         yield _fault(path, "may be split anywhere, but does not say how often at most (max-gaps)", version.at)
-    if split.resume < ZERO or (split.max_gaps or 0) < 0 or (split.min_part is not None and split.min_part < ZERO):
+    is_below = (split.max_gaps is not None and split.max_gaps < 0, split.min_part is not None and split.min_part < ZERO)
+    if split.resume < ZERO or any(is_below):
         yield _fault(path, "has a negative resume, max-gaps or min-part", version.at)
 
 

@@ -232,6 +232,18 @@ class Switch:
         period, where = self.target.period, f' of mode "{self.target.name}"'
         return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
 
+    def meeting(self) -> list[Placed]:
+        """Return the jobs of the line that can meet jobs of another part of it.
+
+        Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode
+        m that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
+        """
+        meeting = self.in_progress() + self.jobs
+        if not meeting:
+            return []
+        horizon = max(p.end for p in meeting)
+        return meeting + [p for p in self.after(self.cycles_of(meeting)) if p.start < horizon]
+
     def cycles_of(self, jobs: list[Placed]) -> int:
         """Return how many cycles of mode m the line has: two, or as many as `jobs` last that may meet later ones.
 
