@@ -9,15 +9,24 @@ from __future__ import annotations
 
 import os
 import resource
+import shutil
 import subprocess
 import sys
+import tempfile
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
 
 PATIENCE = 120
 KNOWN = {0, 1, 3, 4}
 """Exit codes that say how a verb ended; 2 is wrong usage, 70 a bug."""
 
-SYSTEM = Path(__file__).parents[1] / "src" / "halpipe" / "selftest" / "systems" / "modes.xml"
+JOURNALLED = "out/bench"
+"""Grows result by result, and is gone on with by --resume."""
+
 PAIR = "model.xml s.xml"
 PIPELINE = """\
 halpipe-pipeline: 1
@@ -64,18 +73,27 @@ VERBS = {
 }  # fmt: skip
 
 
+@dataclass(frozen=True)
 class Kind:
-    """What is limited: a name, the least of it that a program in Python needs, and how it grows from run to run."""
+    """What is limited, the least of it with which Python starts, and how it grows from run to run."""
 
-    def __init__(self, name: str, what: int, least: int, factor: float) -> None:
-        self.name, self.what, self.least, self.factor = name, what, least, factor
+    what: int
+    least: int
+    factor: float
 
-    def values(self):
+    def values(self) -> Iterator[int]:
         """Return one limit after the other."""
         value = self.least
         while True:
             yield value
             value = int(value * self.factor) + 1
+
+
+KINDS = {
+    "memory": Kind(resource.RLIMIT_AS, 24 << 20, 1.06),
+    "sizes of files": Kind(resource.RLIMIT_FSIZE, 0, 2),
+    "open files": Kind(resource.RLIMIT_NOFILE, 5, 1),
+}
 
 
 def prepared(folder: Path) -> None:
@@ -109,13 +127,14 @@ def run(folder: Path, words: str, what: int = 0, limit: int | None = None) -> su
         cwd=folder, text=True, capture_output=True, errors="replace", timeout=PATIENCE, check=False,
         preexec_fn=(lambda: resource.setrlimit(what, (limit, limit))) if limit is not None else None,
         env={**os.environ, "TMPDIR": str(folder / "tmp"), "XDG_CACHE_HOME": str(folder / "cache"),
-             "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(folder / "compiled")},
+             "PYTHONDONTWRITEBYTECODE": "" if limit is None else "1", "PYTHONPYCACHEPREFIX": str(folder / "compiled")},
     )  # fmt: skip
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Return every file below a folder."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    """Return every file below a folder but those of caches."""
+    found = {str(path.relative_to(folder)): path for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {name: path.read_bytes() for name, path in found.items() if name.split("/")[0] not in ("cache", "compiled")}
 
 
 def _top(name: str) -> str:
@@ -130,10 +149,59 @@ def trespasses(done: subprocess.CompletedProcess[str], before, good, after) -> l
     wrong += [f"says {words!r}" for words in ("Traceback", "internal error") if words in said]
     if done.returncode == 1 and "error" not in said:
         wrong.append("says nothing")
-    for top in {_top(name) for name in after}:
+    for top in sorted({_top(name) for name in (*before, *after)} - {JOURNALLED}):
         states = [{n: d for n, d in state.items() if _top(n) == top} for state in (after, before, good)]
         if states[0] not in states[1:]:
             wrong.append(f"leaves {top} {'half done' if states[2] else 'over'}")
-    if done.returncode in (0, 3) and after != good:
+    if done.returncode in (0, 3) and [n for n in good if n not in after]:
         wrong.append("does not do its work")
     return wrong
+
+
+def cleared(folder: Path, old: dict[str, bytes]) -> dict[str, bytes]:
+    """Take away what a verb wrote, put `old` output there, and return all files."""
+    for name in ("out", "tmp", "cache"):
+        shutil.rmtree(folder / name, ignore_errors=True)
+    for name in ("out", "tmp"):
+        (folder / name).mkdir()
+    for name, data in old.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    return contents(folder)
+
+
+def tried(folder: Path, words: str, what: int, limits: Iterable[int]) -> tuple[int, list[str]]:
+    """Run a verb under limits until it does its work; every other time there is an older output."""
+    cleared(folder, {})
+    whole = run(folder, words)
+    if whole.returncode not in KNOWN:
+        raise RuntimeError(f"{words}: {whole.stderr}")
+    good = contents(folder)
+    files = [name for name in good if name.startswith("out/") and name.count("/") == 1 and "out/h." not in name]
+    older = {name: good[name] + b"<!-- older -->" for name in files}
+    wrong, count = [], 0
+    for count, limit in enumerate(limits, 1):
+        before = cleared(folder, older if count % 2 else {})
+        done = run(folder, words, what, limit)
+        wrong += [f"{words}, limit {limit}: {text}" for text in trespasses(done, before, good, contents(folder))]
+        if done.returncode == whole.returncode:
+            break
+    return count, wrong
+
+
+def main(verbs: list[str]) -> int:
+    """Try verbs, or all of them, with every kind of limit."""
+    broken = 0
+    with tempfile.TemporaryDirectory(prefix="halpipe-limits-") as place:
+        prepared(Path(place))
+        for name, words in VERBS.items():
+            for kind, limited in KINDS.items() if not verbs or name in verbs else ():
+                count, wrong = tried(Path(place), words, limited.what, limited.values())
+                broken += len(wrong)
+                print(f"{name:24} {kind:16} {count:4} runs, {len(wrong)} broken", *wrong, sep="\n  ", flush=True)
+    return 1 if broken else 0
+
+
+if __name__ == "__main__":
+    sys.path.append(str(Path(__file__).parent / "cli"))
+    sys.exit(main(sys.argv[1:]))

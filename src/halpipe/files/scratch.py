@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import errno
 import os
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
@@ -33,6 +35,8 @@ def scratch_folder() -> Iterator[str]:
         if failure.errno in (errno.EMFILE, errno.ENFILE):
             raise
         raise _no_room(failure) from None
+    remove = partial(_remove, folder)
+    atexit.register(remove)  # for a second time, where there is no memory left to do it now
     try:
         yield folder
     except OSError as failure:
@@ -40,7 +44,8 @@ def scratch_folder() -> Iterator[str]:
             raise _no_room(failure) from None
         raise
     finally:
-        _remove(folder)
+        remove()
+        atexit.unregister(remove)
 
 
 def _no_room(failure: OSError) -> HalpipeError:

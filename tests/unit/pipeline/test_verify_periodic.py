@@ -2,10 +2,11 @@
 
 from fractions import Fraction
 
+import pytest
 from verify_helpers import codes_found, errors, messages, only
 
 from halpipe.durations import Duration
-from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify import codes, verify
 from support import after, job, model, schedule, task, version
 
 
@@ -124,3 +125,28 @@ def test_the_deadline_of_a_task_on_demand_has_no_release_to_count_from():
     own = task("a", 10, version("v", 1, "u1", after("help", 0, 10)))
     found = model(own, task("help", None, version("v", 5, "u2"), deadline=1), units="u1 u2")
     assert not errors(found, schedule(found, 10, job(found, "a", 0, 5, "u1"), job(found, "help", 0, 1, "u2")))
+
+
+def test_a_job_half_way_between_two_releases_is_late():
+    strict = system()
+    text = only(strict, at(strict, 3, 13, 8), codes.NOT_PERIODIC)
+    assert "starts at 8ms, 15ms after its release; its slack allows 0ms: 15ms too late" in text
+    assert "14.999999ms before its release" in only(strict, at(strict, 3, 13, "8000001ns"), codes.NOT_PERIODIC)
+
+
+@pytest.mark.parametrize(
+    ("offset", "told"),
+    [(3, "its offset puts the first release at 3ms"), (None, "most jobs fit a first release at 3ms")],
+)
+def test_help_says_where_releases_are_counted_from(offset, told):
+    for found, starts in (
+        (system(offset=offset), (3, 13, 24)),
+        (system(offset=offset, wcet=4, deadline=3), (3, 13, 23)),
+    ):
+        for finding in verify(found, at(found, *starts)):
+            assert finding.help.endswith(f"({told})")
+
+
+def test_a_job_delayed_by_all_of_its_slack_has_a_deadline():
+    full = system(offset=3, slack=Fraction(1, 2), deadline=6, wcet=2)
+    assert "ends 7ms after its release, its deadline is 6ms: 1ms late" in only(full, at(full, 8, 13, 23), codes.LATE)

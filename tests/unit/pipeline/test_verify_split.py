@@ -156,6 +156,32 @@ def test_parts_that_do_not_make_up_the_job(parts, words):
     assert any(words in text for text in messages(system, cut(system, *parts), codes.PARTS_DIFFER))
 
 
+@pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        (((0, 3, 0, 3), (5, 8, 3, 6), (8, 9, 6, 7)), "has no gap between part 2, until 8ms, and part 3, from 8ms"),
+        (((0, 3, 0, 3), (5, 8, 3, 6)), "lasts from 1ms to 9ms, its parts from 0ms to 8ms"),
+    ],
+)
+def test_messages_name_the_parts_that_differ(parts, text):
+    system = long_and_short(points(3, 5))
+    plan = cut(system, *parts)
+    long, short = plan.modes[0].jobs
+    if "lasts" in text:
+        long = replace(long, start=ms(1), end=ms(9))
+    found = messages(system, schedule(system, 20, long, short), codes.PARTS_DIFFER)
+    assert f'mode "all" task "long" job 0: {text}' in found
+
+
+def test_parts_of_a_version_with_a_wcet_below_zero_are_the_models_fault():
+    system = long_and_short(points(3, 5))
+    long, short = system.tasks
+    system = replace(system, tasks=(replace(long, versions=(replace(long.versions[0], wcet=Duration(-1)),)), short))
+    found = codes_found(system, cut(system, (0, 3, 0, 3), (5, 8, 3, 6)))
+    assert codes.MODEL_FAULT.id in found
+    assert codes.PARTS_DIFFER.id not in found
+
+
 def test_one_part_alone_is_a_job_in_one_piece():
     system = long_and_short(Split())
     assert not errors(system, cut(system, (5, 11, 0, 6)))
@@ -373,6 +399,8 @@ def test_a_poll_has_its_slack_but_no_deadline_from_its_release():
         Split(points=(ms(0),)),
         Split(anywhere=True),
         points(3, resume=ms(0) - ms(1)),
+        points(3, max_gaps=-1),
+        points(3, min_part=ms(0) - ms(1)),
     ],
 )
 def test_splits_without_a_meaning(how):
@@ -444,3 +472,8 @@ def test_a_circle_of_priorities_is_a_warning_that_names_it():
     found = priorities(system, plan_of(system, table("all", 40, *jobs)))
     assert [code for code, _ in found] == ["HAL0338", "HAL0339"]
     assert '"a" above "b" above "a"' in found[1][1] or '"b" above "a" above "b"' in found[1][1]
+
+
+def test_an_interrupt_may_take_no_time():
+    system = interrupts(model(task("a", 10, version("v", 4))), "u1", (10, "0ms"))
+    assert not errors(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))
