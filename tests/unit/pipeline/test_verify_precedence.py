@@ -40,6 +40,18 @@ def test_from_the_end_of_the_predecessor():
     assert "1ms too late" in only(system, at(system, 1, 7), codes.OUT_OF_WINDOW)
 
 
+def test_of_predecessors_that_are_equally_far_off_the_one_before_is_named():
+    """9 ms after one start and 1 ms before the next: 4 too many for [3, 5], and 4 too few."""
+    system = follow(3, 5)
+    assert "8ms after the start" in only(system, at(system, 0, 8), codes.OUT_OF_WINDOW)
+    assert '9ms after the start of "a" job 0; the window is [3ms, 5ms]: 4ms too late' in only(
+        system, at(system, 0, 9), codes.OUT_OF_WINDOW
+    )
+    assert '0ms after the start of "a" job 0; the window is [3ms, 5ms]: 3ms too early' in only(
+        system, at(system, 4, 4), codes.OUT_OF_WINDOW
+    )
+
+
 def test_the_predecessor_may_lie_in_an_earlier_hyperperiod():
     system = follow(3, 5)
     assert not errors(system, at(system, 8, 1))  # 3 after the start at -2
@@ -175,3 +187,27 @@ def test_what_no_job_of_a_mode_finds_is_the_matter_of_the_mode():
     two = table("two", 10, job(system, "first", 0, 0, "u1"), job(system, "then", 0, 7, "u2"))
     found = messages(system, switch(plan_of(system, one, two), 0), codes.OUT_OF_WINDOW)
     assert [text.split(" task")[0] for text in found] == ['mode "two"']
+
+
+def test_ends_in_the_mode_before_count_for_the_first_cycle():
+    """first ends 1 ms before the switch; then starts at 2 after it, or at 4 with a table of 2 ms."""
+    first = task("first", 10, version("v", 2), slack=1)
+    then = task("then", 10, version("v", 1, "u2", after("first", 2, 4, "end")), slack=1)
+    modes = [mode("one", [first, then]), mode("two", [first, then])]
+    system = model(first, then, units="u1 u2", modes=modes, transitions=[("one", "two", 20)])
+    made = [table(n, 10, job(system, "first", 0, 7, "u1"), job(system, "then", 0, 2, "u2")) for n in ("one", "two")]
+    assert not errors(system, switch(plan_of(system, *made), 0))
+    assert "starts at 4ms after the switch" in only(system, switch(plan_of(system, *made), 2), codes.OUT_OF_WINDOW)
+
+
+def test_the_last_cycle_that_looks_at_the_mode_before_is_looked_at():
+    """then starts at 5, 15, 25, and needs a start 25 to 26 ms before: at -20, -10, and from -1 to 0, where none is."""
+    first = task("first", 10, version("v", 2), slack=1)
+    then = task("then", 10, version("v", 1, "u2", after("first", 25, 26)), slack=1)
+    modes = [mode("one", [first]), mode("two", [first, then])]
+    system = model(first, then, units="u1 u2", modes=modes, transitions=[("one", "two", 20)])
+    for phase, told in ((0, ['"two" task "then" job 0 of mode "two": starts at 25ms after the switch']), (9, [])):
+        one = table("one", 10, job(system, "first", 0, phase, "u1"))
+        two = table("two", 10, job(system, "first", 0, 9, "u1"), job(system, "then", 0, 5, "u2"))
+        found = messages(system, switch(plan_of(system, one, two), 0), codes.OUT_OF_WINDOW)
+        assert [text.split(" to ")[1].split(" and ")[0] for text in found] == told

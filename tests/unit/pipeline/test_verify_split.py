@@ -383,6 +383,14 @@ def test_the_poll_starts_before_a_second_arrival():
     assert "starts 60ms after the start" in found
 
 
+def test_messages_count_from_the_start_of_the_job_before():
+    found = messages(*polled(50, 59, [10, 70], deadline=60), codes.ARRIVAL_LATE)
+    assert [text.partition(": ")[2] for text in found] == [
+        'ends 61ms after the start of "a" job 0; an arrival just after that start allows 60ms: 1ms too late',
+        'starts 60ms after the start of "a" job 0; an arrival just after that start allows 59ms: 1ms too late',
+    ]
+
+
 def test_a_poll_has_its_slack_but_no_deadline_from_its_release():
     assert not errors(*polled(50, 81, [0, 80], deadline=100))
 

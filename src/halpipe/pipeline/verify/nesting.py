@@ -75,8 +75,8 @@ def _crossing(jobs: list[Placed]) -> Iterator[tuple[Placed, Placed]]:
             yield nest[-1], placed
         elif gaps and whole is not None and whole.end > placed.start:
             yield whole, placed
-        elif own is not None and own.end > placed.start and (gaps or _has_gaps(own)):
-            yield own, placed
+        elif own is not None and own.end > placed.start and _has_gaps(own):
+            yield own, placed  # in one piece, it is no other than `whole`
         if gaps:
             nest.append(placed)
         elif whole is None or placed.end > whole.end:

@@ -108,7 +108,7 @@ class LineInstants:
 
     def _parts(self, task: str, anchor: Anchor) -> tuple[Findable, ...]:
         switch = self._switch
-        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (p.start - p.end, p.job.index))
+        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (p.start, p.job.index))
         if anchor is Anchor.START:
             points = [(p.start, p) for p in listed]
         else:
