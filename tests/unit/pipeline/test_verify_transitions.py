@@ -288,7 +288,7 @@ def test_a_task_that_enters_may_be_needed_by_a_later_cycle():
 
 
 def test_a_task_that_enters_may_be_needed_by_a_job_of_the_table():
-    """In mode two, nothing is needed: then is free there. The job of the table needs a start 4 to 6 ms before its own."""
+    """Mode two needs nothing, as then is free there. The job of the table needs a start 4 to 6 ms before its own."""
     then = task("then", 10, version("v", 2, "u2", after("first", 4, 6)), version("free", 2, "u2"), slack=1)
     system = two_modes((A,), (A, FIRST, then))
     two = [job(system, "a", 0, 5, "u1"), job(system, "first", 0, 1, "u1"), job(system, "then", 0, 7, "u2", "free")]
@@ -296,11 +296,8 @@ def test_a_task_that_enters_may_be_needed_by_a_job_of_the_table():
     for start, is_needed in ((2, True), (0, True), ("2000001ns", False)):
         early = [extra(system, ms(start), "u1", "first"), extra(system, 6, "u2", "then", "v")]
         found = messages(system, switch(plan, 9, *early), codes.STARTED_EARLY)
-        assert (
-            [text.split(" job")[0].split(" task ")[1] for text in found] == ['"then"']
-            if is_needed
-            else ['"first"', '"then"']
-        )
+        tasks = [text.split(" job")[0].split(" task ")[1] for text in found]
+        assert tasks == (['"then"'] if is_needed else ['"first"', '"then"'])
 
 
 def test_a_need_from_the_end_counts_from_the_end():
