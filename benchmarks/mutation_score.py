@@ -56,8 +56,8 @@ SWAPS = {
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.FloorDiv, ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv,
 }  # fmt: skip
-DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict"}
-"""Options of classes, and of `zip` over what is of one length."""
+DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict", "maxsize"}
+"""Options of classes, of `zip` over what is of one length, and of caches."""
 
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
 

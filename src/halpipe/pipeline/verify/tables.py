@@ -163,7 +163,10 @@ class Instants:
 
 @dataclass(slots=True)
 class ModeTable:
-    """The table of one mode as the rules see it. `broken` names the rules already found broken in it."""
+    """The table of one mode as the rules see it.
+
+    `broken` names the rules already found broken in it; `sound` tells whether the model has no fault.
+    """
 
     model: TaskModel
     clock: Clock
@@ -173,7 +176,7 @@ class ModeTable:
     by_task: dict[str, list[Placed]]
     instants: Instants
     broken: set[str] = field(default_factory=set)
-    sound: bool = True
+    sound: bool = field(init=False)
 
     @property
     def name(self) -> str:
@@ -259,8 +262,7 @@ class Switch:
         one piece without access phases holds its units all along, so it meets a job of the first cycle or none.
         """
         late = (p for p in jobs if len(p.stretches) > 1 or (p.version is not None and p.version.accesses))
-        last = max((p.end for p in late), default=0)
-        return max(2, -(-(last - self.length) // self.target.period))
+        return max([2, *(-(-(p.end - self.length) // self.target.period) for p in late)])
 
     def path(self, placed: Placed | None = None) -> Path:
         """Name the switch, or a job on its line, for a diagnostic."""
