@@ -71,6 +71,7 @@ lint: $(VENV)/.test-ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy docs/safety/second_checker.py
 
 test: lint
 	$(BIN)/pytest $(PARALLEL)
