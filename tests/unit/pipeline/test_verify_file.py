@@ -221,10 +221,12 @@ def test_a_hyperperiod_of_many_bits(bits, is_fine):
     assert any(f"more than {tables.MAX_BITS} bits" in each for each in found) is not is_fine
 
 
-@pytest.mark.parametrize(("most", "cycles"), [(20, 5), (19, 2)])
-def test_a_line_of_too_many_jobs_has_two_cycles(monkeypatch, most, cycles):
+@pytest.mark.parametrize(
+    ("most", "jobs", "cycles"), [(20, 4, 5), (19, 4, 2), (5, 1, 5), (4, 1, 2), (5, 0, 5), (4, 0, 2)]
+)
+def test_a_line_of_too_many_jobs_has_two_cycles(monkeypatch, most, jobs, cycles):
     monkeypatch.setattr(tables, "MAX_LINE", most)
-    line = SimpleNamespace(cycles_needed=lambda jobs: 5, target=SimpleNamespace(jobs=[None] * 4))
+    line = SimpleNamespace(cycles_needed=lambda jobs: 5, target=SimpleNamespace(jobs=[None] * jobs))
     assert tables.Switch.cycles_of(line, []) == cycles
 
 
@@ -239,3 +241,5 @@ def test_a_line_is_as_long_as_the_job_in_progress_that_ends_last():
     jobs = [SimpleNamespace(stretches=(1, 2), version=None, end=end) for end in (15, 36, 25)]
     assert tables.Switch.cycles_needed(line, jobs) == 4
     assert tables.Switch.cycles_needed(line, jobs[:1]) == 2
+    whole = SimpleNamespace(stretches=(1,), version=None, end=95)
+    assert tables.Switch.cycles_needed(line, [*jobs[:1], whole]) == 2

@@ -122,6 +122,8 @@ def test_units_are_held_across_the_switch():
     text = only(system, switch(plan, 0), codes.OVERLAP)
     assert 'by "a" job 0 of mode "one" and "b" job 0 of mode "two" from 1ms to 2ms' in text
     assert not errors(system, switch(plan, 1))
+    barely = tables(system, [("a", "6000001ns", "u1")], [("b", "0ms", "u1")])
+    assert "from 0ms to 1ns: 1ns of overlap" in only(system, switch(barely, 0), codes.OVERLAP)
     other = tables(system, [("a", 8, "u1")], [("b", 1, "u2")])
     assert not errors(system, switch(other, 0))
     # what mode two wraps round to its beginning was never started the first time

@@ -226,9 +226,12 @@ class Switch:
         return [p.moved(q * period, where) for q in range(-turns, 0) for p in self.source.jobs]
 
     def in_progress(self) -> list[Placed]:
-        """Return the jobs of the last two cycles of mode n that end after the switch."""
+        """Return the jobs of the last cycle of mode n that end after the switch.
+
+        Those of cycles before are longer than a cycle, which the rules of the mode report.
+        """
         period, where = self.source.period, f' of mode "{self.source.name}"'
-        return [p.moved(q * period, where) for q in (-2, -1) for p in self.source.jobs if p.end + q * period > 0]
+        return [p.moved(-period, where) for p in self.source.jobs if p.end > period]
 
     def after(self, turns: int) -> list[Placed]:
         """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
