@@ -119,7 +119,7 @@ class Mutant:
         whole = ast.unparse(statement).splitlines()[0]
         before = ast.unparse(node)
         change(node, field)
-        self.text = f"{path.name}: {before}  ->  {ast.unparse(node)}"
+        self.changed = path.name, ast.unparse(statement).splitlines()[0]
         self.place = f"{path.name}:{self.line}: {before}  ->  {ast.unparse(node)}   in   {whole}"
         self.source = ast.unparse(ast.fix_missing_locations(self._tree))
         del self._tree
@@ -139,7 +139,7 @@ class Mutant:
 
     def is_known(self) -> bool:
         """Whether it is listed as one that changes nothing."""
-        return self.text in EQUIVALENT
+        return self.changed in EQUIVALENT
 
 
 # ------------------------------------------------------------------------------------------------ tests
