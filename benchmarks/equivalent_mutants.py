@@ -7,7 +7,12 @@ MORE = "looks at more cycles than are needed; what lies in the others is nothing
 BUDGET = "a limit that somebody chose: one more is as good"
 TOUCH = "what ends at the instant at which another thing begins does not meet it"
 
+GUESS = "a first guess below the least length is reached from below all the same"
+
 EQUIVALENT = {
+    ("reserved.py", "length = work * whole // (whole + taken)"): GUESS,
+    ("reserved.py", "length = work // whole // (whole - taken)"): GUESS,
+    ("recurrence.py", "found = (self._cycle if until > self._settled else self._first).latest(until)"): "both know it",
     ("chains.py", "turns = 3 * len(chain.tasks) - 1"): MORE,
     ("chains.py", "turns = 2 * len(chain.tasks) + 1"): MORE,
     ("nesting.py", "line = [p.moved(-table.period, ' of the cycle before') for p in short if p.end >= table.period] + short"): TOUCH,

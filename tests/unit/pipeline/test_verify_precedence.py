@@ -211,3 +211,16 @@ def test_the_last_cycle_that_looks_at_the_mode_before_is_looked_at():
         two = table("two", 10, job(system, "first", 0, 9, "u1"), job(system, "then", 0, 5, "u2"))
         found = messages(system, switch(plan_of(system, one, two), 0), codes.OUT_OF_WINDOW)
         assert [text.split(" to ")[1].split(" and ")[0] for text in found] == told
+
+
+def test_a_job_of_the_mode_before_that_would_start_after_the_switch_does_not_serve():
+    """first starts at 3 in every cycle; in the table, where there is none, then finds nothing at 3."""
+    first = task("first", 10, version("v", 2), slack=1)
+    then = task("then", 10, version("v", 1, "u2", after("first", 4, 4)), slack=1)
+    modes = [mode("one", [first, then]), mode("two", [first, then])]
+    system = model(first, then, units="u1 u2", modes=modes, transitions=[("one", "two", 20)])
+    made = [table(n, 10, job(system, "first", 0, 3, "u1"), job(system, "then", 0, 7, "u2")) for n in ("one", "two")]
+    early = job(system, "then", 0, 7, "u2")
+    text = only(system, switch(plan_of(system, *made), 10, early), codes.OUT_OF_WINDOW)
+    assert 'the nearest, "first" job 0, lies 14ms before' in text
+    assert not errors(system, switch(plan_of(system, *made), 10, early, job(system, "first", 0, 3, "u1")))

@@ -237,6 +237,11 @@ def test_no_file_keeps_the_check_busy_with_slivers():
     assert Service(((1_000_000, 900_000), (2_000_000, 180_000)), effort).length(5) is not None
 
 
+def test_no_work_and_less_takes_no_time():
+    served = Service(((10, 2),))
+    assert [served.length(work) for work in (-30, 0, 1)] == [-30, 0, 3]
+
+
 def test_a_unit_is_busy_for_what_is_reserved():
     system = interrupts(model(task("a", 40, version("v", 8))), "u1", (10, 2))
     plan = schedule(system, 40, replace(job(system, "a", 0, 0, "u1"), end=ms(10)))

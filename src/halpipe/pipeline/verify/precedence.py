@@ -113,11 +113,10 @@ class LineInstants:
             points = [(p.start, p) for p in listed]
         else:
             points = [(p.end, p) for p in listed if p.span is not None]
-        return (
-            Past(switch.source.instants.of(task, anchor)),
-            Listed(points),
-            Future(switch.target.instants.of(task, anchor), switch.length),
-        )
+        before, after = switch.source.instants.of(task, anchor), switch.target.instants.of(task, anchor)
+        past = [Past(before)] if before.points else []
+        future = [Future(after, switch.length)] if after.points else []
+        return (*past, Listed(points), *future)
 
 
 class _Of:
