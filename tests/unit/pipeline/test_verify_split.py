@@ -218,6 +218,12 @@ def test_no_length_is_enough_where_interrupts_fill_the_units():
     assert '"u1", "u2", where interrupts take all of the time' in found
 
 
+def test_where_no_length_is_enough_the_one_that_is_given_counts():
+    """From 10 to 14: nothing is late, and nothing overlaps."""
+    system = interrupts(model(task("a", 20, version("v", 4), slack=1)), "u1", (10, 10))
+    only(system, schedule(system, 20, job(system, "a", 0, 10, "u1")), codes.NO_LENGTH)
+
+
 SLIVER = [("1000000007ns", "500000002ns"), ("1000000009ns", "500000003ns")]
 
 
