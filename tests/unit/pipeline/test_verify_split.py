@@ -222,6 +222,10 @@ def test_where_no_length_is_enough_the_one_that_is_given_counts():
     """From 10 to 14: nothing is late, and nothing overlaps."""
     system = interrupts(model(task("a", 20, version("v", 4), slack=1)), "u1", (10, 10))
     only(system, schedule(system, 20, job(system, "a", 0, 10, "u1")), codes.NO_LENGTH)
+    both = interrupts(model(*system.tasks, task("b", 20, version("v", 4), slack=1)), "u1", (10, 10))
+    instant = replace(job(both, "b", 0, 12, "u1"), end=ms(12))
+    found = codes_found(both, schedule(both, 20, job(both, "a", 0, 10, "u1"), instant))
+    assert set(found) == {codes.NO_LENGTH.id}, "what has no length holds nothing"
 
 
 SLIVER = [("1000000007ns", "500000002ns"), ("1000000009ns", "500000003ns")]
