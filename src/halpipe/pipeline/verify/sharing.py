@@ -112,9 +112,10 @@ def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock)
 
 
 def _in_force(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
-    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts)."""
-    if not placed.stretches:
-        return start, placed.service.length(end) or end
+    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts).
+
+    A job of which the model does not say how long it takes holds nothing, as with units.
+    """
     lost = 0
     for begin, _, done_from, done_to in placed.stretches:
         if done_from <= start and end <= done_to:
