@@ -467,6 +467,14 @@ def test_tasks_that_start_in_gaps_are_told_with_those_they_stand_above():
     assert priorities(system, plan_of(system, table("all", 20, *jobs))) == [("HAL0338", '"fast" above "slow"')]
 
 
+def test_a_task_that_starts_before_the_gap_is_not_told():
+    tasks = [task(name, 20, version("v", 2), slack=1) for name in ("early", "fast")]
+    system = model(freely("slow", 20, 6), *tasks)
+    slow = parted("slow", 0, "u1", (10, 13, 0, 3), (15, 18, 3, 6))
+    plan = schedule(system, 20, slow, job(system, "early", 0, 8, "u1"), job(system, "fast", 0, 13, "u1"))
+    assert messages(system, plan, codes.PRIORITIES) == ['unit "u1": "fast" above "slow"']
+
+
 def test_a_gap_round_the_end_of_the_hyperperiod_counts():
     system = model(freely("slow", 20, 10), task("fast", 20, version("v", 2), slack=1))
     slow = parted("slow", 0, "u1", (12, 20, 0, 8), (22, 24, 8, 10))
