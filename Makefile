@@ -71,6 +71,7 @@ lint: $(VENV)/.test-ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy docs/safety/second_checker.py
 
 test: lint
 	$(BIN)/pytest $(PARALLEL)
@@ -94,10 +95,11 @@ INPUTS ?= 100000
 fuzz: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python fuzz.py --inputs $(INPUTS)
 
-# The worst inputs of each reader, 10 MB each, then 2000 kills: most of an hour.
+# The worst inputs of each reader, 10 MB each, then 2000 kills, then every verb with little memory: most of an hour.
 endurance: $(VENV)/.test-ready
 	cd tests && ../$(BIN)/python endurance.py
 	cd tests && ../$(BIN)/python kills.py 2000
+	cd tests && ../$(BIN)/python limits.py
 
 lock: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/newest

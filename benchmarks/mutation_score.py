@@ -1,39 +1,68 @@
 """How many faults put into verify's own source are noticed by its tests: the mutation score.
 
-Usage: python benchmarks/mutation_score.py [--mutants 200] [--seed 1]. A copy of the package is changed in one place at
-a time: comparisons, operators, constants, conditions, and which extreme is taken. A mutant is killed when a test fails.
-Survivors are printed with their place: they are either equivalent, or a test is missing.
+Usage: python benchmarks/mutation_score.py [--mutants N] [--seed 1] [--only FILE[:LINE]] [--list]
+
+A copy of the package is changed in one place at a time: comparisons, operators, constants, conditions, and which
+extreme is taken. A mutant is killed when a test fails, ends in an error, or needs far more time or memory than the
+tests do. Without --mutants all of them are tried; a sample is told by its seed. Survivors are printed with their place:
+they are either equivalent, or a test is missing. Those known to be equivalent are listed with the reason in
+equivalent_mutants.py; they are tried as well, and count as survivors in the first of the two scores.
+
+The tests are run once with a trace, which tells the lines that each executes. A mutant is then given to the tests that
+reach it, the quickest first, each time in a process forked off one that has loaded what the tests need of others.
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import gc
+import json
 import os
 import random
+import resource
 import shutil
-import subprocess
+import signal
 import sys
 import tempfile
+import time
 from pathlib import Path
 
+import lxml.etree  # noqa: F401  loaded once for all forks
+import numpy as np  # noqa: F401
+import pytest
+import yaml  # noqa: F401
+from equivalent_mutants import EQUIVALENT
+from hypothesis.internal.conjecture.engine import ConjectureRunner
+
 ROOT = Path(__file__).parents[1]
-VERIFY = Path("halpipe", "pipeline", "verify")
-TESTS = ("tests/unit/pipeline", "-k", "verify")
-MORE = ("tests/properties/test_verify_mutations.py", "tests/properties/test_verify_split_mutations.py")
-LAST = ("tests/unit/test_second_checker.py",)
+VERIFY = Path("src", "halpipe", "pipeline", "verify")
 NEEDED = ("src", "tests", "docs", "examples", "pyproject.toml", "build_native.py", "hatch_build.py")
-PATIENCE = 120
+TESTS = (
+    "tests/unit/pipeline/test_verify_*.py",
+    "tests/unit/pipeline/test_health.py",
+    "tests/properties/test_verify_*.py",
+    "tests/unit/test_second_checker.py",
+)
+OPTIONS = ["-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no"]
+MEMORY = 3 << 30
+"""What a mutant may use; the tests need a tenth of it."""
+
+PATIENCE = 4
+"""Seconds of the processor that a test may take with a mutant, and five times what it takes with a trace."""
 
 SWAPS = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.And: ast.Or, ast.Or: ast.And,
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.FloorDiv, ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv,
 }  # fmt: skip
-DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict"}
-"""Options of classes, and of `zip` over what is of one length."""
+DECIDE_NOTHING = {"slots", "frozen", "kw_only", "strict", "maxsize"}
+"""Options of classes, of `zip` over what is of one length, and of caches."""
 
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any", "floor": "ceil", "ceil": "floor"}
+
+
+# ------------------------------------------------------------------------------------------------ mutants
 
 
 def places(tree: ast.AST) -> list[tuple[ast.AST, str]]:
@@ -43,8 +72,8 @@ def places(tree: ast.AST) -> list[tuple[ast.AST, str]]:
     for node in ast.walk(tree):
         if id(node) in undecided:
             undecided.add(id(node.value))  # comes later in the walk
-        if isinstance(node, ast.Compare) and type(node.ops[0]) in SWAPS:
-            found.append((node, "ops"))
+        if isinstance(node, ast.Compare):
+            found += [(node, f"ops {n}") for n, op in enumerate(node.ops) if type(op) in SWAPS]
         elif isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPS and not _is_text(node):
             found.append((node, "op"))
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
@@ -64,78 +93,235 @@ def _is_text(node: ast.AST) -> bool:
 
 def change(node: ast.AST, field: str) -> None:
     """Put one fault into the tree."""
-    if field == "ops":
-        node.ops[0] = SWAPS[type(node.ops[0])]()
-    elif field == "op":
+    kind, _, number = field.partition(" ")
+    if kind == "ops":
+        node.ops[int(number)] = SWAPS[type(node.ops[int(number)])]()
+    elif kind == "op":
         node.op = SWAPS[type(node.op)]()
-    elif field == "not":
+    elif kind == "not":
         node.operand = ast.UnaryOp(ast.Not(), node.operand)
-    elif field == "call":
+    elif kind == "call":
         node.func.id = NAMES[node.func.id]
     else:
         node.value = (not node.value) if isinstance(node.value, bool) else node.value + 1
 
 
-def killed(source: Path) -> bool:
-    """Return whether a test fails with the package in `source`; the quickest are asked first."""
-    for tests in (TESTS, MORE, LAST):
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:xdist", "-p", "no:cacheprovider"]
-        command += ["-m", "not slow", *tests]
-        environment = {**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": "1"}
+class Mutant:
+    """One fault: its file, number of its place, and what the tests have to reach to notice it."""
+
+    def __init__(self, path: Path, number: int) -> None:
+        self.path = path
+        self._tree = ast.parse(path.read_text())
+        node, field = places(self._tree)[number]
+        self.line = node.lineno
+        self.lines = self._reached_by(node)
+        statement = self._statement(node)
+        whole = ast.unparse(statement).splitlines()[0]
+        before = ast.unparse(node)
+        change(node, field)
+        self.changed = path.name, ast.unparse(statement).splitlines()[0]
+        self.place = f"{path.name}:{self.line}: {before}  ->  {ast.unparse(node)}   in   {whole}"
+        self.source = ast.unparse(ast.fix_missing_locations(self._tree))
+        del self._tree
+
+    def _statement(self, node: ast.AST) -> ast.stmt:
+        around = [s for s in ast.walk(self._tree) if isinstance(s, ast.stmt) and any(n is node for n in ast.walk(s))]
+        return max(around, key=lambda s: (s.lineno, -(s.end_lineno or 0)))
+
+    def _reached_by(self, node: ast.AST) -> range | None:
+        """Return the lines of the expression's statement; None for what is decided at import."""
+        bodies = [s for f in ast.walk(self._tree) if isinstance(f, ast.FunctionDef) for s in f.body]
+        if not any(n is node for body in bodies for n in ast.walk(body)):
+            return None
+        statement = self._statement(node)
+        heads = [s.lineno for s in ast.walk(statement) if isinstance(s, ast.stmt) and s is not statement]
+        return range(statement.lineno, max(min(heads, default=(statement.end_lineno or 0) + 1), statement.lineno + 1))
+
+    def is_known(self) -> bool:
+        """Whether it is listed as one that changes nothing."""
+        return self.changed in EQUIVALENT
+
+
+# ------------------------------------------------------------------------------------------------ tests
+
+
+class Trace:
+    """Notes the lines of verify that each test executes, and how long it takes."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self.lines, self.seconds, self._now = str(folder), {}, {}, set()
+
+    def _enter(self, frame, event, argument):
+        if not frame.f_code.co_filename.startswith(self._folder):
+            return None
+        now, name = self._now, os.path.basename(frame.f_code.co_filename)
+
+        def step(frame, event, argument):
+            now.add((name, frame.f_lineno))
+            return step
+
+        return step(frame, event, argument)
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        self._now, begin = set(), time.perf_counter()
+        sys.settrace(self._enter)
         try:
-            done = subprocess.run(
-                command, cwd=source.parent, env=environment, capture_output=True, timeout=PATIENCE, check=False
-            )
-        except subprocess.TimeoutExpired:
-            return True
-        if done.returncode not in (0, 5):
-            return True
-    return False
+            return (yield)
+        finally:
+            sys.settrace(None)
+            self.lines[item.nodeid], self.seconds[item.nodeid] = sorted(self._now), time.perf_counter() - begin
+
+
+class Chosen:
+    """Runs some tests only, the quickest first, and ends the process where one does not end."""
+
+    def __init__(self, seconds: dict[str, float]) -> None:
+        self._seconds = seconds
+
+    def pytest_collection_modifyitems(self, items):
+        items[:] = sorted((i for i in items if i.nodeid in self._seconds), key=lambda i: self._seconds[i.nodeid])
+
+    def pytest_runtest_setup(self, item):
+        signal.setitimer(signal.ITIMER_PROF, PATIENCE + 5 * self._seconds[item.nodeid])  # nothing answers SIGPROF
+
+
+class Tests:
+    """The tests of a copy of the project."""
+
+    def __init__(self, place: Path) -> None:
+        self.place = place
+        self.files = sorted({str(p.relative_to(place)) for pattern in TESTS for p in place.glob(pattern)})
+        self._lines: dict[str, set[tuple[str, int]]] = {}
+        self._seconds: dict[str, float] = {}
+
+    def trace(self) -> None:
+        """Run each file of tests by itself, with a trace."""
+        noted = self.place / "trace.json"
+        for name in self.files:
+            tracer = Trace(self.place / VERIFY)
+            if not self._passes([name], tracer, noted):
+                sys.exit(f"the tests of {name} fail without a fault")
+            lines, seconds = json.loads(noted.read_text())
+            self._lines.update({test: {(f, n) for f, n in found} for test, found in lines.items()})
+            self._seconds.update(seconds)
+
+    def notice(self, mutant: Mutant) -> bool:
+        """Return whether one of the tests that reach the mutant fails."""
+        tests = list(self._lines)
+        if mutant.lines is not None:
+            wanted = {(mutant.path.name, line) for line in mutant.lines}
+            tests = [test for test, lines in self._lines.items() if wanted & lines]
+        if not tests:
+            return False
+        files = sorted({test.split("::")[0] for test in tests})
+        return not self._passes(files, Chosen({test: self._seconds[test] for test in tests}))
+
+    def pass_all(self) -> bool:
+        """Return whether all succeed."""
+        return self._passes(self.files, Chosen(self._seconds))
+
+    def _passes(self, files, plugin, noted: Path | None = None) -> bool:
+        child = os.fork()
+        if child:
+            return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        code = 99
+        try:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            for stream in (0, 1, 2):
+                os.dup2(nothing, stream)
+            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+            os.chdir(self.place)
+            sys.path.insert(0, str(self.place / "src"))
+            os.environ["PYTHONPATH"] = str(self.place / "src")
+            ConjectureRunner.shrink_interesting_examples = lambda _: None  # whether there is one is all that counts
+            code = int(pytest.main([*OPTIONS, *files], plugins=[plugin]))
+            if noted:
+                noted.write_text(json.dumps([plugin.lines, plugin.seconds]))
+        finally:
+            os._exit(code)
+
+
+# ------------------------------------------------------------------------------------------------ the score
+
+
+def copied(place: Path) -> Path:
+    """Copy what the tests need, and return the folder of verify."""
+    for name in NEEDED:  # the tests look for the package beside them
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__", "out"))
+        else:
+            shutil.copy(ROOT / name, place)
+    return place / VERIFY
+
+
+def mutants(folder: Path, only: str) -> list[Mutant]:
+    """Return all of them, or those of one file or line."""
+    name, _, line = only.partition(":")
+    found = []
+    for path in sorted(folder.glob("*.py")):
+        if path.name not in ("codes.py", "__init__.py") and name in ("", path.name):
+            found += [Mutant(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
+    return [mutant for mutant in found if not line or mutant.line == int(line)]
+
+
+def prepared(folder: Path, tests: Tests) -> None:
+    """See to it that the tests succeed without a fault, and fail with one."""
+    sys.dont_write_bytecode = False
+    tests.trace()
+    sys.dont_write_bytecode = True  # what is not changed stays compiled
+    shutil.rmtree(folder / "__pycache__", ignore_errors=True)
+    heart = folder / "tables.py"
+    whole = heart.read_text()
+    heart.write_text("raise ImportError\n")
+    if tests.pass_all():
+        sys.exit("the tests do not see the copy that is changed")
+    heart.write_text(whole)
+    if not tests.pass_all():
+        sys.exit("the tests fail without a fault")
+
+
+def tried(chosen: list[Mutant], tests: Tests) -> list[Mutant]:
+    """Try them all, and return the survivors."""
+    survivors = []
+    gc.freeze()  # what is loaded is nothing to look at for the forks
+    for count, mutant in enumerate(chosen, 1):
+        original = mutant.path.read_text()
+        mutant.path.write_text(mutant.source)
+        if not tests.notice(mutant):
+            survivors.append(mutant)
+            print(f"{'equivalent' if mutant.is_known() else 'survived'}: {mutant.place}", flush=True)
+        mutant.path.write_text(original)
+        if count % 50 == 0:
+            print(f"{count - len(survivors)} of {count} killed", flush=True)
+    return survivors
 
 
 def main() -> int:
-    """Try a sample of all mutants."""
+    """Try all mutants, or a sample."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--mutants", type=int, default=200)
+    parser.add_argument("--mutants", type=int, default=0, help="how many; without it, all")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", help="a file of verify, or one line of it: tables.py:120")
+    parser.add_argument("--list", action="store_true", help="print them and try none")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as place:
-        source = Path(place, "src")
-        for name in NEEDED:  # the tests look for the package beside them
-            if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, Path(place, name), ignore=shutil.ignore_patterns("__pycache__", "out"))
-            else:
-                shutil.copy(ROOT / name, place)
-        sites = []
-        for path in sorted((source / VERIFY).glob("*.py")):
-            if path.name not in ("codes.py", "__init__.py"):
-                sites += [(path, number) for number in range(len(places(ast.parse(path.read_text()))))]
-        print(f"{len(sites)} places", flush=True)
-        if killed(source):
-            sys.exit("the tests fail without a fault")
-        heart = source / VERIFY / "tables.py"
-        whole = heart.read_text()
-        heart.write_text("raise ImportError\n")
-        if not killed(source):
-            sys.exit("the tests do not see the copy that is changed")
-        heart.write_text(whole)
-        chosen = random.Random(options.seed).sample(sites, min(options.mutants, len(sites)))
-        survived = 0
-        for count, (path, number) in enumerate(chosen, 1):
-            original = path.read_text()
-            tree = ast.parse(original)
-            node, field = places(tree)[number]
-            before = ast.unparse(node)
-            change(node, field)
-            path.write_text(ast.unparse(ast.fix_missing_locations(tree)))
-            if not killed(source):
-                survived += 1
-                print(f"survived: {path.name}:{node.lineno}: {before}  ->  {ast.unparse(node)}", flush=True)
-            path.write_text(original)
-            if count % 10 == 0:
-                print(f"{count - survived} of {count} killed", flush=True)
-        print(f"score {100 * (len(chosen) - survived) / len(chosen):.1f} % of {len(chosen)}, seed {options.seed}")
-    return 0
+    with tempfile.TemporaryDirectory(prefix="halpipe-mutants-") as name:
+        folder = copied(Path(name).resolve())
+        chosen = mutants(folder, options.only)
+        print(f"{len(chosen)} places", flush=True)
+        if options.mutants:
+            chosen = random.Random(options.seed).sample(chosen, min(options.mutants, len(chosen)))
+        if options.list:
+            print(*(mutant.place for mutant in chosen), sep="\n")
+            return 0
+        tests = Tests(Path(name).resolve())
+        prepared(folder, tests)
+        survivors = tried(chosen, tests)
+    killed, real = len(chosen) - len(survivors), [mutant for mutant in survivors if not mutant.is_known()]
+    seed = f", seed {options.seed}" if options.mutants else ""
+    print(f"{killed} of {len(chosen)} killed, {100 * killed / len(chosen):.1f} %{seed}; "
+          f"{len(survivors) - len(real)} of the survivors change nothing, so {len(real)} count")  # fmt: skip
+    return 1 if real else 0
 
 
 if __name__ == "__main__":

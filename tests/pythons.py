@@ -34,7 +34,7 @@ def interpreters() -> dict[str, str]:
 
 
 def outputs(python: Path, place: Path) -> str:
-    """Return one hash of what a Python makes of the example: schedule, report, graph, traces."""
+    """Return one hash of what a Python makes of the example: schedule, report, graph, traces, a bundle."""
     place.mkdir()
     model, schedule = str(ROOT / "src/halpipe/selftest/systems/modes.xml"), str(place / "s.xml")
     commands = [["schedule", model, "-o", schedule, "-q"]]
@@ -42,9 +42,11 @@ def outputs(python: Path, place: Path) -> str:
     commands += [
         ["export", name, model, schedule, "-o", str(place / f"x.{end}"), "-q"] for name, end in formats.items()
     ]
+    commands.append(["export", "linux", model, schedule, "--busy", "50", "-o", str(place / "linux"), "-q"])
     for command in commands:
         subprocess.run([python, "-m", "halpipe", *command], check=True, cwd=place)
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(place.iterdir()))).hexdigest()
+    made = {str(path.relative_to(place)): path.read_bytes() for path in place.rglob("*") if path.is_file()}
+    return hashlib.sha256(b"".join(name.encode() + b"\0" + made[name] for name in sorted(made))).hexdigest()
 
 
 def main() -> int:

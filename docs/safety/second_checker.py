@@ -19,19 +19,25 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from math import lcm
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 NUMBER = re.compile(r"[0-9]{1,1000}(?:\.[0-9]{1,1000}|/0*[1-9][0-9]{0,999})?")
 DURATION = re.compile(f"({NUMBER.pattern})(ns|us|ms|s)")
 SCALE = {"ns": 1, "us": 1000, "ms": 1000**2, "s": 1000**3}
-LARGEST_FILE = 64 * 1024 * 1024
-MOST_JOBS = 1_000_000
+LARGEST_FILE, MOST_JOBS = 64 * 1024 * 1024, 1_000_000
+Part = tuple[int, int, int, int]
+Limits = list[int | None]
+Finding = tuple[str, str, str, int | str, str]
 
 
 class UnreadableError(Exception):
     """The files do not hold a model and a schedule."""
 
 
-def number(text):
+def number(text: str) -> Fraction:
     if not NUMBER.fullmatch(text.strip()):
         raise UnreadableError(f"{text[:60]!a} is not a number")
     return Fraction(text.strip())
@@ -40,44 +46,48 @@ def number(text):
 TICKS = [1]  # in a nanosecond: so many that every time of both files is a whole number of them
 
 
-def fit(*roots):
-    TICKS[0] = 1
-    duration.cache_clear()
+def fit(*roots: ET.Element) -> None:
     words = {word for root in roots for e in root.iter() for value in e.attrib.values() for word in value.split()}
-    TICKS[0] = lcm(*(Fraction(duration(word)).denominator for word in words if DURATION.fullmatch(word)))
+    TICKS[0] = lcm(*(exact(word).denominator for word in words if DURATION.fullmatch(word)))
     duration.cache_clear()
 
 
-@lru_cache(maxsize=100_000)
-def duration(text):
+def exact(text: str) -> Fraction:
     found = DURATION.fullmatch(text.strip())
     if not found:
         raise UnreadableError(f"{text[:60]!a} is not a duration")
-    exact = Fraction(found[1]) * SCALE[found[2]] * TICKS[0]
-    return exact.numerator if exact.denominator == 1 else exact
+    return Fraction(found[1]) * SCALE[found[2]]
 
 
-def up(dividend, divisor):
+@lru_cache(maxsize=100_000)
+def duration(text: str) -> int:
+    return (exact(text) * TICKS[0]).numerator
+
+
+def up(dividend: int, divisor: int) -> int:
     return -(-dividend // divisor)
 
 
-def optional(element, name, default=None):
-    return duration(element.get(name)) if element.get(name) is not None else default
+def optional(element: ET.Element, name: str) -> int | None:
+    return duration(element.get(name, "")) if name in element.attrib else None
 
 
-def need(element, name):
-    if element.get(name) is None:
+def need(element: ET.Element, name: str) -> str:
+    if name not in element.attrib:
         raise UnreadableError(f"{element.tag} has no {name}")
-    return element.get(name)
+    return element.attrib[name]
 
 
-def inside(element, *path):
-    """Yield the elements on a path of names, which are in the namespace of the element."""
+def at(element: ET.Element, name: str) -> int:
+    return duration(need(element, name))
+
+
+def inside(element: ET.Element, *path: str) -> Iterator[ET.Element]:  # those on a path of names
     space = element.tag.partition("}")[0] + "}"
     return element.iterfind("/".join(space + name for name in path))
 
 
-def root_of(path, kind):
+def root_of(path: str, kind: str) -> tuple[ET.Element, str]:
     with open(path, "rb") as file:
         data = file.read(LARGEST_FILE + 1)
     # Another encoding could hide a declaration from the scan.
@@ -94,35 +104,35 @@ def root_of(path, kind):
 
 
 class Version:
-    def __init__(self, element):
+    def __init__(self, element: ET.Element) -> None:
         self.name = need(element, "name")
-        self.wcet = duration(need(element, "wcet"))
+        self.wcet = at(element, "wcet")
         split = element.get("split", "none").split()
         self.anywhere = split == ["anywhere"]
-        self.points = set() if split in (["none"], ["anywhere"]) else {duration(point) for point in split}
-        self.resume = optional(element, "resume", 0)
+        self.points: set[int] = set() if split in (["none"], ["anywhere"]) else {duration(point) for point in split}
+        self.resume = duration(element.get("resume", "0ns"))
         self.max_gaps = int(element.get("max-gaps", "1000000000"))
-        self.min_part = optional(element, "min-part", 0)
+        self.min_part = duration(element.get("min-part", "0ns"))
         units = next(inside(element, "units"), element)
         self.units = set(need(units, "names").split())
         self.gang = int(units.get("gang", "1"))
         self.phases = [
-            (need(a, "resource"), duration(need(a, "start")), duration(need(a, "end")), number(a.get("bound", "1")))
+            (need(a, "resource"), at(a, "start"), at(a, "end"), number(a.get("bound", "1")))
             for a in inside(element, "access")
         ]
         self.constraints = [
-            (need(p, "task"), p.get("from", "start"), optional(p, "min", 0), duration(need(p, "max")))
+            (need(p, "task"), p.get("from", "start"), duration(p.get("min", "0ns")), at(p, "max"))
             for p in inside(element, "precedence")
         ]
 
-    def may_split(self, at):
+    def may_split(self, at: int) -> bool:
         if self.anywhere:
             return 0 < at < self.wcet and not any(p < at < q for _, p, q, _ in self.phases)
         return at in self.points
 
 
 class Task:
-    def __init__(self, element, binding):
+    def __init__(self, element: ET.Element, binding: str) -> None:
         self.name = need(element, "name")
         self.period = optional(element, "period")
         if self.period == 0:
@@ -130,17 +140,18 @@ class Task:
         self.slack = number(element.get("slack", "0"))
         self.offset = optional(element, "offset")
         self.distance = optional(element, "distance")
-        self.deadline = optional(element, "deadline", self.period if self.distance is None else self.distance)
+        given = "deadline" if "deadline" in element.attrib else "period" if self.distance is None else "distance"
+        self.deadline = optional(element, given)
         self.binding = element.get("binding", binding)
         self.versions = {v.name: v for v in map(Version, inside(element, "version"))}
 
 
 class Model:
-    def __init__(self, root, digest):
-        self.digest = digest
-        self.name, self.interrupts, self.modes = need(root, "name"), {}, {}
+    def __init__(self, root: ET.Element, digest: str) -> None:
+        self.name, self.digest = need(root, "name"), digest
+        self.interrupts, self.modes = dict[str, list[tuple[int, int]]](), dict[str, dict[str, list[str]]]()
         for unit in inside(root, "platform", "unit"):
-            found = [(duration(need(i, "distance")), duration(need(i, "wcet"))) for i in inside(unit, "interrupt")]
+            found = [(at(i, "distance"), at(i, "wcet")) for i in inside(unit, "interrupt")]
             if any(distance == 0 for distance, _ in found):
                 raise UnreadableError("an interrupt has the distance 0")
             self.interrupts[need(unit, "name")] = found
@@ -153,60 +164,57 @@ class Model:
         for mode in inside(root, "modes", "mode"):
             runs = inside(mode, "run")
             self.modes[need(mode, "name")] = {need(run, "task"): need(run, "versions").split() for run in runs}
-        self.switches = {(a, b): None for a in self.modes for b in self.modes if a != b}
+        pairs = [(a, b) for a in self.modes for b in self.modes if a != b]
+        self.switches: dict[tuple[str, str], int | None] = dict.fromkeys(pairs)
         if next(inside(root, "transitions"), None) is not None:
             listed = inside(root, "transitions", "transition")
             self.switches = {(need(t, "from"), need(t, "to")): optional(t, "max-length") for t in listed}
-        for mode, runs in self.modes.items():
-            for task, versions in runs.items():
+        for name, running in self.modes.items():
+            for task, versions in running.items():
                 if task not in self.tasks or not set(versions) <= set(self.tasks[task].versions):
-                    raise UnreadableError(f"mode {mode!a} runs what does not exist: {task!a}")
+                    raise UnreadableError(f"mode {name!a} runs what does not exist: {task!a}")
 
-    def reserved(self, units, work):
-        """Return L(work), or None where interrupts leave no room."""
+    def reserved(self, units: set[str], work: int) -> int | None:  # L(work); None where interrupts leave no room
         found = [pair for unit in sorted(units) for pair in self.interrupts[unit]]
         if sum(Fraction(c, distance) for distance, c in found) >= 1:
             return None
-        length, shorter = work, None
+        length, shorter = work, -1
         while length != shorter:
             length, shorter = work + sum(up(length, distance) * c for distance, c in found), length
         return length
 
 
-class Job:
-    """One job of the schedule; parts are (start, end, from, to)."""
-
-    def __init__(self, element):
+class Job:  # One job of the schedule; parts are (start, end, from, to).
+    def __init__(self, element: ET.Element) -> None:
+        self.version: Version
         self.task, self.index = need(element, "task"), int(need(element, "index"))
-        self.start, self.end = duration(need(element, "start")), duration(need(element, "end"))
+        self.start, self.end = at(element, "start"), at(element, "end")
         self.chosen = need(element, "version")
         self.unit_list = need(element, "units").split()
         self.units = set(self.unit_list)
-        names = ("start", "end", "from", "to")
-        self.written = [tuple(duration(need(part, name)) for name in names) for part in inside(element, "part")]
-        self.version, self.parts, self.where = None, [], ""
+        self.written = [(at(p, "start"), at(p, "end"), at(p, "from"), at(p, "to")) for p in inside(element, "part")]
+        self.parts, self.where = self.written, ""
 
-    def moved(self, by, where):
+    def moved(self, by: int, where: str) -> Job:
         other = Job.__new__(Job)
         vars(other).update(vars(self), start=self.start + by, end=self.end + by, where=where)
         other.parts = [(start + by, end + by, begin, to) for start, end, begin, to in self.parts]
         return other
 
 
-class Table:
-    """What modes and switches have in common: jobs that must be well formed and must not meet on a line."""
+class Table:  # What modes and switches have in common: jobs that must be well formed and must not meet on a line.
+    next_start: Callable[[str, int, bool], tuple[int, int] | None]
+    last_end: Callable[[str, int], int | None]
+    until: int | None = None  # Paths of chains count if they cross the time from 0 to this; in a mode, all do.
 
-    until = None  # Of the paths of chains, those count that cross the time from 0 to this; all of them in a mode.
+    def __init__(self, model: Model, name: str, total: int) -> None:
+        self.model, self.name, self.total, self.jobs, self.findings = model, name, total, list[Job](), list[Finding]()
 
-    def __init__(self, model, name, total):
-        self.model, self.name, self.total, self.jobs, self.findings = model, name, total, [], []
-
-    def broken(self, rule, job, what):
+    def broken(self, rule: str, job: Job | str, what: str) -> None:
         task, index = (job.task, job.index) if isinstance(job, Job) else (job, "-")
         self.findings.append((rule, self.name, task, index, what))
 
-    def take(self, job, runs, where=""):
-        """Keep a job with its version, if it runs."""
+    def take(self, job: Job, runs: dict[str, list[str]], where: str = "") -> None:  # keeps a job that runs
         if job.task not in runs or job.chosen not in runs[job.task]:
             self.broken("version", job, "the task does not run, or not in this version")
             return
@@ -214,14 +222,15 @@ class Table:
         job.parts = job.written or [(job.start, job.end, 0, job.version.wcet)]
         self.jobs.append(job)
 
-    def units(self, job):
+    def units(self, job: Job) -> bool:
         valid = job.version.units & set(self.model.interrupts)
         is_gang = len(job.unit_list) == len(job.units) == job.version.gang and job.units <= valid
-        if not is_gang or self.model.reserved(job.units, 0) is None:
+        is_fine = is_gang and self.model.reserved(job.units, 0) is not None
+        if not is_fine:
             self.broken("unit", job, "not as many distinct, valid units as it takes, or interrupts leave them no time")
-        return is_gang and self.model.reserved(job.units, 0) is not None
+        return is_fine
 
-    def parts(self, job):
+    def parts(self, job: Job) -> bool:
         before, version = len(self.findings), job.version
         first, last, gaps = job.parts[0], job.parts[-1], list(pairwise(job.parts))
         if not 0 <= job.start < self.total:
@@ -240,17 +249,18 @@ class Table:
                 self.broken("parts", job, f"part {number + 1} is too short")
         return len(self.findings) == before
 
-    def late(self, task, before, job):
-        if task.distance is not None and (job.start - before > task.distance or job.end - before > task.deadline):
+    def late(self, task: Task, before: int, job: Job) -> None:
+        distance, deadline = task.distance, task.deadline or 0
+        if distance is not None and (job.start - before > distance or job.end - before > deadline):
             self.broken("deadline", job, "an arrival just after the job before is missed or served too late")
 
-    def bind(self, name, jobs):
+    def bind(self, name: str, jobs: list[Job]) -> None:
         if self.model.tasks[name].binding != "job" and len({frozenset(job.units) for job in jobs}) > 1:
             self.broken("binding", name, "its jobs are on different units")
 
-    def meet(self, line):
+    def meet(self, line: list[Job]) -> None:
         """Of two jobs on a unit, one is over before the other begins or lies in a gap of it; so no parts overlap."""
-        held = defaultdict(list)
+        held: dict[str, list[Job]] = defaultdict(list)
         for job in sorted(line, key=lambda job: (job.start, job.end)):
             for unit in job.units:
                 held[unit] = [other for other in held[unit] if other.end > job.start]
@@ -261,37 +271,38 @@ class Table:
                         self.broken("nested", job, f"crosses {other.task} {other.index}")
                 held[unit].append(job)
 
-    def access(self, line):
-        changes = defaultdict(list)
+    def access(self, line: list[Job]) -> None:
+        changes: dict[str, list[tuple[int, Fraction, Job]]] = defaultdict(list)
         for job in line:
             for resource, begin, to, bound in job.version.phases:
                 for number, (start, _, origin, until) in enumerate(job.parts):
                     lost = job.version.resume if number else 0
                     if origin <= begin and to <= until:
-                        over = self.model.reserved(job.units, lost + to - origin)
+                        over = self.model.reserved(job.units, lost + to - origin) or 0
                         changes[resource].append((start + lost + begin - origin, bound, job))
                         changes[resource].append((start + over, -bound, job))
                         break
                 else:
                     self.broken("access", job, f"a phase on {resource} is interrupted")
         for resource, found in changes.items():
-            level = 0
+            level = Fraction()
             for _, change, job in sorted(found, key=lambda entry: entry[:2]):
                 level += change
                 if level > 1:
                     self.broken("access", job, f"{resource} is taken {level} times")
                     break
 
-    def chain(self, name, tasks, limits, first, last):
+    def chain(self, name: str, tasks: list[str], limits: Limits, first: list[Job], last: list[Job]) -> Limits:
         """Return the worst reaction and age of a chain; paths begin with `first`, or end with `last`."""
-        worst = [None, None]
+        worst: Limits = []
         for number, ends in enumerate((self.reactions(tasks, first), self.ages(tasks, last))):
-            worst[number] = max(ends, default=None)
-            if limits[number] is not None and worst[number] is not None and worst[number] > limits[number]:
+            most, limit = max(ends, default=None), limits[number]
+            worst.append(most)
+            if most is not None and limit is not None and most > limit:
                 self.broken("chain", tasks[0], f"{name}: the {('reaction', 'age')[number]} is too long")
         return worst
 
-    def reactions(self, tasks, jobs):
+    def reactions(self, tasks: list[str], jobs: list[Job]) -> Iterator[int]:
         for missed in jobs:
             # A stimulus just after this start is seen by the next job.
             found = self.next_start(tasks[0], missed.start, True)
@@ -300,29 +311,28 @@ class Table:
             if found and (self.until is None or (missed.start < self.until and found[0] >= 0)):
                 yield found[1] - missed.start
 
-    def ages(self, tasks, jobs):
+    def ages(self, tasks: list[str], jobs: list[Job]) -> Iterator[int]:
         for last in jobs:
-            start = last.start
+            start: int | None = last.start
             for task in reversed(tasks[:-1]):
                 start = None if start is None else self.last_end(task, start)
             if start is not None and (self.until is None or (start < self.until and last.start >= 0)):
                 yield last.end - start
 
 
-class Mode(Table):
-    """The steady state of one mode; findings are (rule, mode, task, job, what)."""
-
-    def __init__(self, model, name, jobs):
-        super().__init__(model, name, None)
+class Mode(Table):  # The steady state of one mode; findings are (rule, mode, task, job, what).
+    def __init__(self, model: Model, name: str, jobs: list[Job]) -> None:
+        super().__init__(model, name, 0)
         self.runs = model.modes[name]
-        self.total, self.counted, self.bound, self.figures = self.hyperperiod(), {}, defaultdict(list), {}
+        self.total, self.counted, self.figures = self.hyperperiod(), dict[str, int](), dict[str, Limits]()
+        self.bound: dict[str, list[Job]] = defaultdict(list)
         for job in jobs:
             self.take(job, self.runs)
         for job in self.jobs:
             self.bound[job.task].append(job)
         self.longest_job = max((job.end - job.start for job in self.jobs), default=0)
 
-    def hyperperiod(self):
+    def hyperperiod(self) -> int:
         periods = [p for p in (self.model.tasks[name].period for name in self.runs) if p is not None]
         if not periods:
             raise UnreadableError(f"no task of mode {self.name!a} has a period")
@@ -331,7 +341,7 @@ class Mode(Table):
             raise UnreadableError(f"mode {self.name!a} has too many jobs")
         return total
 
-    def check(self):
+    def check(self) -> list[Finding]:
         self.complete()
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         for name in self.runs:
@@ -347,18 +357,17 @@ class Mode(Table):
                 self.latencies(name, tasks, limits)
         return self.findings
 
-    def line(self, jobs):
+    def line(self, jobs: list[Job]) -> list[Job]:
         turns = 1 + up(max((job.end - job.start for job in jobs), default=0), self.total)
         if turns * len(jobs) > MOST_JOBS:
             raise UnreadableError("a job lasts too many cycles")
         return [job.moved(turn * self.total, f"cycle {turn}") for turn in range(-turns, 2) for job in jobs]
 
-    def most_demands(self, by, name):
-        """Return how many constraints on a task one version of another has at most."""
+    def most_demands(self, by: str, name: str) -> int:  # constraints on it of one version
         versions = () if by == name else (self.model.tasks[by].versions[version] for version in self.runs[by])
         return max((sum(to == name for to, *_ in version.constraints) for version in versions), default=0)
 
-    def count(self, name, above=()):
+    def count(self, name: str, above: tuple[str, ...] = ()) -> int:
         if name in above:
             raise UnreadableError(f"tasks without period demand each other in a ring: {name!a}")
         period = self.model.tasks[name].period
@@ -369,10 +378,10 @@ class Mode(Table):
             self.counted[name] = sum(self.most_demands(by, name) * self.count(by, (*above, name)) for by in demanding)
         return self.counted[name]
 
-    def expected(self, name):
+    def expected(self, name: str) -> set[int]:
         if self.model.tasks[name].period is not None:
             return set(range(self.count(name)))
-        arising, base = set(), 0
+        arising, base = set[int](), 0
         for by in self.model.tasks:
             most = self.most_demands(by, name) if by in self.runs else 0
             for job in self.bound[by] if most else ():
@@ -382,14 +391,14 @@ class Mode(Table):
             base += most * self.count(by) if most else 0
         return arising
 
-    def complete(self):
+    def complete(self) -> None:
         for name in self.runs:
             expected, indices = self.expected(name), [job.index for job in self.bound[name]]
             if sorted(indices) != sorted(expected):
                 missing, more = sorted(expected - set(indices))[:5], sorted(set(indices) - expected)[:5]
                 self.broken("complete", name, f"jobs {missing} are missing, jobs {more} not demanded, or one is double")
 
-    def periodic(self, name):
+    def periodic(self, name: str) -> None:
         task, jobs = self.model.tasks[name], self.bound[name]
         ordered = sorted(jobs, key=lambda job: (job.start, job.index))
         for number, job in enumerate(ordered):
@@ -400,78 +409,71 @@ class Mode(Table):
                     self.broken("deadline", job, "longer than its deadline")
             return
         places = [(job, (job.start - job.index * task.period) % self.total) for job in jobs]
-        phases = {at for _, at in places} if task.offset is None else {task.offset % task.period}
+        phases = {place for _, place in places} if task.offset is None else {task.offset % task.period}
         verdicts = [self.delays(task, places, phase) for phase in sorted(phases)]
         for rule, job, what in min(verdicts, key=len, default=[]):
             self.broken(rule, job, what)
 
-    def delays(self, task, places, phase):
+    def delays(self, task: Task, places: list[tuple[Job, int]], phase: int) -> list[tuple[str, Job, str]]:
         found = []
-        for job, at in places:
-            delta = (at - phase) % self.total
-            if delta > task.slack * task.period:
+        for job, place in places:
+            delta = (place - phase) % self.total
+            if delta > task.slack * (task.period or 0):
                 found.append(("periodic", job, "too long after its release"))
-            if task.distance is None and delta + job.end - job.start > task.deadline:
+            if task.distance is None and task.deadline is not None and delta + job.end - job.start > task.deadline:
                 found.append(("deadline", job, "ends too long after its release"))
         return found
 
-    def precedence(self, job):
+    def precedence(self, job: Job) -> None:
         for name, origin, least, most in job.version.constraints:
-            for other in self.bound[name]:
-                since = job.start - (other.end if origin == "end" else other.start)
-                turns = max(0, up(least - since, self.total))
-                if least <= since + turns * self.total <= most:
-                    break
-            else:
+            ages = (job.start - (other.end if origin == "end" else other.start) for other in self.bound[name])
+            if not any(least <= age + max(0, up(least - age, self.total)) * self.total <= most for age in ages):
                 self.broken("precedence", job, f"no job of {name} starts or ends within the window")
 
-    def latencies(self, name, tasks, limits):
+    def latencies(self, name: str, tasks: list[str], limits: Limits) -> None:
         if limits != [None, None] and not all(self.bound[task] for task in tasks):
             self.broken("chain", tasks[0], f"{name}: a task has no job")
         worst = self.chain(name, tasks, limits, self.bound[tasks[0]], self.bound[tasks[-1]])
         if self.figures.get(name, worst) != worst:
             self.broken("figures", tasks[0], f"{name}: the reported reaction or age is wrong")
 
-    def next_start(self, task, since, later):
+    def next_start(self, task: str, since: int, later: bool) -> tuple[int, int] | None:
         """Return start and end of the first job, in any cycle, from an instant on; of equals, of the lowest number."""
-        found = []
-        for job in self.bound[task]:
-            turns = up(since + later - job.start, self.total)
-            found.append((job.start + turns * self.total, job.index, job.end + turns * self.total))
-        return min(found)[::2] if found else None
+        turns = [(job, up(since + later - job.start, self.total) * self.total) for job in self.bound[task]]
+        found = min(((job.start + by, job.index, job.end + by) for job, by in turns), default=None)
+        return found and (found[0], found[2])
 
-    def last_end(self, task, until):
+    def last_end(self, task: str, until: int) -> int | None:
         turns = [(job, (until - job.end) // self.total * self.total) for job in self.bound[task]]
         return max(((job.end + by, job.start + by) for job, by in turns), default=(None, None))[1]
 
 
+# The line of one switch: cycles of the mode before up to 0, the table on [0, length), the mode to come.
 class Switch(Table):
-    """The line of one switch: cycles of the mode before up to 0, the table on [0, length), the mode to come."""
-
-    def __init__(self, model, source, target, length, longest, jobs):
-        super().__init__(model, f"{source.name} -> {target.name}", length)
-        self.source, self.target, self.until, self.longest, self.far = source, target, length, longest, {}
+    def __init__(self, source: Mode, target: Mode, length: int, longest: int | None, jobs: list[Job]) -> None:
+        super().__init__(source.model, f"{source.name} -> {target.name}", length)
+        self.source, self.target, self.until, self.longest = source, target, length, longest
         for job in jobs:
             self.take(job, target.runs, "table")
         if len({(job.task, job.index) for job in jobs}) < len(jobs):
             self.broken("length", "-", "a job is given twice")
 
-    def line(self, before, after):
+    def line(self, before: int, after: int) -> list[Job]:
         if before * len(self.source.jobs) + after * len(self.target.jobs) > MOST_JOBS:
             raise UnreadableError("a switch has too many jobs in reach")
         old, new = self.source.total, self.target.total
         line = [job.moved(-turn * old, "before") for turn in range(1, before + 1) for job in self.source.jobs]
-        line += [job.moved(self.until + turn * new, "after") for turn in range(after) for job in self.target.jobs]
+        line += [job.moved(self.total + turn * new, "after") for turn in range(after) for job in self.target.jobs]
         return line + self.jobs
 
-    def check(self):
-        if self.longest is not None and self.until > self.longest:
+    def check(self) -> list[Finding]:
+        if self.longest is not None and self.total > self.longest:
             self.broken("length", "-", "longer than the model allows")
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
             return self.findings  # what is wrong is told; places on the line would not mean anything
         last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1 or job.version.phases), default=0)
-        near = self.line(2, max(2, up(last - self.until, self.target.total)))
+        near = self.line(2, max(2, up(last - self.total, self.target.total)))
         self.meet(near)
         self.access(near)
         for name in {job.task for job in self.jobs}:
@@ -488,7 +490,7 @@ class Switch(Table):
                 self.chain(name, tasks, limits, self.far[tasks[0]], self.far[tasks[-1]])
         return self.findings
 
-    def continuity(self):
+    def continuity(self) -> None:
         line = sorted(self.line(2, 2), key=lambda job: (job.start, job.index))
         for name in self.source.runs.keys() & self.target.runs.keys():
             task = self.model.tasks[name]
@@ -501,10 +503,10 @@ class Switch(Table):
                     self.broken("continuity", two, "starts before the job before has ended")
                 self.late(task, one.start, two)
 
-    def wants(self, cycles):
+    def wants(self, cycles: int) -> list[tuple[Job, str, str, int, int]]:
         return [(job, *constraint) for job in self.line(0, cycles) for constraint in job.version.constraints]
 
-    def entering(self):
+    def entering(self) -> None:
         wants, cycle = self.wants(1), self.target.total
         for job in (job for job in self.jobs if job.task not in self.source.runs):
             for other, to, origin, least, most in wants:
@@ -515,12 +517,11 @@ class Switch(Table):
             else:
                 self.broken("entering", job, "no constraint needs it so early")
 
-    def precedence(self):
-        """In cycles of the mode to come, up to those whose predecessors all lie in it as in its steady state."""
+    def precedence(self) -> None:  # in cycles up to those whose predecessors all lie in the mode to come
         furthest = [max(window) for window in zip((0, 0), *(want[-2:] for want in self.wants(1)), strict=True)]
         before = 2 + up(furthest[1] + self.source.longest_job, self.source.total)
         after = 2 + up(furthest[0] + self.target.longest_job, self.target.total)
-        found = defaultdict(list)
+        found: dict[tuple[str, str], list[int]] = defaultdict(list)
         for job in self.line(before, after + 1):
             found[job.task, "start"].append(job.start)
             found[job.task, "end"].append(job.end)
@@ -531,21 +532,21 @@ class Switch(Table):
             if not place or found[name, origin][place - 1] < job.start - most:
                 self.broken("precedence", job, f"no job of {name} starts or ends within the window")
 
-    def next_start(self, task, since, later):
+    def next_start(self, task: str, since: int, later: bool) -> tuple[int, int] | None:
         found = self.far[task][bisect_left(self.far[task], since + later, key=lambda job: job.start) :][:1]
         return (found[0].start, found[0].end) if found else None
 
-    def last_end(self, task, until):
-        number = bisect_right(self.near_ends[task], (until, float("inf")))
+    def last_end(self, task: str, until: int) -> int | None:
+        number = bisect_right(self.near_ends[task], until, key=lambda pair: pair[0])
         return self.near_ends[task][number - 1][1] if number else None
 
 
-def judge(model_path, schedule_path):
-    """Return what is broken: (rule, mode, task, job, what)."""
+def judge(model_path: str, schedule_path: str) -> list[Finding]:  # what is broken: (rule, mode, task, job, what)
     (system, digest), (root, _) = root_of(model_path, "task-model"), root_of(schedule_path, "schedule")
     fit(system, root)
     model = Model(system, digest)
-    findings, tables, bound = [], {}, defaultdict(set)
+    findings, tables, switches = list[Finding](), dict[str, Mode](), dict[tuple[str, str], Switch]()
+    bound: dict[str, set[frozenset[str]]] = defaultdict(set)
     if root.get("model") != model.name or root.get("model-sha256", model.digest) not in ("", model.digest):
         findings.append(("figures", "-", "-", "-", "the schedule was made for another model"))
     for element in inside(root, "mode"):
@@ -556,10 +557,9 @@ def judge(model_path, schedule_path):
         for chain in inside(element, "chain"):
             mode.figures[need(chain, "name")] = [optional(chain, what) for what in ("reaction", "age")]
         findings += mode.check()
-        if duration(need(element, "hyperperiod")) != mode.total or element.get("status") != "valid":
+        if at(element, "hyperperiod") != mode.total or element.get("status") != "valid":
             findings.append(("figures", name, "-", "-", "not called valid, or the hyperperiod is another"))
     findings += [("complete", name, "-", "-", "the mode has no schedule") for name in model.modes if name not in tables]
-    switches = {}
     for element in inside(root, "transition"):
         pair = need(element, "from"), need(element, "to")
         if pair in switches or pair not in model.switches or not set(pair) <= set(tables):
@@ -567,10 +567,10 @@ def judge(model_path, schedule_path):
         jobs = [Job(job) for job in inside(element, "job")]
         if not jobs and element.get("status") != "valid":
             continue  # it must not be performed
-        source, target, length = tables[pair[0]], tables[pair[1]], duration(need(element, "length"))
-        switches[pair] = switch = Switch(model, source, target, length, model.switches[pair], jobs)
+        source, target, length = tables[pair[0]], tables[pair[1]], at(element, "length")
+        switches[pair] = switch = Switch(source, target, length, model.switches[pair], jobs)
         findings += switch.check()
-        if not source.findings and duration(need(element, "worst-latency")) != source.total + length:
+        if not source.findings and at(element, "worst-latency") != source.total + length:
             findings.append(("figures", switch.name, "-", "-", "the worst latency is hyperperiod and length"))
     for table in (*tables.values(), *switches.values()):
         for job in table.jobs:
@@ -581,7 +581,7 @@ def judge(model_path, schedule_path):
     return findings
 
 
-def main():
+def main() -> int:
     if len(sys.argv) != 3:
         print(__doc__, file=sys.stderr)
         return 2

@@ -162,7 +162,7 @@ class Code:
         It is about the elements that `path` names and further `subjects`, whose `places` may be given too.
         """
         named = path.subjects if isinstance(path, Path) else ()
-        further = tuple(dict.fromkeys(place for place in places if place not in (at, NOWHERE)))
+        further = tuple(dict.fromkeys(place for place in places if place not in (at, NOWHERE))) if places else ()
         return Diagnostic(
             self.id,
             severity or self.severity,
@@ -181,7 +181,8 @@ class Code:
 
 
 def _unique(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
-    return tuple(dict.fromkeys(Subject(kind, shortened(name)) for kind, name in subjects))
+    whole = (s if len(s.name) <= MOST_CHARACTERS else Subject(s.kind, shortened(s.name)) for s in subjects)
+    return tuple(dict.fromkeys(whole))
 
 
 MOST_CHARACTERS = 2000
@@ -286,7 +287,8 @@ class Findings:
 
 def sort_diagnostics(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
     """Order by file, line, code and text, without duplicates, so that output never depends on discovery order."""
-    return sorted(set(diagnostics), key=_order)
+    ordered = sorted(diagnostics, key=_order)
+    return [d for d, before in zip(ordered, [None, *ordered], strict=False) if d != before]
 
 
 def _order(d: Diagnostic) -> tuple[Any, ...]:

@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, overload
 
-from halpipe.quantities import format_rational, parse_rational, quoted
+from halpipe.quantities import format_ratio, parse_rational, quoted
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -47,6 +47,9 @@ class Duration:
             raise ValueError(f"{quoted(text)} is not a duration; {_FORM}")
         scale = _UNITS_NS[match["unit"]]
         number = match["number"]
+        top, slash, bottom = number.partition("/")
+        if len(number) <= _SHORT_DIGITS and top.isdigit() and (not slash or (bottom.isdigit() and int(bottom))):
+            return Duration(Fraction(int(top) * scale, int(bottom)) if slash else int(top) * scale)  # as most are
         try:
             return Duration(parse_rational(number) * scale)
         except ValueError as error:
@@ -118,7 +121,10 @@ class Duration:
         return Duration(self.ns % other.ns)
 
 
-_LARGEST_FIRST = sorted(_UNITS_NS.items(), key=lambda pair: -pair[1])
+_SHORT_DIGITS = 18
+_LARGEST_FIRST = [("s", 10**9, 9), ("ms", 10**6, 6), ("us", 10**3, 3), ("ns", 1, 0)]
+"""Units, their nanoseconds, and how many digits these leave behind the point."""
+
 _SHORT = 10**27
 """Nanoseconds below which every whole number of them is short in any unit."""
 
@@ -129,15 +135,21 @@ def _text(ns: int | Fraction) -> str:
         return "0ms"
     top, bottom = abs(ns.numerator), ns.denominator
     # The largest unit that gives a number of 1 or more; another one where only that keeps the digits few.
-    reached = [unit for unit, size in _LARGEST_FIRST if top >= size * bottom]
-    units = [*reached, *(unit for unit, _ in _LARGEST_FIRST if unit not in reached)]
     if bottom == 1 and top == ns < _SHORT:
-        whole, rest = divmod(top, _UNITS_NS[units[0]])
-        digits = f".{rest:0{len(str(_UNITS_NS[units[0]])) - 1}d}".rstrip("0") if rest else ""
-        return f"{whole}{digits}{units[0]}"
-    texts = (format_rational(Fraction(ns, _UNITS_NS[u])) + u for u in (units if top >= bottom else units[::-1]))
-    first = next(texts)
-    return first if _SCHEMA_FORM.fullmatch(first) else next(filter(_SCHEMA_FORM.fullmatch, texts), first)
+        for unit, size, digits in _LARGEST_FIRST:
+            if top >= size:
+                whole, rest = divmod(top, size)
+                return f"{whole}.{rest:0{digits}d}".rstrip("0") + unit if rest else f"{whole}{unit}"
+    first = ""
+    reached = [entry for entry in _LARGEST_FIRST if top >= entry[1] * bottom]
+    units = [*reached, *_LARGEST_FIRST[: len(_LARGEST_FIRST) - len(reached)]] if reached else _LARGEST_FIRST[::-1]
+    for unit, size, _ in units:
+        common = math.gcd(top, size)
+        text = format_ratio(ns.numerator // common, bottom * (size // common)) + unit
+        if _SCHEMA_FORM.fullmatch(text):
+            return text
+        first = first or text
+    return first
 
 
 ZERO = Duration(0)

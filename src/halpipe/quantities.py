@@ -29,8 +29,9 @@ def parse_rational(text: str) -> Fraction:
         raise ValueError(f"{quoted(text)} has more than {_MAX_LENGTH} characters")
     if _RATIONAL.fullmatch(stripped) is None:
         raise ValueError(f"{quoted(text)} is not a number; write it as 0.35, 1/3 or 1")
+    top, slash, bottom = stripped.partition("/")
     try:
-        return Fraction(stripped)
+        return Fraction(int(top), int(bottom)) if slash else Fraction(stripped)
     except ZeroDivisionError:
         raise ValueError(f"{quoted(text)} divides by zero") from None
 
@@ -45,19 +46,24 @@ def parse_share(text: str) -> Fraction:
 
 def format_rational(value: Fraction) -> str:
     """Print a rational as an integer, a terminating decimal, or ``n/d`` where no decimal terminates."""
-    if value.denominator == 1:
-        return str(value.numerator)
+    return format_ratio(value.numerator, value.denominator)
+
+
+def format_ratio(top: int, bottom: int) -> str:
+    """Print a rational in lowest terms, with a positive denominator."""
+    if bottom == 1:
+        return str(top)
     twos = fives = 0
-    rest = value.denominator
+    rest = bottom
     while rest % 2 == 0:
         rest, twos = rest // 2, twos + 1
     while rest % 5 == 0:
         rest, fives = rest // 5, fives + 1
     digits = max(twos, fives)
     if rest != 1 or digits > 30:
-        return f"{value.numerator}/{value.denominator}"
-    scaled = abs(value.numerator) * 10**digits // value.denominator
-    sign = "-" if value < 0 else ""
+        return f"{top}/{bottom}"
+    scaled = abs(top) * 10**digits // bottom
+    sign = "-" if top < 0 else ""
     return f"{sign}{scaled // 10**digits}.{scaled % 10**digits:0{digits}d}"
 
 

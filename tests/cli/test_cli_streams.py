@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import halpipe.cli
-from halpipe.cli import invoke, output
+from halpipe.cli import invoke, main, output
 from halpipe.cli.failures import OUT_OF_MEMORY
 from halpipe.diagnostics import HalpipeError
 
@@ -130,6 +130,7 @@ def test_what_fails_while_ctrl_c_is_answered_is_told(monkeypatch, capsys):
         OSError(errno.EMFILE, "Too many open files"),
         RuntimeError("can't start new thread"),
         ImportError("libx.so: failed to map segment from shared object"),
+        SystemError("<built-in function compile> returned NULL without setting an exception"),
     ],
 )
 def test_want_of_memory_is_no_bug(monkeypatch, capsys, failure):
@@ -141,6 +142,30 @@ def test_want_of_memory_is_no_bug(monkeypatch, capsys, failure):
     said = capsys.readouterr().err
     assert OUT_OF_MEMORY.id in said
     assert "bug" not in said
+
+
+@pytest.mark.parametrize("failure", [MemoryError, ImportError, SyntaxError, SystemError])
+def test_want_of_memory_is_told_where_it_keeps_from_telling(monkeypatch, capfd, failure):
+    def fail(*_, **__):
+        raise failure
+
+    monkeypatch.setattr("halpipe.cli.app.app_for", lambda arguments: fail)
+    monkeypatch.setattr("halpipe.cli.failures.told", fail)
+    assert invoke(["doctor"]) == 1
+    assert capfd.readouterr().err == "error[HAL0007] the system gives no more memory\n"
+
+
+@pytest.mark.parametrize("failure", [MemoryError, SystemError])
+def test_want_of_memory_before_a_command_begins_is_told(monkeypatch, capfd, failure):
+    def fail():
+        raise failure
+
+    monkeypatch.setattr("halpipe.cli._run", fail)
+    monkeypatch.setattr("halpipe.cli._leave_when_interrupted", lambda code: None)
+    monkeypatch.setattr("halpipe.cli._forget_all", lambda: None)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert (end.value.code, capfd.readouterr().err) == (1, "error[HAL0007] the system gives no more memory\n")
 
 
 @pytest.mark.slow  # test_want_of_memory_is_no_bug is the quicker one

@@ -104,7 +104,7 @@ WORLD = {
     },
     "socket": {"cli.serve"},
     "urllib": set(),
-    "tempfile": {"cli", "pipeline.solve.run", "bench", "selftest", "exporters.riscv", "deploy", "caches"},
+    "tempfile": {"cli", "files", "caches"},
     "os": {"cli", "workbench", "pipeline.solve.run", "files", "exporters.riscv", "deploy", "caches"},
     "platform": {"cli", "selftest"},
     "shutil": {"cli", "files", "exporters.riscv", "deploy"},

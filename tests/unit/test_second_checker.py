@@ -3,6 +3,7 @@
 The large run: `pytest -m slow tests/unit/test_second_checker.py` (5000 mutants).
 """
 
+import ast
 import importlib.util
 import random
 import subprocess
@@ -32,6 +33,16 @@ def module_from(path):
 
 
 checker = module_from(PROGRAM)
+
+
+def test_it_is_short_and_needs_nothing_but_python():
+    text = PROGRAM.read_text()
+    assert len(text.splitlines()) <= 600
+    nodes = list(ast.walk(ast.parse(text)))
+    loaded = {name.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for name in node.names}
+    loaded |= {node.module.split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert "bisect" in loaded
+    assert loaded <= sys.stdlib_module_names
 
 
 @pytest.fixture(scope="module")

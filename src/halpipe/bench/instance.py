@@ -9,7 +9,6 @@ from fractions import Fraction
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +16,7 @@ from halpipe.bench import jobshop
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.files import sha256, write_output
+from halpipe.files import scratch_folder, sha256, write_output
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
@@ -70,7 +69,7 @@ def measure(instance: Instance) -> dict[str, Any]:
         "windows": made.windows,
     }
     timing: dict[str, Any] = {}
-    with TemporaryDirectory(prefix="halpipe-bench-") as folder:
+    with scratch_folder() as folder:
         source = str(Path(folder, "model.xml"))
         write_output(source, document)
         _schedule(instance, source, str(Path(folder, "schedule.xml")), result, timing)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from typing import Any, NoReturn
 
 INTERRUPTED = 130
+NO_MEMORY = b"error[HAL0007] the system gives no more memory\n"
 RARELY = (100_000, 50, 100)
 """Thresholds of the garbage collector: a model is a large tree of lasting objects, and looking through it again and
 again takes up to a quarter of the time of an import."""
@@ -23,6 +24,9 @@ def main() -> NoReturn:
     except KeyboardInterrupt:  # before the command began, or once more while it ended
         os.write(2, b"interrupted\n")
         code = INTERRUPTED
+    except (MemoryError, SystemError):  # before the command began, or once more while it was told
+        os.write(2, NO_MEMORY)
+        code = 1
     _leave_when_interrupted(code)
     _forget_all()
     sys.exit(code)
@@ -139,6 +143,6 @@ def _exit_code(failure: Exception) -> int:
         return failures.told(failure)
     except BrokenPipeError:
         return _ended_by_reader()
-    except MemoryError:
-        os.write(2, b"error[HAL0007] the system gives no more memory\n")
+    except (MemoryError, ImportError, SyntaxError, SystemError):  # too little even to load what tells it
+        os.write(2, NO_MEMORY)
         return 1

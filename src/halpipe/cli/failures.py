@@ -14,9 +14,14 @@ OUT_OF_MEMORY = error(
     "The system gave no more memory, threads, processes or open files. What stood in the outputs before is untouched.",
 )
 
-_NO_MEMORY = ("can't start new thread", "cannot allocate memory", "failed to map segment")
+_NO_MEMORY = (
+    "can't start new thread",
+    "cannot allocate memory",
+    "failed to map segment",
+    "returned null without setting an exception",  # Python's compiler and its imports, when an allocation fails
+)
 _SCARCE = (errno.EAGAIN, errno.EMFILE, errno.ENFILE)
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF)
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 
 
 def told(failure: Exception) -> int:
@@ -57,7 +62,7 @@ def _is_want_of_memory(failure: Exception) -> bool:
         return True
     if isinstance(failure, OSError) and failure.errno in (errno.ENOMEM, *_SCARCE):
         return True
-    return isinstance(failure, (RuntimeError, ImportError, OSError)) and any(
+    return isinstance(failure, (RuntimeError, ImportError, OSError, SystemError)) and any(
         text in str(failure).lower() for text in _NO_MEMORY
     )
 

@@ -7,6 +7,9 @@ import os
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from halpipe.diagnostics import HalpipeError, Location
+from halpipe.files.reading import CANNOT_READ, reason, refuse_more_than
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -16,16 +19,27 @@ MOST_FOLDERS = 10_000
 def folders_with(root: str, name: str) -> list[str]:
     """Return the folders in and below `root` that hold a file called `name`; none if `root` is no folder.
 
-    Raise ``OSError`` if there are more than `MOST_FOLDERS` to look into.
+    Raise `HalpipeError` if one cannot be read, or if there are more than `MOST_FOLDERS` to look into.
     """
-    found = []
-    for count, (folder, below, files) in enumerate(os.walk(root)):
-        if count >= MOST_FOLDERS:
-            raise OSError(f"has more than {MOST_FOLDERS} folders in it")
-        below.sort()
-        if name in files:
-            found.append(folder)
+    found: list[str] = []
+    try:
+        for count, (folder, below, files) in enumerate(_walk(root), 1):
+            refuse_more_than(MOST_FOLDERS, count, "folders", Location(root))
+            below.sort()
+            if name in files:
+                found.append(folder)
+    except OSError as failure:
+        help = "let yourself read the folder, or name the one that the tracer wrote"
+        raise HalpipeError(CANNOT_READ(reason(failure), at=Location(failure.filename or root), help=help)) from None
     return found
+
+
+def _walk(root: str) -> Iterator[tuple[str, list[str], list[str]]]:
+    return os.walk(root, onerror=_raise) if os.path.isdir(root) else iter(())
+
+
+def _raise(failure: OSError) -> None:
+    raise failure
 
 
 def plain_files(folder: str) -> list[str]:

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 CANNOT_WRITE = error(
     "HAL0003",
     "File cannot be written",
-    "The system refused to write the output; whatever stood there before is untouched.",
+    "The system refused to write the output, or temporary files on the way to it; whatever stood there before is "
+    "untouched.",
 )
 
 

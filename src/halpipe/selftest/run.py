@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from copy import deepcopy
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.files import parse_xml
+from halpipe.files import parse_xml, scratch_folder
 from halpipe.importers.native import parse_model, read_model, read_schedule
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.generate import SetParameters, generate_with_witness
@@ -77,7 +76,7 @@ def run(mutants: int, seed: int, told: Callable[[int], None] = lambda _: None) -
     from lxml import etree
 
     outcome, known = Outcome(), _texts(seed)
-    with tempfile.TemporaryDirectory(prefix="halpipe-selftest-") as folder:
+    with scratch_folder() as folder:
         model_file, schedule_file = Path(folder, "model.xml"), Path(folder, "schedule.xml")
         for number in range(mutants):
             if number % MUTANTS_OF_ONE == 0:

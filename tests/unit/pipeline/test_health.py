@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from verify_helpers import codes_found, errors, plan_of, switch, table
+from verify_helpers import codes_found, errors, messages, plan_of, switch, table
 
 from halpipe.models import HealthAction, HealthEvent, HealthRule, Status
 from halpipe.pipeline.checked import schedule_model
@@ -63,6 +63,21 @@ def test_verify_finds_what_a_schedule_states_otherwise(change, expected):
     found = with_reactions(of, plan(of, 5))
     changed = replace(found, reactions=tuple(change(found.reactions[0])))
     assert sorted(codes_found(of, changed)) == expected
+
+
+@pytest.mark.parametrize(
+    ("rule", "stated"),
+    [(TO_TWO, "switch{} within 15ms"), (STOP, "stop{} within 10ms"), (AGAIN, "restart{}")],
+    ids=["switch", "stop", "restart"],
+)
+def test_messages_say_how_long_a_reaction_takes_where_it_takes_time(rule, stated):
+    of = system(rule)
+    without = messages(of, plan(of, 5), codes.REACTION_MISSING)
+    assert [text.split(": ")[1] for text in without] == [f"its reaction, {stated.format('')}, is not stated"]
+    found = with_reactions(of, plan(of, 5))
+    (more,) = messages(of, replace(found, reactions=found.reactions * 2), codes.WRONG_REACTION)
+    after = f" after {rule.count} times {rule.event} in {rule.cycles} tables" + (' to "two"' if rule.mode else "")
+    assert more.split(": ")[1] == f"{stated.format(after)} follows from no rule of the model"
 
 
 def test_a_rule_whose_switch_has_no_table_makes_the_schedule_invalid():

@@ -5,7 +5,7 @@ from dataclasses import replace
 from verify_helpers import errors, only
 
 from halpipe.models import Run
-from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify import codes, verify
 from support import job, mode, model, schedule, task, version
 
 
@@ -37,6 +37,8 @@ def test_a_repeated_unit_beside_a_full_gang_is_still_wrong():
 def test_a_unit_that_the_version_names_but_the_platform_lacks_is_not_valid():
     system = model(task("a", 10, version("v", 1, "u1 ghost")))
     assert 'unit "ghost", which does not exist' in only(system, on(system, "ghost"), codes.WRONG_UNIT)
+    (found,) = verify(system, on(system, "ghost"))
+    assert found.help == "valid units: u1"
 
 
 def test_units_depend_on_the_version():

@@ -88,3 +88,26 @@ def test_the_newest_data_are_those_that_ended_last():
     assert not errors(system, plan)
     tight = model(*system.tasks, units="u1 u2 u3", chains=[chain("c", "a b", age=15)])
     assert "data age 16ms" in only(tight, plan, codes.CHAIN_LIMIT)
+
+
+def test_of_jobs_a_nanosecond_apart_the_second_is_the_next():
+    """After the first of them, the stimulus is seen by the second: at 10 ms, out at 18."""
+    system = relay(28, None, slack=1, deadline=30)
+    jobs = [job(system, "a", 0, "9999999ns", "u1"), job(system, "a", 1, 10, "u3")]
+    system = replace(system, units=model(units="u1 u2 u3").units, tasks=(_anywhere(system.tasks[0]), *system.tasks[1:]))
+    plan = schedule(system, 20, *jobs, job(system, "b", 0, 15, "u2"))
+    assert messages(system, plan, codes.CHAIN_LIMIT) == []
+    tight = replace(system, chains=(chain("c", "a b", "27999999ns"),))
+    assert 'reaction time 28ms for "a" job 1 at 10ms' in only(tight, plan, codes.CHAIN_LIMIT)
+
+
+def _anywhere(own):
+    return replace(own, versions=tuple(replace(v, units=("u1", "u3")) for v in own.versions))
+
+
+@pytest.mark.parametrize(("limit", "is_kept"), [(2, True), ("1999999ns", False)])
+def test_a_job_without_length_ends_where_it_starts(limit, is_kept):
+    """b takes no time at 2 ms, and reads what a did from 0 to 2."""
+    system = relay(None, limit)
+    system = replace(system, tasks=(system.tasks[0], task("b", 20, version("v", "0ms", "u2")), system.tasks[2]))
+    assert (not messages(system, at(system, 2), codes.CHAIN_LIMIT)) == is_kept

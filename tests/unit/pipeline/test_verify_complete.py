@@ -23,6 +23,8 @@ def test_every_period_has_its_job():
     assert not errors(system, jobs(system, 0, 1, 2))
     assert "has 1 of its 3 jobs; missing: 0, 2" in only(system, jobs(system, 1), codes.MISSING_JOB)
     assert "missing: 0 to 2" in " ".join(messages(system, jobs(system), codes.MISSING_JOB))
+    assert only(system, jobs(system, 0, 2), codes.MISSING_JOB).endswith("has 2 of its 3 jobs; missing: 1")
+    assert only(system, jobs(system, 0, 1), codes.MISSING_JOB).endswith("missing: 2")
 
 
 @pytest.mark.parametrize("index", [-1, 3])
@@ -30,6 +32,12 @@ def test_indices_end_with_the_hyperperiod(index):
     system = three_jobs()
     found = jobs(system, 0, 1, 2, index)
     assert "3 jobs in the hyperperiod, with the indices 0 to 2" in " ".join(messages(system, found, codes.SURPLUS_JOB))
+
+
+def test_a_job_behind_the_last_does_not_make_up_for_one():
+    system = three_jobs()
+    (text,) = messages(system, jobs(system, 0, 1, 3), codes.MISSING_JOB)
+    assert text.endswith("has 2 of its 3 jobs; missing: 2")
 
 
 def test_a_job_given_twice_is_reported_once():
@@ -110,3 +118,39 @@ def test_demands_of_versions_not_available_do_not_count():
     runs = tuple(replace(r, versions=("one",)) if r.task == "both" else r for r in system.modes[0].runs)
     system = replace(system, modes=(replace(system.modes[0], runs=runs),))
     assert not errors(system, demands(system, "one", "one", 0, 1, 2))
+
+
+@pytest.mark.parametrize(("served", "more"), [(1, False), (0, True)])
+def test_the_first_twelve_missing_jobs_are_named(served, more):
+    system = model(
+        task("root", 10, version("v", 1, "u1", *(after("help", 0, 10) for _ in range(13)))),
+        task("help", None, version("v", 1, "u2")),
+        units="u1 u2",
+    )
+    present = [job(system, "help", 0, 1, "u2")][:served]
+    found = schedule(system, 10, job(system, "root", 0, 5, "u1"), *present)
+    (text,) = messages(system, found, codes.MISSING_JOB)
+    assert text.endswith("11 and more" if more else "10, 11, 12")
+
+
+def test_a_job_behind_the_last_demands_nothing():
+    """Of `both` there are two jobs, so the demands of a third, 4 and 5, do not arise; 4 is that of `slow`."""
+    system = on_demand()
+    found = demands(system, "two", "two", 0, 1, 2, 3, 4, 5)
+    third = replace(job(system, "both", 0, 15, "u1", "two"), index=2)
+    found = replace(found, modes=(replace(found.modes[0], jobs=(*found.modes[0].jobs, third)),))
+    assert [text.split(":")[0] for text in messages(system, found, codes.SURPLUS_JOB)] == [
+        'mode "all" task "both" job 2',
+        'mode "all" task "help" job 5',
+    ]
+
+
+def test_a_task_that_nobody_demands_leaves_no_room_for_its_demands():
+    """`idle` comes first and demands nothing, as it never runs: the only demand is number 0."""
+    system = model(
+        task("idle", None, version("v", 1, "u3", after("help", 0, 10))),
+        task("a", 10, version("v", 1, "u1", after("help", 0, 10))),
+        task("help", None, version("v", 1, "u2")),
+        units="u1 u2 u3",
+    )
+    assert not errors(system, schedule(system, 10, job(system, "a", 0, 5, "u1"), job(system, "help", 0, 1, "u2")))

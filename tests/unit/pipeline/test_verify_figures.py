@@ -4,9 +4,9 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from verify_helpers import errors, only, plan_of, table
+from verify_helpers import errors, messages, only, plan_of, table
 
-from halpipe.models import ChainLatency, CostTerms, ResourceLoad, UnitLoad
+from halpipe.models import ChainLatency, CostTerms, ResourceLoad, Split, UnitLoad
 from halpipe.pipeline.verify import codes
 from support import access, after, chain, job, model, ms, task, version
 
@@ -152,3 +152,19 @@ def test_peaks_count_what_wraps_round():
     jobs = (job(own, "a", 0, 9, "u1"), job(own, "b", 0, 0, "u2"))
     loads = (ResourceLoad(resource="r", peak=Fraction(3, 4), mean=Fraction(1, 8)),)
     assert not errors(own, plan_of(own, table("all", 10, *jobs, resource_loads=loads)))
+
+
+@pytest.mark.parametrize("are_split", [(), (0,), (1,), (0, 1)])
+def test_overlap_may_count_as_precedence_where_a_version_may_be_split(are_split):
+    """Jobs in one piece that overlap are not nested either: a search may say so in either term."""
+    own = model(*(task(name, 10, version("v", 4, "u1")) for name in "ab"))
+    split = Split(anywhere=True, max_gaps=1)
+    tasks = [
+        replace(t, versions=(replace(t.versions[0], split=split),)) if n in are_split else t
+        for n, t in enumerate(own.tasks)
+    ]
+    own = replace(own, tasks=tuple(tasks))
+    cost = replace(GOOD["cost"], total=Fraction(1), overlap=Fraction(1), precedence=Fraction(1), occupancy=Fraction(0))
+    found = plan_of(own, table("all", 10, job(own, "a", 0, 0, "u1"), job(own, "b", 0, 3, "u1"), cost=cost))
+    told = messages(own, found, codes.WRONG_FIGURE)
+    assert told == ([] if are_split else ['mode "all" cost: precedence 1, but no rule of that kind is broken'])

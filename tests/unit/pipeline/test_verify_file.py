@@ -221,8 +221,25 @@ def test_a_hyperperiod_of_many_bits(bits, is_fine):
     assert any(f"more than {tables.MAX_BITS} bits" in each for each in found) is not is_fine
 
 
-@pytest.mark.parametrize(("most", "cycles"), [(20, 5), (19, 2)])
-def test_a_line_of_too_many_jobs_has_two_cycles(monkeypatch, most, cycles):
+@pytest.mark.parametrize(
+    ("most", "jobs", "cycles"), [(20, 4, 5), (19, 4, 2), (5, 1, 5), (4, 1, 2), (5, 0, 5), (4, 0, 2)]
+)
+def test_a_line_of_too_many_jobs_has_two_cycles(monkeypatch, most, jobs, cycles):
     monkeypatch.setattr(tables, "MAX_LINE", most)
-    line = SimpleNamespace(cycles_needed=lambda jobs: 5, target=SimpleNamespace(jobs=[None] * 4))
+    line = SimpleNamespace(cycles_needed=lambda jobs: 5, target=SimpleNamespace(jobs=[None] * jobs))
     assert tables.Switch.cycles_of(line, []) == cycles
+
+
+@pytest.mark.parametrize(("bits", "is_fine"), [(tables.MAX_BITS, True), (tables.MAX_BITS + 1, False)])
+def test_a_common_denominator_of_many_bits(bits, is_fine):
+    wide = 1 << bits - 1
+    assert tables.common_denominator([1, wide]) == (wide if is_fine else None)
+
+
+def test_a_line_is_as_long_as_the_job_in_progress_that_ends_last():
+    line = SimpleNamespace(length=5, target=SimpleNamespace(period=10))
+    jobs = [SimpleNamespace(stretches=(1, 2), version=None, end=end) for end in (15, 36, 25)]
+    assert tables.Switch.cycles_needed(line, jobs) == 4
+    assert tables.Switch.cycles_needed(line, jobs[:1]) == 2
+    whole = SimpleNamespace(stretches=(1,), version=None, end=95)
+    assert tables.Switch.cycles_needed(line, [*jobs[:1], whole]) == 2

@@ -1,11 +1,13 @@
 """Rules periodic and deadline: one phase for all jobs, every job in time after its release."""
 
+from dataclasses import replace
 from fractions import Fraction
 
+import pytest
 from verify_helpers import codes_found, errors, messages, only
 
 from halpipe.durations import Duration
-from halpipe.pipeline.verify import codes
+from halpipe.pipeline.verify import codes, verify
 from support import after, job, model, schedule, task, version
 
 
@@ -124,3 +126,70 @@ def test_the_deadline_of_a_task_on_demand_has_no_release_to_count_from():
     own = task("a", 10, version("v", 1, "u1", after("help", 0, 10)))
     found = model(own, task("help", None, version("v", 5, "u2"), deadline=1), units="u1 u2")
     assert not errors(found, schedule(found, 10, job(found, "a", 0, 5, "u1"), job(found, "help", 0, 1, "u2")))
+
+
+def test_a_job_half_way_between_two_releases_is_late():
+    strict = system()
+    text = only(strict, at(strict, 3, 13, 8), codes.NOT_PERIODIC)
+    assert "starts at 8ms, 15ms after its release; its slack allows 0ms: 15ms too late" in text
+    assert "14.999999ms before its release" in only(strict, at(strict, 3, 13, "8000001ns"), codes.NOT_PERIODIC)
+
+
+@pytest.mark.parametrize(
+    ("offset", "told"),
+    [(3, "its offset puts the first release at 3ms"), (None, "most jobs fit a first release at 3ms")],
+)
+def test_help_says_where_releases_are_counted_from(offset, told):
+    for found, starts in (
+        (system(offset=offset), (3, 13, 24)),
+        (system(offset=offset, wcet=4, deadline=3), (3, 13, 23)),
+    ):
+        for finding in verify(found, at(found, *starts)):
+            assert finding.help.endswith(f"({told})")
+
+
+def test_a_job_delayed_by_all_of_its_slack_has_a_deadline():
+    full = system(offset=3, slack=Fraction(1, 2), deadline=6, wcet=2)
+    assert "ends 7ms after its release, its deadline is 6ms: 1ms late" in only(full, at(full, 8, 13, 23), codes.LATE)
+
+
+def test_of_phases_that_suit_the_slack_one_that_suits_the_deadline_too_is_taken():
+    """Both 5 and 15 suit the slack of 10 ms. At 5 the long job would end 15 ms after its release, 4 too late."""
+    own = task("a", 10, version("short", 1, "u1"), version("long", 5, "u2"), slack=1, deadline=11)
+    found = model(own, task("slow", 20, version("v", 1, "u3")), units="u1 u2 u3")
+    jobs = [job(found, "a", 0, 5, "u1", "short"), job(found, "a", 1, 5, "u2", "long"), job(found, "slow", 0, 0, "u3")]
+    assert not errors(found, schedule(found, 20, *jobs))
+
+
+def test_a_window_as_long_as_the_hyperperiod_suits_every_phase():
+    """Three jobs where one belongs: the long ones are late anyway, so the phase is that of the short one."""
+    own = task("a", 10, version("short", 1, "u1"), version("long", 6, "u2 u3"), slack=1, deadline=4)
+    found = model(own, units="u1 u2 u3")
+    jobs = [job(found, "a", 0, 7, unit, "long") for unit in ("u2", "u3")]
+    told = [
+        d
+        for d in verify(found, schedule(found, 10, job(found, "a", 0, 3, "u1", "short"), *jobs))
+        if d.code == codes.LATE.id
+    ]
+    assert [d.help.endswith("(most jobs fit a first release at 3ms)") for d in told] == [True] * len(told)
+    assert told
+
+
+def test_a_job_nearer_to_the_release_before_is_too_late():
+    """17 ms after its release and 13 before the next; 12 ms beyond its slack."""
+    loose = system(offset=3, slack=Fraction(1, 2))
+    text = only(loose, at(loose, 20, 13, 23), codes.NOT_PERIODIC)
+    assert "starts at 20ms, 17ms after its release; its slack allows 5ms: 12ms too late" in text
+
+
+def test_a_job_behind_the_last_has_no_release():
+    strict = system()
+    plan = at(strict, 3, 13, 23)
+    more = replace(plan.modes[0], jobs=(*plan.modes[0].jobs, job(strict, "a", 3, 7, "u1")))
+    only(strict, replace(plan, modes=(more,)), codes.SURPLUS_JOB)
+
+
+def test_the_phase_of_most_jobs_is_taken_where_others_are_later():
+    strict = system(count=4)
+    found = messages(strict, at(strict, 3, 13, 24, 35), codes.NOT_PERIODIC)
+    assert [line.split(":")[0] for line in found] == [f'mode "all" task "a" job {k}' for k in (2, 3)]

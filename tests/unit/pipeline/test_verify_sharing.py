@@ -112,6 +112,19 @@ def test_phases_wrap_and_begin_after_the_start_of_the_job():
     assert "from 9.5ms to 10.5ms" in only(late, starts(late, "6500us", "7500us"), codes.OVERLOAD)
 
 
+@pytest.mark.parametrize("third", [9, 0])
+def test_the_peak_round_the_end_is_the_higher_one_of_both_sides(third):
+    """Two phases from 9 to 11, and a third for the first or the second half of that."""
+    lasting = {"t0": ("2ms", "1/2"), "t1": ("2ms", "2/3"), "t2": ("1ms", "1/3")}
+    tasks = [
+        task(name, 10, version("v", 4, f"u{n}", access("r", "0ms", end, bound)))
+        for n, (name, (end, bound)) in enumerate(lasting.items())
+    ]
+    system = model(*tasks, units="u0 u1 u2", resources="r")
+    text = only(system, starts(system, 9, 9, third), codes.OVERLOAD)
+    assert "claimed up to 1.5 from 9ms to 11ms" in text
+
+
 def test_two_phases_of_one_job_count_together():
     phases = [access("r", "0ms", "2ms", "2/3"), access("r", "1ms", "3ms", "2/3")]
     system = model(task("a", 10, version("v", 4, "u1", *phases)), resources="r")

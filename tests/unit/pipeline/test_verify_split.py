@@ -4,49 +4,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
+from split_helpers import interrupts, parted, points, split
+from verify_helpers import codes_found, errors, messages, only, plan_of, table
 
 from halpipe.durations import Duration
 from halpipe.importers.native import read_model, read_schedule
-from halpipe.models import Binding, Interrupt, Job, Part, Split, UnitLoad
+from halpipe.models import Job, Split, UnitLoad
 from halpipe.pipeline.verify import codes, verify
 from halpipe.pipeline.verify.reserved import Effort, Service
 from support import access, job, mode, model, ms, schedule, task, version
 
 FOLDER = Path(__file__).parents[2] / "fixtures" / "split"
 MODEL, SCHEDULE = FOLDER / "model.xml", FOLDER / "schedule.xml"
-
-
-def parted(owner, index, units, *parts, version_name="v"):
-    """A job from its parts, each as start, end, from and to in milliseconds."""
-    made = tuple(
-        Part(start=ms(start), end=ms(end), executed_from=ms(begun), executed_to=ms(done))
-        for start, end, begun, done in parts
-    )
-    return Job(
-        task=owner,
-        index=index,
-        start=made[0].start,
-        end=made[-1].end,
-        version=version_name,
-        units=tuple(units.split()),
-        parts=made,
-    )
-
-
-def points(*instants, **more):
-    return Split(points=tuple(map(ms, instants)), **more)
-
-
-def split(chosen, how):
-    return replace(chosen, split=how)
-
-
-def interrupts(system, unit, *rows):
-    """The model with the interrupts (distance, wcet) on a unit."""
-    served = tuple(Interrupt(name=f"i{n}", distance=ms(d), wcet=ms(c)) for n, (d, c) in enumerate(rows))
-    units = tuple(replace(u, interrupts=served) if u.name == unit else u for u in system.units)
-    return replace(system, units=units)
 
 
 # ------------------------------------------------------------------------------------------------ the example
@@ -187,6 +156,32 @@ def test_parts_that_do_not_make_up_the_job(parts, words):
     assert any(words in text for text in messages(system, cut(system, *parts), codes.PARTS_DIFFER))
 
 
+@pytest.mark.parametrize(
+    ("parts", "text"),
+    [
+        (((0, 3, 0, 3), (5, 8, 3, 6), (8, 9, 6, 7)), "has no gap between part 2, until 8ms, and part 3, from 8ms"),
+        (((0, 3, 0, 3), (5, 8, 3, 6)), "lasts from 1ms to 9ms, its parts from 0ms to 8ms"),
+    ],
+)
+def test_messages_name_the_parts_that_differ(parts, text):
+    system = long_and_short(points(3, 5))
+    plan = cut(system, *parts)
+    long, short = plan.modes[0].jobs
+    if "lasts" in text:
+        long = replace(long, start=ms(1), end=ms(9))
+    found = messages(system, schedule(system, 20, long, short), codes.PARTS_DIFFER)
+    assert f'mode "all" task "long" job 0: {text}' in found
+
+
+def test_parts_of_a_version_with_a_wcet_below_zero_are_the_models_fault():
+    system = long_and_short(points(3, 5))
+    long, short = system.tasks
+    system = replace(system, tasks=(replace(long, versions=(replace(long.versions[0], wcet=Duration(-1)),)), short))
+    found = codes_found(system, cut(system, (0, 3, 0, 3), (5, 8, 3, 6)))
+    assert codes.MODEL_FAULT.id in found
+    assert codes.PARTS_DIFFER.id not in found
+
+
 def test_one_part_alone_is_a_job_in_one_piece():
     system = long_and_short(Split())
     assert not errors(system, cut(system, (5, 11, 0, 6)))
@@ -223,6 +218,16 @@ def test_no_length_is_enough_where_interrupts_fill_the_units():
     assert '"u1", "u2", where interrupts take all of the time' in found
 
 
+def test_where_no_length_is_enough_the_one_that_is_given_counts():
+    """From 10 to 14: nothing is late, and nothing overlaps."""
+    system = interrupts(model(task("a", 20, version("v", 4), slack=1)), "u1", (10, 10))
+    only(system, schedule(system, 20, job(system, "a", 0, 10, "u1")), codes.NO_LENGTH)
+    both = interrupts(model(*system.tasks, task("b", 20, version("v", 4), slack=1)), "u1", (10, 10))
+    instant = replace(job(both, "b", 0, 12, "u1"), end=ms(12))
+    found = codes_found(both, schedule(both, 20, job(both, "a", 0, 10, "u1"), instant))
+    assert set(found) == {codes.NO_LENGTH.id}, "what has no length holds nothing"
+
+
 SLIVER = [("1000000007ns", "500000002ns"), ("1000000009ns", "500000003ns")]
 
 
@@ -240,6 +245,11 @@ def test_no_file_keeps_the_check_busy_with_slivers():
         assert Service(near, effort).length(4_000_000) is None
     assert effort.left == 150_000 - 100_000 - 50_000 - 1_000
     assert Service(((1_000_000, 900_000), (2_000_000, 180_000)), effort).length(5) is not None
+
+
+def test_no_work_and_less_takes_no_time():
+    served = Service(((10, 2),))
+    assert [served.length(work) for work in (-30, 0, 1)] == [-30, 0, 3]
 
 
 def test_a_unit_is_busy_for_what_is_reserved():
@@ -321,8 +331,8 @@ def test_nesting_holds_round_the_end():
 
 def test_a_job_longer_than_the_hyperperiod_lies_across_itself():
     outer = parted("a", 0, "u1", (0, 2, 0, 2), (32, 34, 2, 4))
-    found = messages(*nesting(outer, parted("b", 0, "u1", (10, 14, 0, 4)), C), codes.NOT_NESTED)
-    assert any("longer than the hyperperiod" in text for text in found)
+    (found,) = messages(*nesting(outer, parted("b", 0, "u1", (10, 14, 0, 4)), C), codes.NOT_NESTED)
+    assert '"a" job 0 lasts 34ms, longer than the hyperperiod' in found
 
 
 def test_jobs_of_one_task_do_not_interrupt_each_other():
@@ -341,6 +351,23 @@ def test_jobs_of_one_task_do_not_interrupt_each_other():
         parted("a", 1, "u1", (10, 12, 0, 2), (13, 15, 2, 4)),
     ]
     assert "jobs of one task" in only(system, schedule(system, 20, *within, other), codes.NOT_NESTED)
+
+
+def test_of_jobs_of_one_task_that_end_together_the_first_is_named():
+    first = parted("a", 0, "u1", (0, 2, 0, 2), (12, 14, 2, 4))
+    second = parted("a", 1, "u1", (3, 5, 0, 2), (12, 14, 2, 4))
+    third = parted("a", 2, "u1", (6, 10, 0, 4))
+    told = messages(*nesting(first, second, third, C), codes.NOT_NESTED)
+    assert [text.partition(": ")[2].partition(";")[0] for text in told] == [
+        '"a" job 1 lasts from 3ms to 14ms and "a" job 0 from 0ms to 14ms',
+        '"a" job 2 lasts from 6ms to 10ms and "a" job 0 from 0ms to 14ms',
+    ]
+
+
+def test_of_jobs_in_one_piece_that_end_together_the_first_is_named():
+    whole = parted("a", 0, "u1", (0, 4, 0, 4)), replace(C, start=ms(2), end=ms(4))
+    (found,) = messages(*nesting(*whole, parted("b", 0, "u1", (3, 5, 0, 2), (6, 8, 2, 4))), codes.NOT_NESTED)
+    assert '"b" job 0 lasts from 3ms to 8ms and "a" job 0 from 0ms to 4ms' in found
 
 
 # ------------------------------------------------------------------------------------------------ polling
@@ -371,119 +398,16 @@ def test_the_poll_starts_before_a_second_arrival():
     assert "starts 60ms after the start" in found
 
 
+def test_messages_count_from_the_start_of_the_job_before():
+    found = messages(*polled(50, 59, [10, 70], deadline=60), codes.ARRIVAL_LATE)
+    assert [text.partition(": ")[2] for text in found] == [
+        'ends 61ms after the start of "a" job 0; an arrival just after that start allows 60ms: 1ms too late',
+        'starts 60ms after the start of "a" job 0; an arrival just after that start allows 59ms: 1ms too late',
+    ]
+
+
 def test_a_poll_has_its_slack_but_no_deadline_from_its_release():
     assert not errors(*polled(50, 81, [0, 80], deadline=100))
-
-
-# ------------------------------------------------------------------------------------------------ binding
-
-
-def bound(how, *units):
-    owner = replace(task("a", 10, version("v", 2, "u1 u2 u3")), binding=how)
-    system = model(owner, task("b", 10 * len(units), version("v", 1, "u4")), units="u1 u2 u3 u4")
-    jobs = [job(system, "a", k, 10 * k, u) for k, u in enumerate(units)]
-    return system, schedule(system, 10 * len(units), *jobs, job(system, "b", 0, 0, "u4"))
-
-
-def test_an_unbound_task_moves_as_it_likes():
-    assert not errors(*bound(Binding.JOB, "u1", "u2", "u3"))
-
-
-@pytest.mark.parametrize("how", [Binding.MODE, Binding.SYSTEM])
-def test_a_bound_task_keeps_to_its_unit(how):
-    assert not errors(*bound(how, "u1", "u1", "u1"))
-    found = only(*bound(how, "u1", "u2", "u2"), codes.NOT_BOUND)
-    assert 'task "a" job 0: is on "u1", but its task is bound, and most of its jobs use "u2"' in found
-
-
-def two_modes(how, first, second, *early, span=10):
-    """Task a in two modes, on the units given, and in the table of length 10 between them."""
-    owner = replace(task("a", 10, version("v", 2, "u1 u2"), slack=1), binding=how)
-    system = model(
-        owner, units="u1 u2", modes=[mode("one", [owner]), mode("two", [owner])], transitions=[("one", "two", 20)]
-    )
-    tables = [table(name, 10, job(system, "a", 0, 0, unit)) for name, unit in (("one", first), ("two", second))]
-    jobs = [job(system, "a", 0, 0, unit) for unit in early]
-    return system, switch(plan_of(system, *tables), span if early else 0, *jobs)
-
-
-def test_modes_may_use_other_units_unless_the_whole_system_is_bound():
-    assert not errors(*two_modes(Binding.MODE, "u1", "u2"))
-    assert not errors(*two_modes(Binding.SYSTEM, "u1", "u1"))
-    found = only(*two_modes(Binding.SYSTEM, "u1", "u2"), codes.NOT_BOUND)
-    assert 'mode "two" task "a": uses "u2" here and "u1" elsewhere' in found
-
-
-def test_a_table_uses_the_units_of_the_mode_to_come():
-    assert not errors(*two_modes(Binding.MODE, "u1", "u2", "u2"))
-    found = only(*two_modes(Binding.MODE, "u1", "u2", "u1"), codes.NOT_BOUND)
-    assert found.startswith('transition "one" to "two"')
-    assert not errors(*two_modes(Binding.JOB, "u1", "u2", "u1"))
-
-
-# ------------------------------------------------------------------------------------------------ switches
-
-
-def in_progress(gap_end, second_period=4):
-    """Mode one leaves a job with a gap from 2 ms before the switch; mode two runs c every `second_period` ms."""
-    how = Split(anywhere=True, max_gaps=1)
-    a = task("a", 40, split(version("v", 4), how))
-    c = task("c", second_period, version("v", 1))
-    system = model(a, c, modes=[mode("one", [a]), mode("two", [c])], transitions=[("one", "two", 20)])
-    outer = parted("a", 0, "u1", (36, 38, 0, 2), (gap_end, gap_end + 2, 2, 4))
-    starts = [job(system, "c", 0, 1, "u1")]
-    return system, switch(plan_of(system, table("one", 40, outer), table("two", second_period, *starts)), 0)
-
-
-def test_jobs_in_progress_keep_their_parts():
-    """The last part lies at 2 ms after the switch, between the jobs of c at 1, 5, 9 ..."""
-    assert not errors(*in_progress(42))
-    assert codes.OVERLAP.id in codes_found(*in_progress(44))
-
-
-def test_the_line_is_as_long_as_jobs_in_progress_last():
-    """In the gap lie many cycles of mode two; the last part meets the ninth."""
-    assert not errors(*in_progress(40 + 30))
-    assert messages(*in_progress(40 + 32), codes.OVERLAP)
-
-
-def test_nesting_across_a_switch():
-    how = Split(anywhere=True, max_gaps=1)
-    a, b = (task(name, 20, split(version("v", 4), how)) for name in "ab")
-    system = model(a, b, modes=[mode("one", [a]), mode("two", [b])], transitions=[("one", "two", 20)])
-    outer = parted("a", 0, "u1", (16, 18, 0, 2), (26, 28, 2, 4))
-
-    def plan(*inner):
-        return switch(plan_of(system, table("one", 20, outer), table("two", 20, parted("b", 0, "u1", *inner))), 0)
-
-    assert not errors(system, plan((0, 2, 0, 2), (4, 6, 2, 4)))
-    assert not errors(system, plan((8, 10, 0, 2), (12, 14, 2, 4)))
-    found = only(system, plan((0, 2, 0, 2), (9, 11, 2, 4)), codes.NOT_NESTED)
-    assert found.startswith('transition "one" to "two" unit "u1"')
-
-
-def test_arrivals_are_served_across_a_switch():
-    owner = replace(task("a", 10, version("v", 1), slack=1), distance=ms(14))
-    system = model(owner, modes=[mode("one", [owner]), mode("two", [owner])], transitions=[("one", "two", 20)])
-
-    def plan(start):
-        tables = [table("one", 10, job(system, "a", 0, 0, "u1")), table("two", 10, job(system, "a", 0, start, "u1"))]
-        return switch(plan_of(system, *tables), 0)
-
-    assert not errors(system, plan(3))
-    found = only(system, plan(4), codes.ARRIVAL_LATE)
-    assert found.startswith('transition "one" to "two"')
-
-
-def test_parts_of_a_table():
-    how = points(2)
-    a = task("a", 10, split(version("v", 4), how), slack=1)
-    system = model(a, modes=[mode("one", [a]), mode("two", [a])], transitions=[("one", "two", 20)])
-    tables = [table(name, 10, job(system, "a", 0, 0, "u1")) for name in ("one", "two")]
-    good = parted("a", 0, "u1", (0, 2, 0, 2), (4, 6, 2, 4))
-    assert not errors(system, switch(plan_of(system, *tables), 10, good))
-    bad = parted("a", 0, "u1", (0, 3, 0, 3), (5, 6, 3, 4))
-    assert only(system, switch(plan_of(system, *tables), 10, bad), codes.WRONG_GAP).startswith("transition")
 
 
 # ------------------------------------------------------------------------------------------------ the model
@@ -498,6 +422,8 @@ def test_parts_of_a_table():
         Split(points=(ms(0),)),
         Split(anywhere=True),
         points(3, resume=ms(0) - ms(1)),
+        points(3, max_gaps=-1),
+        points(3, min_part=ms(0) - ms(1)),
     ],
 )
 def test_splits_without_a_meaning(how):
@@ -541,6 +467,14 @@ def test_tasks_that_start_in_gaps_are_told_with_those_they_stand_above():
     assert priorities(system, plan_of(system, table("all", 20, *jobs))) == [("HAL0338", '"fast" above "slow"')]
 
 
+def test_a_task_that_starts_before_the_gap_is_not_told():
+    tasks = [task(name, 20, version("v", 2), slack=1) for name in ("early", "fast")]
+    system = model(freely("slow", 20, 6), *tasks)
+    slow = parted("slow", 0, "u1", (10, 13, 0, 3), (15, 18, 3, 6))
+    plan = schedule(system, 20, slow, job(system, "early", 0, 8, "u1"), job(system, "fast", 0, 13, "u1"))
+    assert messages(system, plan, codes.PRIORITIES) == ['unit "u1": "fast" above "slow"']
+
+
 def test_a_gap_round_the_end_of_the_hyperperiod_counts():
     system = model(freely("slow", 20, 10), task("fast", 20, version("v", 2), slack=1))
     slow = parted("slow", 0, "u1", (12, 20, 0, 8), (22, 24, 8, 10))
@@ -569,3 +503,8 @@ def test_a_circle_of_priorities_is_a_warning_that_names_it():
     found = priorities(system, plan_of(system, table("all", 40, *jobs)))
     assert [code for code, _ in found] == ["HAL0338", "HAL0339"]
     assert '"a" above "b" above "a"' in found[1][1] or '"b" above "a" above "b"' in found[1][1]
+
+
+def test_an_interrupt_may_take_no_time():
+    system = interrupts(model(task("a", 10, version("v", 4))), "u1", (10, "0ms"))
+    assert not errors(system, schedule(system, 10, job(system, "a", 0, 0, "u1")))

@@ -122,6 +122,8 @@ def test_units_are_held_across_the_switch():
     text = only(system, switch(plan, 0), codes.OVERLAP)
     assert 'by "a" job 0 of mode "one" and "b" job 0 of mode "two" from 1ms to 2ms' in text
     assert not errors(system, switch(plan, 1))
+    barely = tables(system, [("a", "6000001ns", "u1")], [("b", "0ms", "u1")])
+    assert "from 0ms to 1ns: 1ns of overlap" in only(system, switch(barely, 0), codes.OVERLAP)
     other = tables(system, [("a", 8, "u1")], [("b", 1, "u2")])
     assert not errors(system, switch(other, 0))
     # what mode two wraps round to its beginning was never started the first time
@@ -287,6 +289,19 @@ def test_a_task_that_enters_may_be_needed_by_a_later_cycle():
     assert codes.STARTED_EARLY.id in codes_found(system, late)
 
 
+def test_a_task_that_enters_may_be_needed_by_a_job_of_the_table():
+    """Mode two needs nothing, as then is free there. The job of the table needs a start 4 to 6 ms before its own."""
+    then = task("then", 10, version("v", 2, "u2", after("first", 4, 6)), version("free", 2, "u2"), slack=1)
+    system = two_modes((A,), (A, FIRST, then))
+    two = [job(system, "a", 0, 5, "u1"), job(system, "first", 0, 1, "u1"), job(system, "then", 0, 7, "u2", "free")]
+    plan = plan_of(system, table("one", 10, job(system, "a", 0, 5, "u1")), table("two", 10, *two))
+    for start, is_needed in ((2, True), (0, True), ("2000001ns", False)):
+        early = [extra(system, ms(start), "u1", "first"), extra(system, 6, "u2", "then", "v")]
+        found = messages(system, switch(plan, 9, *early), codes.STARTED_EARLY)
+        tasks = [text.split(" job")[0].split(" task ")[1] for text in found]
+        assert tasks == (['"then"'] if is_needed else ['"first"', '"then"'])
+
+
 def test_a_need_from_the_end_counts_from_the_end():
     then = following(4, 6, "end")
     system = two_modes((A,), (A, FIRST, then))
@@ -337,3 +352,96 @@ def test_chains_of_tasks_that_run_in_only_one_mode_are_left_alone():
     system = two_modes((A,), (A, B), chains=[chain("k", "a b", 18, 100)])
     plan = tables(system, [("a", 0, "u1")], [("a", 0, "u1"), ("b", 4, "u2")])
     assert not errors(system, switch(plan, 5))
+
+
+def relayed(first, second, chains):
+    """Modes of c and d, by where their jobs start: once or twice each, in a hyperperiod of 10 or 20 ms."""
+    c = task("c", 10, version("v", 2, "u1 u3"), version("long", 10, "u1"), slack=1, deadline=30)
+    d = task("d", 10, version("v", 2, "u2"), slack=1, deadline=30)
+    slow = task("slow", 20, version("v", 1, "u4"))
+    parts = [part if len(part) == 2 else [*part, ("slow", "0ms", "u4")] for part in (first, second)]
+    runs = [(c, d) if len(part) == 2 else (c, d, slow) for part in parts]
+    modes = [mode(name, tasks) for name, tasks in zip(("one", "two"), runs, strict=True)]
+    system = model(c, d, slow, units="u1 u2 u3 u4", modes=modes, transitions=(("one", "two", 20),), chains=chains)
+    made = []
+    for name, part in zip(("one", "two"), parts, strict=True):
+        jobs = [job(system, task_, 0, *where) for task_, *where in part]
+        numbered = [replace(j, index=[k.task for k in jobs[:n]].count(j.task)) for n, j in enumerate(jobs)]
+        made.append(table(name, 10 if len(part) == 2 else 20, *numbered))
+    return system, switch(plan_of(system, *made), 0)
+
+
+def test_a_chain_may_cross_a_switch_from_three_cycles_before():
+    """Missed by c at -29, seen at -19, out at -9, where d starts no more: it reads at 5 in the mode to come."""
+    first, second = [("c", 1, "u1", "long"), ("d", "0ms", "u2")], [("c", 1, "u1", "long"), ("d", 5, "u2")]
+    system, plan = relayed(first, second, [chain("k", "c d", 36)])
+    assert messages(system, plan, codes.CHAIN_LIMIT) == []
+    system, plan = relayed(first, second, [chain("k", "c d", 35)])
+    assert 'reaction time 36ms for "c" job 0 of mode "one" at -29ms' in only(system, plan, codes.CHAIN_LIMIT)
+
+
+def test_a_path_whose_last_job_starts_with_the_switch_crosses_it():
+    """After c at -20: c at -10 to -8, d at 0. That d belongs to mode two; mode one by itself takes till 3."""
+    first, second = (
+        [("c", "0ms", "u1"), ("d", 1, "u2")],
+        [("c", "0ms", "u1"), ("c", 10, "u1"), ("d", "0ms", "u2"), ("d", 4, "u2")],
+    )
+    system, plan = relayed(first, second, [chain("k", "c d", 21)])
+    assert not [text for text in errors(system, plan) if codes.CHAIN_LIMIT.id not in text]
+    assert [text.split(" for ")[0] for text in messages(system, plan, codes.CHAIN_LIMIT)] == [
+        'mode "one" chain "k": reaction time 23ms',
+        'mode "two" chain "k": reaction time 22ms',
+        'transition "one" to "two" chain "k": reaction time 22ms',
+    ]
+
+
+def test_a_path_that_begins_with_the_mode_to_come_is_its_own_matter():
+    system, plan = relayed(
+        [("c", "0ms", "u1"), ("d", 2, "u2")], [("c", "0ms", "u1"), ("d", 6, "u2")], [chain("k", "c d", None, 7)]
+    )
+    (text,) = messages(system, plan, codes.CHAIN_LIMIT)
+    assert text.startswith('mode "two" chain "k": data age 8ms')
+
+
+def test_of_jobs_a_nanosecond_apart_before_a_switch_the_second_is_the_next():
+    """Missed by c at -10 ms, a stimulus is seen at 5; missed a nanosecond before, by c at -10 ms."""
+    first = [("c", "9999999ns", "u1"), ("c", 10, "u3"), ("d", 5, "u2"), ("d", 15, "u2")]
+    system, plan = relayed(first, [("c", 5, "u1"), ("d", 9, "u2")], [chain("k", "c d", 21)])
+    assert not [text for text in messages(system, plan, codes.CHAIN_LIMIT) if text.startswith("transition")]
+
+
+def test_chains_of_three_tasks_are_traced_through_all_of_them():
+    """e at 6 reads d at 3, which reads c at 0; after the switch e at 6 reads d at 3 and c of mode one, at -10."""
+    tasks = [task(name, 10, version("v", 2, f"u{n}"), slack=1) for n, name in enumerate("cde", 1)]
+    starts = {"c": ["0ms", 4], "d": [3, 3], "e": [6, 6]}
+    for limit, told in ((18, 0), (17, 1)):
+        system = model(
+            *tasks,
+            units="u1 u2 u3",
+            modes=[mode("one", tasks), mode("two", tasks)],
+            transitions=(("one", "two", 20),),
+            chains=[chain("k", "c d e", None, limit)],
+        )
+        made = [
+            table(name, 10, *(job(system, t, 0, starts[t][n], f"u{i}") for i, t in enumerate("cde", 1)))
+            for n, name in enumerate(("one", "two"))
+        ]
+        found = [
+            text
+            for text in messages(system, switch(plan_of(system, *made), 0), codes.CHAIN_LIMIT)
+            if text.startswith("transition")
+        ]
+        assert len(found) == told, found
+
+
+def test_of_data_that_are_ready_together_those_begun_later_are_read():
+    """c of mode one, begun at -4, and of the table, begun at 1, both end at 3, where d reads: they are 4 ms old."""
+    c = task("c", 10, version("v", 2, "u1 u3"), version("w", 7, "u1"), slack=1, deadline=30)
+    d = task("d", 10, version("v", 2, "u2"), slack=1, deadline=30)
+    system = two_modes((c, d), (c, d), chains=[chain("k", "c d", None, 4)])
+    system = replace(system, units=model(units="u1 u2 u3").units)
+    one = table("one", 10, job(system, "c", 0, 6, "u1", "w"), job(system, "d", 0, 5, "u2"))
+    two = table("two", 10, job(system, "c", 0, 0, "u1"), job(system, "d", 0, 2, "u2"))
+    early = [extra(system, 1, "u3", "c", "v"), extra(system, 3, "u2", "d")]
+    found = messages(system, switch(plan_of(system, one, two), 5, *early), codes.CHAIN_LIMIT)
+    assert not [text for text in found if text.startswith("transition")]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.deploy.linux.judging import Judgement, judge, read_recording
 from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.files import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def check(target: Target, options: CheckOptions) -> Checked:
     if options.engine not in ("auto", "native"):
         text = f'there is no engine "{options.engine}" for Linux bundles'
         raise HalpipeError(codes.NOT_RUN(text, help="use native, or auto"), exit=Exit.USAGE)
-    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+    with scratch_folder() as folder:
         built = _build(target, Path(folder))
         recording, said, lines = _run(target, options, built)
     degraded = [line.removeprefix("dispatcher: degraded: ") for line in said if "degraded: " in line]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ from halpipe.deploy.regulator.engines import ENGINES, Design
 from halpipe.deploy.regulator.forms import FOLDER, image_names
 from halpipe.deploy.regulator.observe import judge
 from halpipe.diagnostics import HalpipeError
+from halpipe.files import scratch_folder
 from halpipe.records import record
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
     With `cycles`, every mode is played that often before it is left, and all switches are made in every run; without,
     as much as fits into the cycles that the engine simulates in a short time.
     """
-    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+    with scratch_folder() as folder:
         player = engine.build(design_of(bundle, tables), folder)
         for number, traffic in enumerate((stimuli.STEPPED, *stimuli.TRAFFIC)):
             share = STEPPED_CYCLES[engine.name] if traffic.is_silent else CYCLES[engine.name][number > 1]
@@ -96,7 +96,7 @@ def simulate(bundle: Bundle, tables: Tables, engine: Engine, *, seed: int, cycle
 
 def play(bundle: Bundle, tables: Tables, player: Player, run: Run) -> bytes:
     """Simulate one run in a folder of its own and return the trace."""
-    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+    with scratch_folder() as folder:
         place = Path(folder)
         for unit in tables.units:
             for name, empty in zip(image_names(unit), (b"", b"0\n" * stimuli.sizes(tables)[1]), strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import struct
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from halpipe.deploy.riscv.cosimulation import MAGIC, PROGRAM, Word
 from halpipe.deploy.riscv.machine import RUBBISH
 from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
+from halpipe.files import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 from halpipe.records import record
 
@@ -74,7 +74,7 @@ def play(
 ) -> Played:
     """Run QEMU once, with main memory in a file; without `health` no rule follows from jobs that fail."""
     words = [MAGIC, tables, _MODELLED, first, 0, _BY_SEMIHOSTING, max(site.timebase // 1000, 1), not health, request]
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         place = Path(folder)
         place.joinpath(PROGRAM).write_bytes(program)
         place.joinpath("control").write_bytes(struct.pack(f"<{len(words)}Q", *words))

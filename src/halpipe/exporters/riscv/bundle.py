@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +34,7 @@ from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, pla
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
+from halpipe.files import scratch_folder
 from halpipe.records import record
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
     findings.stop_on_errors()
     toolchain = find_toolchain(options.toolchain)
     render = Renderer(profile)
-    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+    with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
         for name, content in tree.files.items():
             shop.write(name, content)

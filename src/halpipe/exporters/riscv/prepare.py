@@ -5,7 +5,6 @@ A model that is prepared already stays as it is.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Workshop
+from halpipe.files import scratch_folder
 from halpipe.models import Anchor, Resource
 from halpipe.records import record
 
@@ -69,7 +69,7 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
     parts = _parts(model, profile, tree)
     findings.stop_on_errors()
     toolchain = find_toolchain(options.toolchain)
-    with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+    with scratch_folder() as folder:
         shop = Workshop(Path(folder), toolchain)
         for name, content in tree.files.items():
             shop.write(name, content)

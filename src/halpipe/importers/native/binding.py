@@ -51,7 +51,10 @@ class Binder:
         for name, text in element.items():
             stated = table.get(name)
             if stated is not None:
-                found[stated.field] = self.read(element, name, text, stated.codec)
+                try:
+                    found[stated.field] = stated.codec.parse(text)
+                except ValueError as failure:
+                    found[stated.field] = self._refused(element, name, failure, stated.codec)
         return found
 
     def read(self, element: etree._Element, name: str, text: str, codec: Codec) -> Any:
@@ -59,9 +62,12 @@ class Binder:
         try:
             return codec.parse(text)
         except ValueError as failure:
-            tag = element.tag[self._prefix :]
-            self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
-            return codec.blank
+            return self._refused(element, name, failure, codec)
+
+    def _refused(self, element: etree._Element, name: str, failure: ValueError, codec: Codec) -> Any:
+        tag = element.tag[self._prefix :]
+        self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
+        return codec.blank
 
 
 def only(children: Children, name: str) -> etree._Element | None:

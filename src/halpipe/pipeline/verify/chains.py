@@ -111,7 +111,7 @@ def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
         found = last(task, start)
         if found is None:
             return None
-        start = found[0] - (found[1].span or 0)
+        start = found[0] - (found[1].end - found[1].start)
     return start
 
 
@@ -121,14 +121,15 @@ def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
 def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Check every chain that runs in both modes, for each of its paths that crosses the switch.
 
-    Each step waits less than a hyperperiod and takes at most one, so within two cycles per task all paths have crossed.
+    Each step waits less than a hyperperiod and takes at most one, so a path that crosses lies in two cycles per task,
+    less one, of each mode.
     """
     within = {chain.name for chain in switch.source.chains()}
     line = _Line(switch)
     for chain in switch.target.chains():
         if chain.name not in within or (chain.max_reaction is None and chain.max_age is None):
             continue
-        turns = 2 * len(chain.tasks) + 1
+        turns = 2 * len(chain.tasks) - 1
         worst = (_worst(line.reactions(chain, turns)), _worst(line.ages(chain, turns)))
         for what, limit, found in zip(WHAT, (chain.max_reaction, chain.max_age), worst, strict=True):
             if limit is not None and found is not None and found[0] > switch.clock.ticks(limit):
@@ -148,10 +149,9 @@ class _Line:
 
     def _first(self, task: str, since: int) -> Found:
         switch = self._switch
-        if since < 0:
-            found = switch.source.instants.of(task, Anchor.START).earliest(since)
-            if found is not None and found[0] < 0:
-                return found
+        found = switch.source.instants.of(task, Anchor.START).earliest(since)
+        if found is not None and found[0] < 0:
+            return found
         if task not in self._listed:
             jobs = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: p.job.index)
             self._listed[task] = Listed([(p.start, p) for p in jobs])

@@ -31,9 +31,10 @@ def check_complete(table: ModeTable) -> Iterator[Diagnostic]:
 
 def _repeated(table: ModeTable, name: str) -> Iterator[Diagnostic]:
     counted = Counter(placed.job.index for placed in table.by_task.get(name, ()))
+    repeated = {index for index, count in counted.items() if count > 1}
     for placed in table.by_task.get(name, ()):
-        if counted[placed.job.index] > 1:
-            counted[placed.job.index] = 0
+        if placed.job.index in repeated:
+            repeated.remove(placed.job.index)
             text = f"is given more than once, here to start at {placed.job.start}"
             yield codes.REPEATED_JOB(text, at=placed.job.at, path=table.path(placed), help="keep one of them")
 
@@ -128,7 +129,7 @@ def _demands(active: ActiveTask) -> dict[str, int]:
     most: dict[str, int] = {}
     for version in active.versions.values():
         for target, count in Counter(p.task for p in version.precedences).items():
-            most[target] = max(most.get(target, 0), count)
+            most[target] = max(most.get(target, count), count)
     return most
 
 

@@ -12,6 +12,7 @@ from halpipe.pipeline.verify.chains import age, reaction
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sharing import Shared, resource_claims, unit_claims
 from halpipe.pipeline.verify.sweep import excesses, wrap
+from halpipe.pipeline.verify.tables import common_denominator
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
@@ -69,9 +70,9 @@ def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
     if any(version.split.is_allowed for active in table.mode.tasks.values() for version in active.versions.values()):
         others |= {"exclusive"}  # jobs in one piece that overlap are not nested either
     yield from _penalty(table, "precedence", cost.precedence, timing, timing | others)
-    units = [unit.name for unit in table.model.units]
     used = {unit for placed in table.jobs for unit in placed.job.units}
-    empty = Fraction(sum(unit not in used for unit in units), len(units) or 1)
+    unused = [unit for unit in table.model.units if unit.name not in used]
+    empty = Fraction(len(unused), len(table.model.units)) if unused else Fraction()
     if cost.occupancy != empty:
         yield _wrong(
             table, "cost", f"occupancy {_number(cost.occupancy)}, the share of empty units is {_number(empty)}"
@@ -114,7 +115,7 @@ def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
         if load.resource not in resources:
             yield _wrong(table, about(resource_load=load.resource), "the resource does not exist")
             continue
-        shared = claimed.get(load.resource, Shared(1, []))
+        shared = claimed.get(load.resource, Shared(common_denominator(()), []))
         if shared.scale is None:
             continue  # rule access has said that these bounds are out of reach
         claims = list(wrap(shared.claims, table.period))

@@ -94,7 +94,7 @@ def _timing(task: Task) -> Iterator[str]:
         yield f"has the period {task.period}; it must be positive"
     if not 0 <= task.slack <= 1:
         yield f"has the slack {task.slack}; it must lie between 0 and 1"
-    if task.distance is not None and (task.period is None or not ZERO < task.period <= task.distance):
+    if task.distance is not None and (task.period is None or task.period > task.distance):
         text = f"serves arrivals {task.distance} apart and is polled every {task.period or 'never'}"
         yield f"{text}; its period must be at most the distance"
 
@@ -134,7 +134,8 @@ def _split(version: Version) -> Iterator[tuple[str, Location]]:
                 yield text, version.at
     if split.anywhere and (points or split.max_gaps is None):
         yield "may be split anywhere, but does not say how often at most (max-gaps)", version.at
-    if split.resume < ZERO or (split.max_gaps or 0) < 0 or (split.min_part is not None and split.min_part < ZERO):
+    is_below = (split.max_gaps is not None and split.max_gaps < 0, split.min_part is not None and split.min_part < ZERO)
+    if split.resume < ZERO or any(is_below):
         yield "has a negative resume, max-gaps or min-part", version.at
 
 

@@ -27,23 +27,21 @@ def check_nested(table: ModeTable) -> Iterator[Diagnostic]:
     for unit, jobs in _split_units(table.jobs).items():
         path = about(table.path(), unit=unit)
         for placed in jobs:
-            if _has_gaps(placed) and (placed.span or 0) > table.period:
-                text = f"{placed.label} lasts {table.clock.text(placed.span or 0)}, longer than the hyperperiod"
+            if _has_gaps(placed) and placed.end - placed.start > table.period:
+                lasting = table.clock.text(placed.end - placed.start)
+                text = f"{placed.label} lasts {lasting}, longer than the hyperperiod"
                 help = "end the job before its next one starts"
                 yield codes.NOT_NESTED(text, at=placed.job.at, path=path, help=help, subjects=[placed.subject])
-        short = [placed for placed in jobs if (placed.span or 0) <= table.period]
+        short = [placed for placed in jobs if placed.end - placed.start <= table.period]
         line = [p.moved(-table.period, " of the cycle before") for p in short if p.end > table.period] + short
         for outer, inner in _crossing(line):
-            if not inner.where or not outer.where:
+            if not inner.where:  # else both are copies
                 yield _not_nested(outer, inner, table.clock, path)
 
 
 def check_nested_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Look along the line of a switch, for jobs of different parts of it; those of one mode are that mode's matter."""
-    open_jobs = switch.in_progress() + switch.jobs
-    horizon = max((p.end for p in open_jobs), default=0)
-    line = open_jobs + [p for p in switch.after(switch.cycles_of(open_jobs)) if p.start < horizon]
-    for unit, jobs in _split_units(line).items():
+    for unit, jobs in _split_units(switch.meeting()).items():
         for outer, inner in _crossing(jobs):
             if outer.where != inner.where or outer.where == TABLE:
                 yield _not_nested(outer, inner, switch.clock, about(switch.path(), unit=unit))
@@ -77,8 +75,8 @@ def _crossing(jobs: list[Placed]) -> Iterator[tuple[Placed, Placed]]:
             yield nest[-1], placed
         elif gaps and whole is not None and whole.end > placed.start:
             yield whole, placed
-        elif own is not None and own.end > placed.start and (gaps or _has_gaps(own)):
-            yield own, placed
+        elif own is not None and own.end > placed.start and _has_gaps(own):
+            yield own, placed  # in one piece, it is no other than `whole`
         if gaps:
             nest.append(placed)
         elif whole is None or placed.end > whole.end:

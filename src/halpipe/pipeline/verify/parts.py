@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.diagnostics import Diagnostic
-    from halpipe.models import Part
+    from halpipe.models import Part, Version
     from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
 
 
@@ -32,13 +32,14 @@ def _parts(jobs: Iterable[Placed], table: ModeTable | Switch) -> Iterator[Diagno
     for placed in jobs:
         job = placed.job
         on.setdefault(job.units, placed)
-        if job.parts and placed.version is not None and placed.version.wcet is not None:
+        version = placed.version
+        if job.parts and version is not None and job.version in placed.active.wcets:
             path = table.path(placed)
             for text in _shape(placed, clock):
                 yield codes.PARTS_DIFFER(text, at=job.at, path=path, help="give each part its start, end, from and to")
-            for text in _gaps(placed):
+            for text in _gaps(placed, version):
                 yield codes.WRONG_GAP(text, at=job.at, path=path, help="interrupt the job where its version allows it")
-            for text in _lengths(placed, clock):
+            for text in _lengths(placed, version, clock):
                 yield codes.WRONG_LENGTH(text, at=job.at, path=path, help="move the start or the end of the part")
     for units, placed in on.items():
         if placed.service.is_full:  # known by now: the lengths of all its jobs have been asked for
@@ -51,7 +52,7 @@ def _parts(jobs: Iterable[Placed], table: ModeTable | Switch) -> Iterator[Diagno
 def _shape(placed: Placed, clock: Clock) -> Iterator[str]:
     """Say where the parts do not make up the job: its start and end, its WCET from 0 to C, gaps between them."""
     job, parts = placed.job, placed.job.parts
-    wcet = placed.active.wcets.get(job.version, 0)
+    wcet = placed.active.wcets[job.version]
     if parts[0].start != job.start or parts[-1].end != job.end:
         yield f"lasts from {job.start} to {job.end}, its parts from {parts[0].start} to {parts[-1].end}"
     done = 0
@@ -67,12 +68,11 @@ def _shape(placed: Placed, clock: Clock) -> Iterator[str]:
             yield f"has no gap between part {number}, until {part.end}, and part {number + 1}, from {then.start}"
 
 
-def _gaps(placed: Placed) -> Iterator[str]:
+def _gaps(placed: Placed, version: Version) -> Iterator[str]:
     """Say which gaps lie where the version does not allow them."""
-    parts, version = placed.job.parts, placed.version
-    if version is None or version.wcet is None or len(parts) < 2:
+    parts, split = placed.job.parts, version.split
+    if len(parts) < 2:
         return
-    split = version.split
     if not split.is_allowed:
         yield f'has {len(parts) - 1} gaps, but version "{version.name}" is not split'
     elif split.max_gaps is not None and len(parts) - 1 > split.max_gaps:
@@ -91,7 +91,7 @@ def _gaps(placed: Placed) -> Iterator[str]:
             yield f"has a part of {part.executed_to - part.executed_from}, at least {split.min_part} is allowed"
 
 
-def _lengths(placed: Placed, clock: Clock) -> Iterator[str]:
+def _lengths(placed: Placed, version: Version, clock: Clock) -> Iterator[str]:
     """Say which parts have not their reserved length."""
     lost = 0
     for number, part in enumerate(placed.job.parts, 1):
@@ -101,7 +101,7 @@ def _lengths(placed: Placed, clock: Clock) -> Iterator[str]:
         if length is not None and given != length:
             made = f"{_reason(part, lost, placed, clock)} {clock.text(length)}"
             yield f"lasts {clock.text(given)} in part {number}, {made}"
-        lost = clock.ticks(placed.version.split.resume) if placed.version else 0
+        lost = clock.ticks(version.split.resume)
 
 
 def _reason(part: Part, lost: int, placed: Placed, clock: Clock) -> str:

@@ -106,7 +106,8 @@ class _Releases:
         deadline = active.task.deadline
         self.deadline = active.period if deadline is None else table.clock.ticks(deadline)
         self.slack = floor(active.task.slack * active.period)
-        self.phase = self._phase(active.period) if self.jobs else 0
+        if self.jobs:
+            self.phase = self._phase(active.period)
 
     def _latest_releases(self, period: int) -> list[int]:
         """Return for every job the latest s that still releases it in time: theta - j * D."""
@@ -146,7 +147,7 @@ class _Releases:
 
     def delays(self) -> Iterator[tuple[Placed, int]]:
         """Yield every job with its delay after its release, in [0, t_P)."""
-        if self.jobs and self._active.period is not None:
+        if self._active.period is not None:
             for placed, last in zip(self.jobs, self._latest_releases(self._active.period), strict=True):
                 yield placed, (last - self.phase) % self._table.period
 

@@ -104,20 +104,19 @@ class LineInstants:
         if (task, anchor) not in self._made:
             self._made[task, anchor] = self._parts(task, anchor)
         found = [f for f in (part.latest(until) for part in self._made[task, anchor]) if f is not None]
-        return max(found, key=lambda f: (f[0], -(f[1].span or 0))) if found else None
+        return max(found, key=lambda f: (f[0], f[1].start - f[1].end)) if found else None
 
     def _parts(self, task: str, anchor: Anchor) -> tuple[Findable, ...]:
         switch = self._switch
-        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (-(p.span or 0), p.job.index))
+        listed = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: (p.start, p.job.index))
         if anchor is Anchor.START:
             points = [(p.start, p) for p in listed]
         else:
             points = [(p.end, p) for p in listed if p.span is not None]
-        return (
-            Past(switch.source.instants.of(task, anchor)),
-            Listed(points),
-            Future(switch.target.instants.of(task, anchor), switch.length),
-        )
+        before, after = switch.source.instants.of(task, anchor), switch.target.instants.of(task, anchor)
+        past = [Past(before)] if before.points else []
+        future = [Future(after, switch.length)] if after.points else []
+        return (*past, Listed(points), *future)
 
 
 class _Of:

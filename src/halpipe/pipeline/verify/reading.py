@@ -229,13 +229,14 @@ def _stretches(job: Job, start: int, wcet: int | None, service: Service, clock: 
     """
     if wcet is None:
         return ()
-    ticks = clock.ticks
-    given = (
-        (ticks(p.start) - start, ticks(p.end) - start, ticks(p.executed_from), ticks(p.executed_to)) for p in job.parts
-    )
-    ordered = tuple(sorted(part for part in given if 0 <= part[0] < part[1]))
-    if ordered:
-        return ordered
+    if job.parts:
+        ticks, parts = clock.ticks, job.parts
+        given = [
+            (ticks(p.start) - start, ticks(p.end) - start, ticks(p.executed_from), ticks(p.executed_to)) for p in parts
+        ]
+        ordered = tuple(sorted(part for part in given if 0 <= part[0] < part[1]))
+        if ordered:
+            return ordered
     length = service.length(wcet)
     return ((0, max(0, clock.ticks(job.end) - start) if length is None else length, 0, wcet),)
 

@@ -69,14 +69,13 @@ _TURNS = 4
 
 
 class Past:
-    """The instants of a mode that ended at time 0: of `cycle`, only the jobs started before it (q <= -1)."""
+    """The instants of a mode that ended at time 0: of `cycle`, which has some, only those of q <= -1."""
 
     def __init__(self, cycle: Recurring) -> None:
         self._cycle = cycle
-        self._first = min((x for x, _ in cycle.points), default=0)
+        self._first = min(x for x, _ in cycle.points)
         floor = self._first - cycle.period
-        turns = range(-1, -1 - _TURNS, -1)
-        moved = ((x + q * cycle.period, p) for q in turns for x, p in cycle.points)
+        moved = ((x + q * cycle.period, p) for q in range(-_TURNS, 0) for x, p in cycle.points)
         self._last = Listed([(x, p) for x, p in moved if x >= floor])
 
     def latest(self, until: int) -> Found:
@@ -86,12 +85,12 @@ class Past:
 
 
 class Future:
-    """The instants of a mode that begins at time `origin`: of `cycle`, only the jobs started after it (q >= 0)."""
+    """The instants of a mode that begins at time `origin`: of `cycle`, which has some, only those of q >= 0."""
 
     def __init__(self, cycle: Recurring, origin: int) -> None:
         self._cycle = cycle
         self._origin = origin
-        self._settled = max((x for x, _ in cycle.points), default=0)
+        self._settled = max(x for x, _ in cycle.points)
         moved = ((x + q * cycle.period, p) for q in range(_TURNS) for x, p in cycle.points)
         self._first = Listed([(x, p) for x, p in moved if x <= self._settled])
 

@@ -42,14 +42,14 @@ def check_access(table: ModeTable) -> Iterator[Diagnostic]:
 
 def check_exclusive_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Sweep every unit along the line of a switch."""
-    for unit, claims in unit_claims(_meeting(switch)).items():
+    for unit, claims in unit_claims(switch.meeting()).items():
         for excess in _across(excesses(claims, 1)):
             yield _overlap(unit, excess, switch.clock, switch.path())
 
 
 def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Sweep every resource along the line of a switch."""
-    for resource, shared in resource_claims(_meeting(switch), switch.clock).items():
+    for resource, shared in resource_claims(switch.meeting(), switch.clock).items():
         if shared.scale is None:
             yield _too_fine(resource, switch.path(), switch.table.at)
             continue
@@ -112,28 +112,17 @@ def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock)
 
 
 def _in_force(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
-    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts)."""
-    stretches = placed.stretches
-    if len(stretches) <= 1:
-        return start, placed.service.length(end) or end
+    """Return when a phase of a job is in force, from the job's start; None where a gap lies in it (rule parts).
+
+    A job of which the model does not say how long it takes holds nothing, as with units.
+    """
     lost = 0
-    for begin, _, done_from, done_to in stretches:
+    for begin, _, done_from, done_to in placed.stretches:
         if done_from <= start and end <= done_to:
             work = lost + end - done_from
             return begin + lost + start - done_from, begin + (placed.service.length(work) or work)
         lost = clock.ticks(placed.version.split.resume) if placed.version else 0
     return None
-
-
-def _meeting(switch: Switch) -> list[Placed]:
-    """Return the jobs of the line that can meet jobs of another part of it.
-
-    Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode m
-    that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
-    """
-    meeting = switch.in_progress() + switch.jobs
-    horizon = max((p.end for p in meeting), default=0)
-    return meeting + [p for p in switch.after(switch.cycles_of(meeting)) if p.start < horizon]
 
 
 def _across(found: Iterable[Excess]) -> Iterator[Excess]:

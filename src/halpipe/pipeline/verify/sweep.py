@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from itertools import islice
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
@@ -86,12 +85,12 @@ def excesses(claims: Iterable[Claim], limit: int) -> list[Excess]:
             current = None
         elif current is None:
             current = Excess(instant, instant, total)
-            current.add(islice(active.values(), NAMED + 1))
+            current.add(active.values())
             current.parts.update(+parts)
         else:
             current.peak = max(current.peak, total)
             current.add(claim for _, claim in starting)
-            current.parts.update(+parts)
+            current.parts.update(claim[3].where for _, claim in starting)
     return found
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
 from halpipe.diagnostics import Path, Subject, about
@@ -57,7 +58,12 @@ class Clock:
 
     def text(self, ticks: int) -> str:
         """Print `ticks` as a duration."""
-        return str(Duration(Fraction(ticks, self.scale)))
+        return _told(ticks, self.scale)
+
+
+@lru_cache(maxsize=8192)  # messages of many jobs have the same WCET and the same limits
+def _told(ticks: int, scale: int) -> str:
+    return str(Duration(Fraction(ticks, scale)))
 
 
 @dataclass(slots=True)
@@ -157,7 +163,10 @@ class Instants:
 
 @dataclass(slots=True)
 class ModeTable:
-    """The table of one mode as the rules see it. `broken` names the rules already found broken in it."""
+    """The table of one mode as the rules see it.
+
+    `broken` names the rules already found broken in it; `sound` tells whether the model has no fault.
+    """
 
     model: TaskModel
     clock: Clock
@@ -167,7 +176,7 @@ class ModeTable:
     by_task: dict[str, list[Placed]]
     instants: Instants
     broken: set[str] = field(default_factory=set)
-    sound: bool = True
+    sound: bool = field(init=False)
 
     @property
     def name(self) -> str:
@@ -217,14 +226,29 @@ class Switch:
         return [p.moved(q * period, where) for q in range(-turns, 0) for p in self.source.jobs]
 
     def in_progress(self) -> list[Placed]:
-        """Return the jobs of the last two cycles of mode n that end after the switch."""
+        """Return the jobs of the last cycle of mode n that end after the switch.
+
+        Those of cycles before are longer than a cycle, which the rules of the mode report.
+        """
         period, where = self.source.period, f' of mode "{self.source.name}"'
-        return [p.moved(q * period, where) for q in (-2, -1) for p in self.source.jobs if p.end + q * period > 0]
+        return [p.moved(-period, where) for p in self.source.jobs if p.end > period]
 
     def after(self, turns: int) -> list[Placed]:
         """Return the jobs of the first `turns` cycles of mode m, in order of cycle."""
         period, where = self.target.period, f' of mode "{self.target.name}"'
         return [p.moved(self.length + q * period, where) for q in range(turns) for p in self.target.jobs]
+
+    def meeting(self) -> list[Placed]:
+        """Return the jobs of the line that can meet jobs of another part of it.
+
+        Only jobs that reach beyond the end of mode n can meet anything of the table or of mode m, and only jobs of mode
+        m that start before all those have ended can meet them. Everything else is decided by the rules of the modes.
+        """
+        meeting = self.in_progress() + self.jobs
+        if not meeting:
+            return []
+        horizon = max(p.end for p in meeting)
+        return meeting + [p for p in self.after(self.cycles_of(meeting)) if p.start < horizon]
 
     def cycles_of(self, jobs: list[Placed]) -> int:
         """Return how many cycles of mode m the line has: two, or as many as `jobs` last that may meet later ones.
@@ -241,8 +265,7 @@ class Switch:
         one piece without access phases holds its units all along, so it meets a job of the first cycle or none.
         """
         late = (p for p in jobs if len(p.stretches) > 1 or (p.version is not None and p.version.accesses))
-        last = max((p.end for p in late), default=0)
-        return max(2, -(-(last - self.length) // self.target.period))
+        return max([2, *(-(-(p.end - self.length) // self.target.period) for p in late)])
 
     def path(self, placed: Placed | None = None) -> Path:
         """Name the switch, or a job on its line, for a diagnostic."""

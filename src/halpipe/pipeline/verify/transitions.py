@@ -118,7 +118,7 @@ class _Needs:
         self._clock = switch.clock
         self._cycle = switch.target.period
         self._of_table = _wanted_by(switch.jobs)
-        self._of_mode = _wanted_by(switch.after(1))
+        self._of_mode = _wanted_by(p.moved(switch.length, "") for p in switch.target.jobs)
 
     def covers(self, placed: Placed) -> bool:
         """Tell whether the start (or the end) of the job lies in a window of one of them."""

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import tempfile
 import time
 from dataclasses import field, replace
 from importlib.resources import files
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
 from halpipe.diagnostics import HalpipeError
+from halpipe.files import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 from halpipe.records import record
 
@@ -222,7 +222,7 @@ def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
     for part in (*sized, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
         if names and part.name not in names:
             continue
-        with tempfile.TemporaryDirectory(prefix="halpipe-") as folder:
+        with scratch_folder() as folder:
             yield _prove(bundle, part, Path(folder))
     for unit in tables.units if not names or "image" in names else ():
         if not can_prove(tables, unit):
