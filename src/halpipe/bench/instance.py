@@ -23,6 +23,7 @@ from halpipe.pipeline.generate import SetParameters, achieved, generate
 from halpipe.pipeline.measure.circle import Instants
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.solve.workers import Workers
 from halpipe.records import record
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ class Instance:
     exact_seconds: int
     exact_workers: int
     quality: Quality = Quality.FIRST
+    workers: int = 1
 
 
 def measure(instance: Instance) -> dict[str, Any]:
@@ -87,7 +89,9 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
     """Do what ``halpipe schedule`` does, and note what came of it."""
     begin = perf_counter_ns()
     deadline = begin + instance.limit * _SECOND
-    options = SearchOptions(seed=instance.seed, budget=instance.budget, quality=instance.quality)
+    options = SearchOptions(
+        seed=instance.seed, budget=instance.budget, quality=instance.quality, workers=Workers(instance.workers)
+    )
     if instance.limit:
         options = options.by_the_clock()
     with _kernel_watch() as kernel:

@@ -42,6 +42,7 @@ def bench(
         int, typer.Option(min=0, help="Seconds before a search is stopped (0: none); this depends on the machine.")
     ] = 120,
     jobs: Annotated[int, typer.Option(min=1, help="Processes; more than one disturb each other's times.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="Threads of each search; its result is the same.")] = 1,
     cluster: Annotated[str, typer.Option(metavar="ADDRESS", help="Run on this dask.distributed scheduler.")] = "",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was killed.")] = False,
     exact_seconds: Annotated[
@@ -65,7 +66,7 @@ def bench(
     output.choose(format, quiet=quiet, verbose=verbose)
     rows = _rows(suite, row or [], model or [])
     work = instances(
-        rows, range(first_seed, first_seed + seeds), budget=budget, limit=limit,
+        rows, range(first_seed, first_seed + seeds), budget=budget, limit=limit, workers=workers,
         exact_seconds=exact_seconds, exact_seeds=exact_seeds, exact_workers=exact_workers,
     )  # fmt: skip
     about = {
@@ -74,6 +75,7 @@ def bench(
         "seeds": f"{first_seed}..{first_seed + seeds - 1}",
         "budget": budget,
         "limit": f"{limit} s",
+        "workers": workers,
         "exact": f"{exact_seconds} s, {exact_workers} threads" if exact_seconds else "not run",
         "pyjobshop": _version_of("pyjobshop") if exact_seconds else "not run",
         "machine": _machine(jobs, cluster),

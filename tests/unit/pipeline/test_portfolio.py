@@ -68,9 +68,8 @@ def test_the_winner_is_the_first_by_turn_and_then_by_number(problem, seed):
     needed = [run_alone(problem, 1000 * seed + member) for member in range(3)]
     bounds = [(2 * TASKS, 0, 0)]
     while not any(map(operator.ge, bounds[-1], needed)):
-        first, *others = bounds[-1]
-        share = 2 if first < 10 * TASKS else 2 * 4
-        bounds.append((first + share * TASKS, *(bound + TASKS for bound in others)))
+        shares = (2, 1, 1) if bounds[-1][0] < 10 * TASKS else (6, 6, 1)
+        bounds.append(tuple(bound + share * TASKS for bound, share in zip(bounds[-1], shares, strict=True)))
     winner = next(member for member in range(3) if bounds[-1][member] >= needed[member])
     expected = [bounds[-1 if member < winner else -2][member] for member in range(3)] if len(bounds) > 1 else [0, 0, 0]
     expected[winner] = needed[winner]

@@ -1,10 +1,10 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
-first as many as all others together, and later more than they: the hardest problems want one long search, unless they
-have windows, where a search that goes on for long is worth no more than a new one. The first to succeed, by turn and
-number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
-the time is that of the quickest.
+first as many as all others together. Later the first two make more than the others: the hardest problems want long
+searches, one for each of two processors, unless they have windows, where a search that goes on for long is worth no
+more than a new one. The first to succeed, by turn and number, has won. Who wins does not depend on how many of them run
+at the same time; with as many threads as searches, the time is that of the quickest.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ LEAD = 256
 TURN = 64
 """Moves per task in one turn of all searches but the first, which makes as many as they do together."""
 
-LONG, LONGER = 2048, 4
-"""Without windows: after so many moves per task, the first makes four times as many as the others together."""
+LONG, LONGER, LONG_ONES = 2048, 6, 2
+"""Without windows: after so many moves per task of the first, the first two make six times as many as others do."""
 
 
 @record
@@ -87,16 +87,17 @@ def race(
         lead = min(budget, LEAD * tasks)
         found.turn(workers, [lead])
         left = budget - lead
-        others = members - 1
         is_linked = len(problem.arrays.row) > 0
         while left > 0 and not found.over:
-            share = others * (1 if is_linked or first.bound < LONG * tasks else LONGER)
-            step = min(TURN * tasks, left // (share + others))
-            moves = share * step if step else left  # the rest, which is too little for all of them
+            is_long = not is_linked and first.bound >= LONG * tasks
+            shares = [LONGER] * min(LONG_ONES, members) if is_long else [members - 1]
+            shares += [1] * (members - len(shares))
+            step = min(TURN * tasks, left // sum(shares))
             while len(found.all) < members:
                 found.add()
-            found.turn(workers, [first.bound + moves, *(member.bound + step for member in found.all[1:])])
-            left -= moves + others * step
+            turn = [share * step for share in shares] if step else [left, *[0] * (members - 1)]
+            found.turn(workers, [member.bound + moves for member, moves in zip(found.all, turn, strict=True)])
+            left -= sum(turn)
     return found.outcome()
 
 

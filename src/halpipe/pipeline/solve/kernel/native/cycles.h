@@ -14,6 +14,9 @@ enum {
     /* Of many entries with windows, each cycle begins with an empty schedule, and after so many cycles they get longer:
      * linked tasks hold each other in place, and what has not fallen into place in one cycle seldom does in the next. */
     PATIENCE = 16,
+    /* Without windows, many entries get longer and colder cycles after so many: what is still not found is full. */
+    MANY_CYCLES = 16,
+    LONG_CYCLE_MOVES = 3000,
     /* Without windows, one cycle in so many begins with an empty schedule: some basins are left in no other way. */
     RESTART = 4,
     /* So many cycles are made before the first restart. */
@@ -62,33 +65,34 @@ static void restart(const Arrays *p, State *s) {
     at->cost = total_cost(p, s);
 }
 
-/* Where a cycle starts: at T0, T0/2 or T0/4, with windows anywhere from T0/2 to T0, if hot at 8 T0. */
-static int64_t first_heat(State *s, int64_t number, bool is_linked, bool is_hot) {
+/* Where a cycle starts: at T0, T0/2 or T0/4, a long one at half of that, with windows anywhere from T0/2 to T0, if hot at
+ * 8 T0. */
+static int64_t first_heat(State *s, int64_t number, bool is_linked, bool is_hot, bool is_long) {
     if (is_hot)
         return s->heat << HOTTER;
     if (number == 1)
         return s->heat >> 1;
     if (is_linked)
         return s->heat * (8 + draw(s, 9)) >> 4;
-    return s->heat >> draw(s, 3);
+    return s->heat >> (draw(s, 3) + is_long);
 }
 
 /* Choose the length of the next cycle, the temperature it starts from, and whether it builds up everything anew. */
 static void begin_cycle(const Arrays *p, State *s) {
     Registers *at = s->registers;
     int64_t number = ++at->cycle;
-    bool is_small = p->entries < FEW_ENTRIES;
+    bool is_small = p->entries < FEW_ENTRIES, is_linked = p->rows > 0;
+    bool is_long = !is_small && !is_linked && number > MANY_CYCLES;
     int64_t moves = is_small ? CYCLE_MOVES : least(CYCLE_MOVES, (int64_t)FIRST_CYCLE_MOVES << least(number - 1, 8));
-    bool is_linked = p->rows > 0;
     bool is_drawn = draw(s, 16 + p->entries) < HOT_SHARE_OF_CYCLES;
-    bool is_hot = is_drawn && is_on(s, HOT_CYCLES) && (is_small || (number > FEW_CYCLES && !is_linked));
+    bool is_hot = is_drawn && is_on(s, HOT_CYCLES) && (is_small || (number > FEW_CYCLES && !is_linked && !is_long));
     bool is_anew;
-    at->heat = first_heat(s, number, is_linked, is_hot);
+    at->heat = first_heat(s, number, is_linked, is_hot, is_long);
     if (is_linked && !is_small) {
         moves *= 1 + number / PATIENCE;
         is_anew = number > 1;
     } else {
-        moves *= luby(number);
+        moves = is_long ? LONG_CYCLE_MOVES * luby(number - MANY_CYCLES) : moves * luby(number);
         is_anew = number > FEW_CYCLES && draw(s, RESTART) == 0;
     }
     at->cycle_length = at->cycle_left = moves * p->entries;
