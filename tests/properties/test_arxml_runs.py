@@ -9,15 +9,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-import split_switches
 from arxml_os import Core
 
+import split_switches
 from arxml_reading import containers, parameters, q, seconds_per_tick, tables, write
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import ModeSchedule, Schedule, Split, Status
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
 from halpipe.pipeline.verify import verify
-from support import access, job, model, ms, task, version
+from support import job, model, ms, task, version
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "split"
 
@@ -160,10 +160,7 @@ def switched():
 
 def switched_by_priorities():
     """The same; priorities alone suspend and resume it."""
-    phases = [access("mem", 0, 1, "1/2")]
-    system = split_switches.system(
-        version("v", 4, "u1", *phases), split=Split(anywhere=True, max_gaps=2, resume=ms("0.1ms"))
-    )
+    system = split_switches.system(version("v", 4), split=Split(anywhere=True, max_gaps=2, resume=ms("0.1ms")))
     return system, split_switches.plan(system)
 
 
