@@ -41,7 +41,7 @@ class Splitter:
         """
         if draft.os_task is None or draft.os_task.schedule != FULL:
             return WHOLE
-        whole = None if self._overlay is None else self._overlay.task_wcet(draft.name)
+        whole = None if self._overlay is None else self._overlay.task_wcet(draft.name, is_known=bool(lengths))
         if whole is not None:
             lengths = [whole]
         points: list[Duration] = []
