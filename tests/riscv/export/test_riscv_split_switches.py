@@ -1,6 +1,7 @@
 """Switches while jobs with gaps are in progress, and tables that have such jobs, on the board (MODEL 8)."""
 
 import shutil
+from dataclasses import replace
 
 import pytest
 
@@ -13,11 +14,18 @@ from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv.cosimulation import CoSimulation
 from halpipe.deploy.riscv.qemu import EMULATOR
+from halpipe.exporters.native import paired
+from halpipe.exporters.riscv import RiscvOptions
+from halpipe.exporters.riscv.dummy import FILE
 from halpipe.files import write_directory
-from halpipe.flow.formats import open_target
+from halpipe.flow.formats import export, open_target, prepare_model
+from halpipe.importers.native import parse_model
+from halpipe.models import Schedule, Split
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.verify import verify
-from riscv_models import deployed, moving
-from support import ms
+from riscv_models import deployed, moving, on_disk
+from support import mode, model, ms, task, version
 
 LOAD = moving("mem", "0ms", "0.1ms", "load")
 KEPT = (LOAD, moving("mem", "0.1ms", "0.2ms", "read", ("input", "numbers", 64)))
@@ -77,3 +85,26 @@ def test_both_switches_are_played_by_qemu(bundle):
     checked = DEPLOYMENT.check(bundle("fu540"), CheckOptions(engine="qemu"))
     assert [d for d in checked.diagnostics if d.is_error] == []
     assert "as scheduled" in checked.lines[-1]
+
+
+def test_dummies_have_a_function_for_each_piece(tmp_path):
+    """A model without sources becomes a bundle with gaps, of tables that the search finds, and plays its switches."""
+    tasks = [
+        task("kept", 20, replace(version("v", 8), split=Split(points=(ms(2), ms(4), ms(6))))),
+        task("brief", 5, version("v", 1)),
+    ]
+    modes = [mode("one", tasks), mode("two", tasks[1:])]
+    ends = [("one", "two", 40), ("two", "one", 40)]
+    system = model(*tasks, resources="mem", modes=modes, transitions=ends)
+    files = paired(system, Schedule(model="m", model_sha256=""))
+    prepared = prepare_model(parse_model(files["model.xml"], str(tmp_path / "m.xml")), RiscvOptions(), dummy=True)
+    tmp_path.joinpath(FILE).write_bytes(prepared.files[FILE])
+    owner = prepared.model
+    assert owner.task("kept").versions[0].source.entry == "dummy_0 dummy_1 dummy_2 dummy_3"
+    found = schedule_model(owner, SearchOptions(tick=ms("1us")), lambda *_: True).schedule
+    assert any(job.parts for job in found.modes[0].jobs)
+    read, plan = on_disk(tmp_path, owner, found)
+    write_directory(str(tmp_path / "b"), export("riscv", read, plan, RiscvOptions(sources=str(tmp_path))))
+    checked = DEPLOYMENT.check(open_target(str(tmp_path / "b")), CheckOptions())
+    assert checked.diagnostics == ()
+    assert checked.lines[-1].endswith("as scheduled")
