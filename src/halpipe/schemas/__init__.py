@@ -353,9 +353,8 @@ def _forms(kind: str) -> dict[str, str]:
     forms = {}
     for simple_type in etree.fromstring(_schema_bytes(kind)).iter(f"{xs}simpleType"):
         words = simple_type.findtext(f"{xs}annotation/{xs}documentation")
-        pattern = simple_type.find(f"{xs}restriction/{xs}pattern")
-        if words and pattern is not None:
-            forms[pattern.get("value")] = words
+        for pattern in simple_type.iter(f"{xs}pattern") if words else ():  # of a list, that of its items
+            forms.setdefault(pattern.get("value"), words)
     return forms
 
 
