@@ -88,9 +88,9 @@ def test_what_does_not_fit_a_new_wcet_is_told_with_the_line_of_the_overlay(tmp_p
     _, diagnostics, _ = apply(overlay(tmp_path, "tasks:\n  t:\n    slack: 1\n    wcet: 4ms\n"), source)
     (found,) = of(diagnostics, codes.DOES_NOT_FIT)
     assert (found.message, found.at.line) == ("an access phase ends at 5ms, the WCET is 4ms", 5)
-    points = "tasks: {t: {versions: {fast: {wcet: 2ms,\n split: [3ms]}}}}"
+    points = "tasks:\n  t:\n    slack: 1\n    split: [8ms]\n"
     _, diagnostics, _ = apply(overlay(tmp_path, points), split_source())
-    assert [d.at.line for d in of(diagnostics, codes.DOES_NOT_FIT)] == [3]
+    assert [d.at.line for d in of(diagnostics, codes.DOES_NOT_FIT)] == [5]
 
 
 # ------------------------------------------------------------------------------------------------ interrupts

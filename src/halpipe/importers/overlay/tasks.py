@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import about
+from halpipe.diagnostics import NOWHERE, about
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand
@@ -184,7 +184,7 @@ class TaskMerger:
         if beyond and (version.wcet, version.split.points) != (base.wcet, base.split.points):
             message = f"the split point {beyond[0]} is not below the WCET {version.wcet}"
             help = "state the split points of the new WCET, or split: none"
-            at = next((found.at for found in (points, stated) if found is not None), version.at)
+            at = next((found.at for found in (version, points, stated) if found is not None and found.at.file), NOWHERE)
             self.changes.does_not_fit(message, at, path, help)
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
             message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
