@@ -198,6 +198,38 @@ def test_a_program_without_a_function_for_each_piece_is_refused(tmp_path):
     assert refused(tmp_path, owner, planned(owner)) == [codes.NO_PIECES.id]
 
 
+def without_programs(split):
+    owner = system(split)
+    versions = [replace(t, versions=tuple(replace(v, source=None) for v in t.versions)) for t in owner.tasks]
+    return model(*versions, units="u1")
+
+
+def test_made_up_programs_have_a_function_for_each_piece(tmp_path):
+    """They take their share of every piece, so that each is over before the next one is due."""
+    owner = without_programs(Split(points=(ms(2), ms(5))))
+    _, files = write(tmp_path, owner, planned(owner), busy=50)
+    assert all(f'"piece_{number}"' in files["tables.c"] for number in range(3))
+    assert "BUSY_NS=1000000,1500000,500000" in files["Makefile"]
+    assert "BUSY_NS=1000000,1500000,500000" in files["CMakeLists.txt"]
+    assert "int64_t times[3]" in files["src/dummy_pieces.c"]
+    assert "{{0, 0, 1}, {3000000, 1, 3}, }" in files["tables.c"].replace("[] = { {", "{{")
+    assert "BUSY_NS=500000 " in files["Makefile"]  # of the short task, in one piece
+    whole = without_programs(None)
+    files = FORMAT.write(whole, planned(whole), LinuxOptions(cpus={"u1": 0}, busy=50))
+    assert "src/dummy_pieces.c" not in files
+
+
+@needs_compiler
+@pytest.mark.slow  # what is written is the subject of the test before
+def test_made_up_programs_in_pieces_are_played_on_this_machine(tmp_path):
+    owner = without_programs(Split(points=(ms(2), ms(5))))
+    tables = planned(owner)
+    bundle, _ = write(tmp_path, owner, tables, busy=10, cpus={"u1": 1000})  # no machine has that one
+    checked = check(bundle, owner, tables, cycles=4)
+    assert [d.code for d in checked.diagnostics] == [deploy_codes.NOT_REAL_TIME.id]
+    assert {ran.task for ran in read_recording(checked.files["trace"])} == {"long", "short"}
+
+
 def test_versions_without_programs_are_refused_unless_made_up(tmp_path):
     owner, tables = two_modes()
     with pytest.raises(HalpipeError) as caught:

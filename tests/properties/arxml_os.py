@@ -49,11 +49,12 @@ def read_tasks(root):
 
 
 class Core:
-    """Plays the repeated table of one core; `program` gives the stretches of the job of an OsTask that starts."""
+    """Plays the tables of one core, named in their order; `program` gives the stretches of the job that starts."""
 
-    def __init__(self, root, table, tick, program):
+    def __init__(self, root, names, tick, program):
         self.tasks = read_tasks(root)
-        self.table = tables(root)[table]
+        found = tables(root)
+        self.tables = [found[name] for name in names]
         self.tick = tick
         self.program = program
         self.now = 0
@@ -63,10 +64,11 @@ class Core:
         self.events = defaultdict(set)
         self.interrupted = 0  # time that interrupts still take
         self.done = []
+        self.lost = []
 
-    def play(self, cycles, interrupts):
+    def play(self, interrupts):
         """Return every job that ran; `interrupts` are instants with the time that each takes."""
-        queue = sorted([*self._actions(cycles), *((at, 2, time) for at, time in interrupts)], key=lambda a: a[:2])
+        queue = sorted([*self._actions(), *((at, 2, time) for at, time in interrupts)], key=lambda a: a[:2])
         while queue or self.running or self.interrupted:
             self._dispatch()
             left = self.interrupted or (self.open[self.running].stretches[0][0] if self.running else None)
@@ -80,20 +82,22 @@ class Core:
                 break
         return self.done
 
-    def _actions(self, cycles):
+    def _actions(self):
         """Yield the expiry points: of one instant, activations come before events."""
-        length = self.table.duration * self.tick
-        for cycle in range(cycles):
-            for offset, activated in self.table.points:
-                at = cycle * length + offset * self.tick
+        begin = 0
+        for table in self.tables:
+            for offset, activated in table.points:
+                at = begin + offset * self.tick
                 yield from ((at, 0, name) for name in activated if name in self.tasks)
-                yield from ((at, 1, pair) for pair in self.table.events.get(offset, ()))
+                yield from ((at, 1, pair) for pair in table.events.get(offset, ()))
+            begin += table.duration * self.tick
 
     def _act(self, kind, what):
         if kind == 2:
             self.interrupted += what
+        elif kind == 0 and what in self.open:
+            self.lost.append((what, self.now))  # E_OS_LIMIT
         elif kind == 0:
-            assert what not in self.open, f"{what} is activated at {self.now} while it is open"
             self.open[what] = Run(what, self.now, self.program(what, self.now))
             self.events[what].clear()
             self.ready.append(what)

@@ -11,10 +11,12 @@ from pathlib import Path
 import pytest
 from arxml_os import Core
 
-from arxml_reading import containers, parameters, q, seconds_per_tick, write
+import split_switches
+from arxml_reading import containers, parameters, q, seconds_per_tick, tables, write
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import ModeSchedule, Schedule, Split, Status
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
+from halpipe.pipeline.verify import verify
 from support import job, model, ms, task, version
 
 FOLDER = Path(__file__).parents[1] / "fixtures" / "split"
@@ -57,25 +59,50 @@ def nested():
 
 
 class Trial:
-    """One core of one mode of a schedule, played with one seed."""
+    """One core of a schedule, played with one seed: the first mode, or a switch with a cycle of the mode before it."""
 
-    def __init__(self, system, plan, unit, seed, change=lambda root: None):
+    def __init__(self, system, plan, unit, seed, change=lambda root: None, switch=None):
         self.rng = random.Random(seed)
-        self.model, self.unit, self.table = system, unit, plan.modes[0]
+        self.model, self.unit = system, unit
         self.root = write(system, plan)
         change(self.root)
         self.service = service_of({u.name: u for u in system.units}, [unit])
         self.tick = int(seconds_per_tick(self.root) * 10**9)
-        self.jobs = {(j.task, j.start.ns): j for j in self.table.jobs if unit in j.units}
+        self.played = self._cycles(plan.modes[0], 3) if switch is None else self._switch(plan, switch)
+        self.end = sum(tables(self.root)[name].duration * self.tick for name in self.played)
+        self.jobs = {(j.task, at): j for at, j in self.line if unit in j.units}
+
+    def _cycles(self, mode, count):
+        self.line = [(n * mode.hyperperiod.ns + j.start.ns, j) for n in range(count) for j in mode.jobs]
+        return [f"Mode_{mode.name}_{self.unit}"] * count
+
+    def _switch(self, plan, switch):
+        """Two cycles of the mode before, the switch, and two of the mode after, or what the switch leaves of them."""
+        source, target = plan.mode(switch.source), plan.mode(switch.target)
+        played = self._cycles(source, 2)
+        begin = 2 * source.hyperperiod.ns
+        self.line += [(begin + j.start.ns, j) for j in switch.jobs]
+        name = f"Switch_{source.name}_to_{target.name}_{self.unit}"
+        longer = tables(self.root)[name].duration * self.tick - switch.length.ns if name in tables(self.root) else 0
+        begin += switch.length.ns
+        cycle = target.hyperperiod.ns
+        assert longer % cycle == 0
+        count = 2 + longer // cycle
+        self.line += [(begin + n * cycle + j.start.ns, j) for n in range(count) for j in target.jobs]
+        return [*played, *([name] if name in tables(self.root) else []), *[f"Mode_{target.name}_{self.unit}"] * 2]
 
     def job(self, name, at):
-        return self.jobs[name, at % self.table.hyperperiod.ns]
+        return self.jobs[name, at]
 
-    def faults(self, cycles=3):
-        """Every part that is over late, and every access phase that begins early."""
-        core = Core(self.root, f"Mode_{self.table.name}_{self.unit}", self.tick, self._program)
-        for run in core.play(cycles, self._arrivals(cycles)):
+    def faults(self):
+        """Every part that is over late, and every access phase that begins early; all jobs must run."""
+        core = Core(self.root, self.played, self.tick, self._program)
+        ran = core.play(self._arrivals())
+        for run in ran:
             yield from self._faults(run)
+        yield from (f"{name} is activated at {at} while it is open" for name, at in core.lost)
+        begun = {(run.task, run.start) for run in (*ran, *core.open.values())}
+        yield from (f"{name} does not run at {at}" for name, at in sorted(self.jobs.keys() - begun))
 
     def _program(self, name, at):
         """Return the stretches of a job between the positions that matter; each takes a random share of its time."""
@@ -92,10 +119,10 @@ class Trial:
             found.append([time, end])
         return found
 
-    def _arrivals(self, cycles):
+    def _arrivals(self):
         for distance, time in self.service:
             at = self.rng.randrange(distance.ns)
-            while at < (cycles + 1) * self.table.hyperperiod.ns:
+            while at < self.end:
                 yield at, self.rng.choice([time.ns, self.rng.randint(0, time.ns)])
                 at += distance.ns + self.rng.choice([0, 0, self.rng.randrange(distance.ns)])
 
@@ -103,6 +130,8 @@ class Trial:
         planned = self.job(run.task, run.start)
         chosen = self.model.task(run.task).version(planned.version)
         by = run.start - planned.start.ns
+        if run.start + (planned.end - planned.start).ns > self.end:
+            return  # goes on in a table that is not played
         parts = parts_of(planned, chosen)
         for part in parts:
             due, reached = part.end.ns + by, run.reached[part.executed_to.ns]
@@ -124,6 +153,27 @@ def test_no_part_is_late_and_no_access_early(case, unit):
     assert [fault for seed in range(40) for fault in Trial(system, plan, unit, seed).faults()] == []
 
 
+def switched():
+    system = split_switches.system()
+    return system, split_switches.plan(system)
+
+
+def switched_by_priorities():
+    """The same; priorities alone suspend and resume it."""
+    system = split_switches.system(version("v", 4), split=Split(anywhere=True, max_gaps=2, resume=ms("0.1ms")))
+    return system, split_switches.plan(system)
+
+
+@pytest.mark.parametrize("case", [switched, switched_by_priorities])
+@pytest.mark.parametrize("way", [0, 1])
+def test_no_part_is_late_and_no_access_early_across_a_switch(case, way):
+    """One way a job is in progress, the other way one of the table is, when the mode after begins."""
+    system, plan = case()
+    assert [d for d in verify(system, plan) if d.is_error] == []
+    trials = [Trial(system, plan, "u1", seed, switch=plan.transitions[way]) for seed in range(40)]
+    assert [fault for trial in trials for fault in trial.faults()] == []
+
+
 def without_holds(root):
     """Let OsTasks wait for nothing."""
     for container in containers(root, "OsTask").values():
@@ -141,6 +191,25 @@ def upside_down(root):
             if value.findtext(q("DEFINITION-REF")).endswith("OsTaskPriority"):
                 found = value.find(q("VALUE"))
                 found.text = str(most + 1 - int(found.text))
+
+
+def without_events_of_switches(root):
+    """Let the tables of switches set no events."""
+    for name, table in containers(root, "OsScheduleTable").items():
+        for inner in list(table.iter(q("ECUC-CONTAINER-VALUE"))) if name.startswith("Switch") else ():
+            if inner.findtext(q("DEFINITION-REF")).endswith("OsScheduleTableEventSetting"):
+                inner.getparent().remove(inner)
+
+
+@pytest.mark.parametrize("way", [0, 1])
+@pytest.mark.parametrize(
+    ("case", "change"),
+    [(switched, without_holds), (switched, without_events_of_switches), (switched_by_priorities, upside_down)],
+)
+def test_without_holds_events_or_priorities_parts_are_late_across_a_switch(case, change, way):
+    system, plan = case()
+    trials = [Trial(system, plan, "u1", seed, change, plan.transitions[way]) for seed in range(40)]
+    assert any(list(trial.faults()) for trial in trials)
 
 
 @pytest.mark.parametrize(

@@ -93,3 +93,17 @@ def test_an_os_that_plays_the_export_is_never_late(scheduled):
     for system, plan in scheduled:
         for unit in {unit for job in plan.modes[0].jobs for unit in job.units}:
             assert [fault for seed in range(5) for fault in Trial(system, plan, unit, seed).faults()] == []
+
+
+def test_an_os_that_plays_a_switch_is_never_late(scheduled):
+    """Of the switches found, in some a job with gaps is in progress, or one is of the table."""
+    parted = 0
+    for system, plan in scheduled:
+        units = {unit for mode in plan.modes for job in mode.jobs for unit in job.units}
+        for table in plan.transitions if all(t.status is Status.VALID for t in plan.transitions) else ():
+            source = plan.mode(table.source)
+            late = [job for job in source.jobs if job.parts and job.end > source.hyperperiod]
+            parted += bool(late or any(job.parts for job in table.jobs))
+            trials = [Trial(system, plan, unit, seed, switch=table) for unit in units for seed in range(3)]
+            assert [fault for trial in trials for fault in trial.faults()] == []
+    assert parted >= 2

@@ -158,3 +158,11 @@ def test_long_values_do_not_hide_the_message(value):
         assert attribute in found.message
         assert len(found.message) < 500
         assert len(found.help) < 500
+
+
+def test_the_form_of_the_items_of_a_list_is_told_in_words():
+    root = document(TASK_MODEL, "name", "t")
+    etree.SubElement(root[1][0], f"{{{namespace(TASK_MODEL)}}}version", {"name": "v", "split": "4ms somewhere"})
+    said = """the value 'somewhere' is not "none", "anywhere", or split points in order, such as 4ms 9ms"""
+    assert [found.message for found in check(root, TASK_MODEL, "m.xml") if found.message.endswith(said)]
+    assert not any("pattern" in found.message for found in check(root, TASK_MODEL, "m.xml"))

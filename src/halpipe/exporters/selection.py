@@ -41,8 +41,12 @@ def select(model: TaskModel, schedule: Schedule | None, mode: str, format_name: 
     return schedule
 
 
-def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
-    """Raise `HalpipeError` with every task of which a job has gaps, for a `target` that cannot hold jobs."""
+def refuse_gaps(model: TaskModel, schedule: Schedule, target: str, anywhere: str, points: str) -> None:
+    """Raise `HalpipeError` with every task of which a job has gaps, for a `target` that cannot hold jobs.
+
+    What helps depends on whether jobs are interrupted `anywhere` or at `points`.
+    """
+    versions = versions_of(model)
     findings = Findings()
     first: dict[str, Job] = {}
     jobs = [job for mode in schedule.modes for job in mode.jobs]
@@ -51,6 +55,7 @@ def refuse_gaps(schedule: Schedule, target: str, help: str) -> None:
             first.setdefault(job.task, job)
     for task, job in first.items():
         message = f"job {job.index} has {len(job.parts)} parts; {target}"
+        help = points if versions[task, job.version].split.points else anywhere
         findings.add(NEEDS_HOLD(message, at=job.at, path=about(task=task), help=help))
     findings.stop_on_errors()
 

@@ -132,8 +132,20 @@ def unroll(table: ModeSchedule, cycles: int = 1) -> list[Placement]:
 
 def shows_context(schedule: Schedule) -> bool:
     """Whether the switches of `schedule` are few and small enough to be drawn within the modes around them."""
-    sizes = {mode.name: len(mode.jobs) for mode in schedule.modes}
-    return sum(sizes[t.source] + sizes[t.target] for t in schedule.transitions) <= CONTEXT_JOBS
+    modes = {mode.name: mode for mode in schedule.modes}
+    drawn = 0
+    for table in schedule.transitions:
+        source, target = modes[table.source], modes[table.target]
+        drawn += len(source.jobs) + len(target.jobs) * cycles_after(table, source, target)
+    return drawn <= CONTEXT_JOBS
+
+
+def cycles_after(table: TransitionTable, source: ModeSchedule, target: ModeSchedule) -> int:
+    """Return how many cycles of `target` are drawn after a switch: until jobs with gaps in progress are over."""
+    ends = [job.end - source.hyperperiod for job in source.jobs if job.parts]
+    ends += [job.end for job in table.jobs if job.parts]
+    last = max(ends, default=ZERO)
+    return max(1, -(-(last - table.length) // target.hyperperiod)) if last > table.length else 1
 
 
 def unroll_switch(
@@ -142,7 +154,8 @@ def unroll_switch(
     """Return the line around a switch (MODEL 5): the last cycle of `source`, the table, the first of `target`.
 
     Time 0 is the end of the source's hyperperiod. Parts of the target's jobs that wrap in from a cycle before its
-    first are idle, so they do not occur. Without `context` only the table and what runs into it are returned.
+    first are idle, so they do not occur. Jobs with gaps in progress are shown to their ends, so that more cycles of
+    the target may follow. Without `context` only the table and what runs into it are returned.
     """
     before = [
         Placement(p.job, p.start - source.hyperperiod, p.cycle - 1, p.part)
@@ -150,9 +163,15 @@ def unroll_switch(
         if context or p.end > source.hyperperiod
     ]
     inside = [Placement(job, job.start) for job in table.jobs]
-    after = [Placement(job, table.length + job.start, 0, target.name) for job in target.jobs if context]
+    cycles = cycles_after(table, source, target)
+    after = [
+        Placement(job, table.length + target.hyperperiod * cycle + job.start, cycle, target.name)
+        for cycle in range(cycles if context else 0)
+        for job in target.jobs
+    ]
     start = -source.hyperperiod if context else ZERO
-    end = table.length + target.hyperperiod if context else max([table.length, *(p.end for p in inside)])
+    ends = [p.end for p in (*inside, *(p for p in before if p.job.parts))]
+    end = table.length + target.hyperperiod * cycles if context else max([table.length, *ends])
     found = sorted(before + inside + after, key=lambda placement: placement.start.ns)
     return Window(start, end), found
 

@@ -43,8 +43,8 @@ class Supplement(Protocol):
         """Return the period of the task `name`, None if not stated."""
         ...
 
-    def task_wcet(self, name: str) -> Duration | None:
-        """Return the WCET of the task `name`, None if not stated."""
+    def task_wcet(self, name: str, *, is_known: bool) -> Duration | None:
+        """Return the WCET of the task `name`, None if not stated, or only for those where none `is_known`."""
         ...
 
     def work_wcet(self, name: str) -> Duration | None:

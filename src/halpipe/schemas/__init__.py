@@ -350,12 +350,11 @@ def _forms(kind: str) -> dict[str, str]:
     from lxml import etree
 
     xs = "{http://www.w3.org/2001/XMLSchema}"
-    forms = {}
+    forms: dict[str, str] = {}
     for simple_type in etree.fromstring(_schema_bytes(kind)).iter(f"{xs}simpleType"):
         words = simple_type.findtext(f"{xs}annotation/{xs}documentation")
-        pattern = simple_type.find(f"{xs}restriction/{xs}pattern")
-        if words and pattern is not None:
-            forms[pattern.get("value")] = words
+        for pattern in simple_type.iter(f"{xs}pattern") if words else ():  # of a list, that of its items
+            forms.setdefault(pattern.get("value"), words)
     return forms
 
 

@@ -142,6 +142,7 @@ def test_jobs_that_cannot_be_held(build, split, entry, code, said):
     with pytest.raises(HalpipeError) as refused:
         build(system, tables_of(system, *PARTS), long_c=LONG, short_c=SHORT)
     assert any(found.code == code.id and said in found.message for found in refused.value.diagnostics)
+    assert not any("<split" in found.help for found in refused.value.diagnostics)  # models have no such element
 
 
 def test_units_that_serve_interrupts():

@@ -12,7 +12,7 @@ from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.unrealised import unrealised
-from halpipe.models import Interrupt, Part
+from halpipe.models import Interrupt, Part, Split
 from stated_options import choice_of, stated
 from support import access, job, model, ms, schedule, task, version
 
@@ -199,8 +199,13 @@ def test_a_phase_within_a_job_that_may_be_early_is_refused():
     assert [d.code for d in refused.value.diagnostics] == [NEEDS_HOLD.id]
 
 
-def test_split_jobs_run_in_one_piece():
-    system = model(task("a", 10, version("v", "2ms", "u1")))
+@pytest.mark.parametrize(
+    ("split", "said"),
+    [(Split(anywhere=True, max_gaps=1), "--package"), (Split(points=(ms(1),)), "which holds programs at split points")],
+)
+def test_split_jobs_run_in_one_piece(split, said):
+    """The package plays what is interrupted anywhere, only; so it is no remedy for split points."""
+    system = model(task("a", 10, replace(version("v", "2ms", "u1"), split=split)))
     planned = schedule(system, 10, job(system, "a", 0, 0, "u1", "v"))
     whole = planned.modes[0].jobs[0]
     pieces = (
@@ -213,6 +218,7 @@ def test_split_jobs_run_in_one_piece():
     (found,) = refused.value.diagnostics
     assert found.code == NEEDS_HOLD.id
     assert found.message == "job 0 has 2 parts; an executor interrupts no callback"
+    assert said in found.help
 
 
 def test_modes_and_assumed_cpus_are_said():

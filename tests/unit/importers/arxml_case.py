@@ -24,10 +24,11 @@ class Overlay:
     def source_period(self, name):
         return Duration.parse(self.sources[name]) if name in self.sources else None
 
-    def task_wcet(self, name):
+    def task_wcet(self, name, *, is_known):
         return None
 
-    work_wcet = task_wcet
+    def work_wcet(self, name):
+        return None
 
     def states_interrupt(self, name):
         return False

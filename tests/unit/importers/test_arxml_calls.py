@@ -27,7 +27,10 @@ from arxml_case import (
     write,
 )
 
-from halpipe.importers.arxml import codes
+from halpipe.durations import Duration
+from halpipe.importers.arxml import FORMAT, codes
+from halpipe.importers.base import ImportOptions
+from halpipe.importers.overlay import OverlayUse, read_overlays
 
 
 def symbol(tag, name, function):
@@ -160,3 +163,19 @@ def test_what_an_os_task_runs_on_arrival_has_no_period(tmp_path):
     assert periods(imported) == {"a/Make": "10ms"}
     assert "b/Use" in found(imported, codes.NO_PERIOD)[0].message
     assert periods(read(path, sources={"b/Use": "10ms"})) == {"a/Make": "10ms", "b/Use": "10ms"}
+
+
+@pytest.mark.parametrize(
+    ("stated", "wcet"),
+    [({"ComSwc/Run": 2}, "2ms"), ({"BSW/Com/Main": 3}, "3ms"), ({"ComSwc/Run": 2, "BSW/Com/Main": 3}, "3ms")],
+)
+def test_the_time_of_a_function_may_be_stated_by_either_name(tmp_path, stated, wcet):
+    """Of two names with two times the longer one counts."""
+    folder = write(tmp_path, *twins())
+    overlay = tmp_path / "overlay.yaml"
+    lines = "".join(f"  {name}: {{wcet: {time}ms}}\n" for name, time in stated.items())
+    overlay.write_text("halpipe-overlay: 1\ntasks:\n" + lines)
+    used = OverlayUse(read_overlays([str(overlay)]))
+    imported = FORMAT.read([str(folder)], ImportOptions(overlay=used, granularity="ostask"))
+    (owner,) = imported.model.tasks
+    assert owner.versions[0].wcet == Duration.parse(wcet)

@@ -90,8 +90,27 @@ def test_the_overlay_may_state_what_runnables_take(tmp_path):
 
 
 def test_a_time_that_the_overlay_states_for_the_whole_leaves_no_point_behind_its_end(tmp_path):
-    overlay = 'tasks:\n  "*": {wcet: 6ms}\n'
+    overlay = 'tasks:\n  "M*": {wcet: 6ms}\n'
     assert split_of(tmp_path, "FULL", overlay=overlay) == cut("5ms")
+
+
+@pytest.mark.parametrize(
+    ("times", "more", "wcet", "points"),
+    [
+        ((1, 7), "", "8ms", ("1ms", "6ms")),  # all is known: nothing is left to fill in
+        ((1, None), "", "6ms", ("5ms",)),
+        ((1, None), '  "Pump/Two": {wcet: 3ms}\n', "4ms", ("1ms",)),
+        ((None, None), '  "Pump/*": {wcet: 2ms}\n', "4ms", ("2ms",)),
+        ((None, None), '  "Pump/*": {wcet: 2ms}\n  "Pump/Two": {wcet: 1ms}\n', "3ms", ("2ms",)),
+    ],
+)
+def test_the_default_entry_cuts_only_what_it_fills_in(tmp_path, times, more, wcet, points):
+    overlay = 'tasks:\n  "*": {wcet: 6ms}\n' + more
+    done = imported(tmp_path, "FULL", overlay=overlay, times=times, granularity="ostask")
+    model, said = OverlayUse(read_overlays([str(tmp_path / "overlay.yaml")])).apply(done.model, done.coverage)
+    assert [d for d in said if d.is_error and "Pump/" not in d.message] == []
+    task = model.task("Main")
+    assert (task.versions[0].wcet, task.versions[0].split) == (ms(wcet), cut(*points))
 
 
 def application(name, core, **refs):

@@ -6,7 +6,7 @@ from overlay_case import applied, apply, imported, overlay
 
 from halpipe.importers.overlay import OverlayUse, codes
 from halpipe.models import Binding, Interrupt, Split
-from support import model, ms, task, version
+from support import access, model, ms, task, version
 
 
 def of(diagnostics, code):
@@ -76,8 +76,21 @@ def test_a_new_version_is_not_cut_where_the_imported_one_is(tmp_path):
 
 def test_a_shorter_wcet_needs_new_split_points(tmp_path):
     _, diagnostics, _ = apply(overlay(tmp_path, "tasks: {t: {wcet: 3ms}}"), split_source(points=(ms(1), ms(4))))
-    assert "split point 4ms is not below the WCET 3ms" in of(diagnostics, codes.DOES_NOT_FIT)[0].message
+    (found,) = of(diagnostics, codes.DOES_NOT_FIT)
+    assert "split point 4ms is not below the WCET 3ms" in found.message
+    assert (found.at.file, found.at.line) == (str(tmp_path / "overlay0.yaml"), 2)
     assert applied(tmp_path, "tasks: {t: {wcet: 3ms, split: [1ms]}}", to=split_source(points=(ms(1), ms(4))))
+
+
+def test_what_does_not_fit_a_new_wcet_is_told_with_the_line_of_the_overlay(tmp_path):
+    """Phases of an import have no line of their own."""
+    source = model(task("t", 10, version("v", 5, "u1", access("mem", 3, 5))), resources="mem")
+    _, diagnostics, _ = apply(overlay(tmp_path, "tasks:\n  t:\n    slack: 1\n    wcet: 4ms\n"), source)
+    (found,) = of(diagnostics, codes.DOES_NOT_FIT)
+    assert (found.message, found.at.line) == ("an access phase ends at 5ms, the WCET is 4ms", 5)
+    points = "tasks:\n  t:\n    slack: 1\n    split: [8ms]\n"
+    _, diagnostics, _ = apply(overlay(tmp_path, points), split_source())
+    assert [d.at.line for d in of(diagnostics, codes.DOES_NOT_FIT)] == [5]
 
 
 # ------------------------------------------------------------------------------------------------ interrupts

@@ -6,9 +6,9 @@ import pytest
 from validate_cases import alone, found, the
 
 from halpipe.diagnostics import Location
-from halpipe.models import Transfer
+from halpipe.models import Interrupt, Split, Transfer
 from halpipe.pipeline.validate import codes, validate
-from support import access
+from support import access, model, ms, task, version
 
 
 def phases(*accesses, wcet="10ms"):
@@ -60,6 +60,62 @@ def test_overlapping_phases_beyond_the_resource():
 
 
 OVERLOAD = codes.PHASES_OVERLOAD
+
+
+def stretched(second_at=1, split=None, served="u1", bound="2/3", units="u1"):
+    """A phase until 1 ms, which interrupts stretch by 1 ms, and another one behind it."""
+    accesses = access("mem", 0, 1, "2/3"), access("mem", second_at, 6, bound)
+    owner = task("a", 20, replace(version("v", 6, units, *accesses), split=split or Split()), slack=1)
+    system = model(owner, units="u1 u2", resources="mem")
+    interrupt = Interrupt(name="i", distance=ms(10), wcet=ms(1))
+    serving = (replace(u, interrupts=(interrupt,) if u.name in served.split() else ()) for u in system.units)
+    return replace(system, units=tuple(serving))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {},
+        {"split": Split(points=(ms(6) / 2,), max_gaps=0), "second_at": 1},
+        {"split": Split(anywhere=True, max_gaps=0)},
+        {"served": "u1 u2", "units": "u1 u2"},
+        {"second_at": "1.9ms"},
+    ],
+)
+def test_interrupts_stretch_a_phase_over_the_next_one(case):
+    """It is in force until all of them have come, the next one as soon as none does; no placement can help."""
+    found = the(stretched(**case), codes.PHASES_OVERLOAD)
+    assert found.message.endswith("beside interrupts, with bounds that sum to 4/3")
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {"second_at": 2},  # the limit itself
+        {"bound": "1/3"},
+        {"split": Split(points=(ms(1),))},  # a gap may lie between them
+        {"split": Split(anywhere=True, max_gaps=1)},
+        {"units": "u1 u2"},  # u2 serves none
+        {"served": "u2"},
+    ],
+)
+def test_phases_that_can_be_kept_apart_beside_interrupts(case):
+    assert not found(stretched(**case), codes.PHASES_OVERLOAD)
+
+
+def test_phases_of_a_later_piece_are_stretched_least_after_a_gap():
+    """Interrupts of 1 ms in 3: from 5 ms on, a phase of 1 ms takes 2; with 2 ms to resume, or none, 4."""
+    phases = access("mem", 5, 6, 1), access("mem", 7, 8, 1)
+    split = Split(points=(ms(5),))
+
+    def system(split, *phases):
+        built = model(task("a", 90, replace(version("v", 9, "u1", *phases), split=split), slack=1), resources="mem")
+        interrupt = Interrupt(name="i", distance=ms(3), wcet=ms(1))
+        return replace(built, units=(replace(built.units[0], interrupts=(interrupt,)),))
+
+    assert not found(system(split, *phases), codes.PHASES_OVERLOAD)
+    assert found(system(replace(split, resume=ms(2)), *phases), codes.PHASES_OVERLOAD)
+    assert found(system(Split(), *phases), codes.PHASES_OVERLOAD)
 
 
 def test_every_overload_is_reported():

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import re
 import shlex
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
 from halpipe.bundles import seal
 from halpipe.diagnostics import Findings, about, version_of
+from halpipe.durations import ZERO
 from halpipe.exporters.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
 from halpipe.exporters.linux.priorities import levels_of
@@ -33,7 +35,7 @@ FOLDER = Path(__file__).parent
 _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
 _ACCELERATORS = ("gpu", "fpga", "npu", "dla", "dsp", "tpu", "accelerator")
 RUNTIME = ("dispatch.c", "dispatch.h", "record.c")
-_DUMMY = "src/dummy.c"
+_DUMMY, _PIECES = "src/dummy.c", "src/dummy_pieces.c"
 
 
 @record
@@ -79,7 +81,8 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
     levels = levels_of(model, schedule)
-    tables = tables_of(model, schedule, cpus, levels, numbers, findings)
+    functions = {key: len(programs[number].entries) for key, number in numbers.items()}
+    tables = tables_of(model, schedule, cpus, levels, numbers, functions, findings)
     findings.stop_on_errors()
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", model.name).strip("-.") or "tasks"
     used = sorted({worker.cpu for worker in tables.workers})
@@ -95,7 +98,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     files = {
         **paired(model, schedule),
         "tables.c": rendered_tables(model, schedule, tables, programs, buffers, levels),
-        **_rendered(values, options),
+        **_rendered(values, programs, options),
         **tree.files,
     }
     files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, "main.c")}
@@ -146,10 +149,13 @@ def _environment() -> Any:
     )
 
 
-def _rendered(values: dict[str, Any], options: LinuxOptions) -> dict[str, bytes]:
+def _rendered(values: dict[str, Any], programs: list[Program], options: LinuxOptions) -> dict[str, bytes]:
     environment = _environment()
     names = ["Makefile", "CMakeLists.txt", "dispatcher.service", "setup.sh", "README.md"]
     files = {name: environment.get_template(name).render(**values).encode() for name in names}
+    pieces = max((len(p.entries) for p in programs if p.files == (_PIECES,)), default=0)
+    if pieces:
+        files[_PIECES] = environment.get_template("dummy_pieces.c").render(pieces=pieces).encode()
     if options.busy:
         files[_DUMMY] = (FOLDER / "templates" / "dummy.c").read_bytes()
     return files
@@ -210,9 +216,7 @@ def _program(
 ) -> Program:
     name, target = f"{task}/{version.name}", f"program_{number}"
     if version.source is None and options.busy:
-        assert version.wcet is not None, "a schedule needs WCETs"
-        busy = math.floor(version.wcet.fraction * options.busy / 100)
-        return Program(name, target, ("dummy",), (_DUMMY,), (f"BUSY_NS={busy}",), (), ())
+        return _made_up(name, target, version, options.busy)
     path = version_of(task, version.name)
     source = version.source
     if source is None:
@@ -229,6 +233,16 @@ def _program(
     files = tuple(f"src/{file}" for file in source.files) if ready else tuple(compiled)
     entries = tuple(source.entry.split())
     return Program(name, target, entries, files, source.defines, tuple(moves[False]), tuple(moves[True]), ready)
+
+
+def _made_up(name: str, target: str, version: Version, percent: int) -> Program:
+    """Return a program that takes a share of the time of every piece between split points."""
+    assert version.wcet is not None, "a schedule needs WCETs"
+    bounds = [ZERO, *version.split.points, version.wcet]
+    times = [math.floor((end - begin).fraction * percent / 100) for begin, end in pairwise(bounds)]
+    entries = tuple(f"piece_{number}" for number in range(len(times))) if len(times) > 1 else ("dummy",)
+    listed = ",".join(map(str, times))
+    return Program(name, target, entries, (_PIECES if len(times) > 1 else _DUMMY,), (f"BUSY_NS={listed}",), (), ())
 
 
 def check_texts(model: TaskModel, schedule: Schedule, buffers: Iterable[str], findings: Findings) -> None:

@@ -83,14 +83,15 @@ def tables_of(
     cpus: Mapping[str, int],
     levels: Mapping[str, int],
     programs: Mapping[tuple[str, str], int],
+    functions: Mapping[tuple[str, str], int],
     findings: Findings,
 ) -> Tables:
-    """Lay out the schedule; `programs` gives the program of each version by task and version."""
+    """Lay out the schedule; of each version by task and version, `programs` gives the program, and its `functions`."""
     result = _frame(schedule)
     jobs = [list(mode.jobs) for mode in schedule.modes] + [list(table.jobs) for table in schedule.transitions]
     workers: dict[tuple[str, tuple[str, ...]], Worker] = {}
     known: dict[tuple[Part, ...], int] = {}
-    held = _Programs(model, findings)
+    held = _Programs(model, functions, findings)
     for number, rows in enumerate(jobs):
         for job in sorted(rows, key=lambda job: (job.start.fraction, job.task, job.index)):
             key = (job.task, job.units)
@@ -135,8 +136,9 @@ class _Programs:
     access phase begins, which must be where a function does.
     """
 
-    def __init__(self, model: TaskModel, findings: Findings) -> None:
+    def __init__(self, model: TaskModel, functions: Mapping[tuple[str, str], int], findings: Findings) -> None:
         self._model = model
+        self._functions = functions
         self._findings = findings
         self._times = PhaseTimes(model)
         splits = any(version.split.is_allowed for version in self._times.versions.values())
@@ -148,7 +150,7 @@ class _Programs:
         listed = not version.split.anywhere
         gaps = {part.executed_from: part.start for part in job.parts[1:]} if listed else {}
         holds = gaps | (self._phases(job) if self._holds_phases else {})
-        functions = len(version.source.entry.split()) if version.source is not None else 1
+        functions = self._functions[job.task, job.version]
         bounds = [ZERO, *version.split.points]
         whole = (Part(_ns(job.start), 0, functions),)
         if not holds:
@@ -170,7 +172,8 @@ class _Programs:
 
     def _refuse_pieces(self, job: Job, version: Version, functions: int) -> None:
         points = len(version.split.points)
-        text = f"{points} split points make {points + 1} pieces, the entry names {functions} functions"
+        named = f"{functions} function" + ("s" if functions > 1 else "")
+        text = f"{points} split points make {points + 1} pieces, the entry names {named}"
         help = 'name one function for each piece: entry="first second ..."; or leave the split points away'
         self._findings.add(NO_PIECES(text, at=version.at, path=self._path(job), help=help))
 

@@ -422,7 +422,9 @@ def _transition(model: TaskModel, schedule: Schedule, table: TransitionTable, id
     regions = [region(window, ZERO, table.length, "transition table", "table")] if table.length else []
     if context:
         regions.insert(0, region(window, window.start, ZERO, f"last cycle of {table.source}", "mode"))
-        regions.append(region(window, table.length, window.end, f"first cycle of {table.target}", "mode"))
+        cycles = (window.end - table.length) // target.hyperperiod
+        first = f"first {cycles} cycles" if cycles > 1 else "first cycle"
+        regions.append(region(window, table.length, window.end, f"{first} of {table.target}", "mode"))
     caption = Caption(
         name=id,
         title=f"Switch from {table.source} to {table.target}",

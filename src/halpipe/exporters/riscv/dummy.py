@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO, Duration
-from halpipe.exporters.riscv.phases import functions_of, gaps, phases_of
+from halpipe.exporters.riscv.phases import functions_of, spans
 from halpipe.models import Access, AccessKind, Source, Transfer
 
 if TYPE_CHECKING:
@@ -60,7 +60,8 @@ def _dummy(task: Task, version: Version, profile: Profile, clock: Clock) -> Vers
     transfer = Transfer(buffer=buffer, symbol=SYMBOL, size=max(size, _LEAST))
     moving = tuple(replace(a, transfers=(transfer,)) if _is_window(a) and not a.transfers else a for a in phases)
     version = replace(version, accesses=moving)
-    executions = [s.end - s.begin for s in gaps(phases_of(version), clock, version.wcet or ZERO) if s.end > s.begin]
+    pieces = ((clock.up(begin), clock.down(end)) for begin, end in spans(version, cut=True))
+    executions = [end - begin for begin, end in pieces if end > begin]
     counts = [f"COUNT_{n}={_count(clock.tick * ticks - lost, profile)}" for n, ticks in enumerate(executions)]
     entry = " ".join(f"dummy_{n}" for n in range(len(executions)))
     source = Source(files=(FILE,), entry=entry or "dummy_0", defines=(f"WORDS={transfer.size // 8}", *counts))

@@ -75,7 +75,7 @@ def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> No
         version = model.task(task).version(name)
         path = version_of(task, name)
         if version.split.anywhere:
-            help = "state split points, <split points=...>, and name a function for each piece in the entry"
+            help = 'state split points, as in split="1ms 3ms", and name a function for each piece in the entry'
             message = "its jobs have gaps anywhere; a job can be held where one of its functions has returned only"
             findings.add(NEEDS_HOLD(message, at=version.at, path=path, help=help))
             continue

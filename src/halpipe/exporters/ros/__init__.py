@@ -23,6 +23,7 @@ HIGHEST_PRIORITY = 99
 WITHOUT_GAPS = (
     "export the ament package (--package) or the linux format, whose threads are interrupted; or schedule without split"
 )
+WITHOUT_POINTS = "export the linux format, which holds programs at split points; or schedule without split"
 WITH_HOLDS = "make the phase a task of its own, or export the linux format, which holds programs between functions"
 
 OLDEST, NEWEST = MESSAGES = ("oldest", "newest")
@@ -98,7 +99,7 @@ class RosExporter(PlainExporter):
             if options.mode:  # the package is a system of its own, that knows no other mode
                 model = model.alone(options.mode)
             return build(model, chosen, own)
-        refuse_gaps(chosen, "an executor interrupts no callback", WITHOUT_GAPS)
+        refuse_gaps(model, chosen, "an executor interrupts no callback", WITHOUT_GAPS, WITHOUT_POINTS)
         refuse_early_phases(model, chosen, "an executor does not hold a callback until the phase begins", WITH_HOLDS)
         return {"": format_executors(model, chosen, own)}
 

@@ -83,7 +83,8 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     findings.stop_on_errors()
     levels = levels_of(model, schedule)
     programs = [Program(f"{task}/{name}", "callback", ("callback",), (), (), (), ()) for task, name in keys]
-    tables = tables_of(model, schedule, cpus, levels, {key: i for i, key in enumerate(keys)}, findings)
+    functions = dict.fromkeys(keys, 1)
+    tables = tables_of(model, schedule, cpus, levels, {key: i for i, key in enumerate(keys)}, functions, findings)
     package = re.sub(r"[^a-z0-9_]+", "_", model.name.lower()).strip("_") or "tables"
     values: dict[str, Any] = {
         "model": model.name,

@@ -55,7 +55,7 @@ class _OfModel:
     def source_period(self, name: str) -> Duration | None:
         return next((task.period for task in self.model.tasks if task.name == name), None)
 
-    def task_wcet(self, name: str) -> None:
+    def task_wcet(self, name: str, *, is_known: bool) -> None:
         """Leave execution times to the model."""
 
     def work_wcet(self, name: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import about
+from halpipe.diagnostics import NOWHERE, about
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand
@@ -83,7 +83,7 @@ class TaskMerger:
             precedences=self._precedences(path, task, base, entries),
             source=pick(path, "source", base.source, None, entries, lambda v: v.source),
         )
-        self._check_fit(path, base, version)
+        self._check_fit(path, base, version, entries)
         return version
 
     def _split(self, path: str, base: Split, entries: Ranks[VersionEntry]) -> Split:
@@ -170,18 +170,22 @@ class TaskMerger:
 
     # --------------------------------------------------------------------------------------------- checks
 
-    def _check_fit(self, path: str, base: Version, version: Version) -> None:
+    def _check_fit(self, path: str, base: Version, version: Version, entries: Ranks[VersionEntry]) -> None:
+        stated = entries.firm(lambda v: v.stated.get("wcet")) or entries.default(lambda v: v.stated.get("wcet"))
+        points = entries.firm(lambda v: v.split) or entries.default(lambda v: v.split)
         changed = (version.wcet, version.accesses) != (base.wcet, base.accesses)
         for access in version.accesses:
             self._check_resource(path, access)
             if changed and version.wcet is not None and access.end > version.wcet:
                 message = f"an access phase ends at {access.end}, the WCET is {version.wcet}"
-                self.changes.does_not_fit(message, access.at, path, "end the phase earlier, or raise the WCET")
+                at = access.at if access.at.file or stated is None else stated.at
+                self.changes.does_not_fit(message, at, path, "end the phase earlier, or raise the WCET")
         beyond = [p for p in version.split.points if version.wcet is not None and p >= version.wcet]
         if beyond and (version.wcet, version.split.points) != (base.wcet, base.split.points):
             message = f"the split point {beyond[0]} is not below the WCET {version.wcet}"
             help = "state the split points of the new WCET, or split: none"
-            self.changes.does_not_fit(message, version.at, path, help)
+            at = next((found.at for found in (version, points, stated) if found is not None and found.at.file), NOWHERE)
+            self.changes.does_not_fit(message, at, path, help)
         if version.gang > len(version.units) > 0 and (version.gang, version.units) != (base.gang, base.units):
             message = f"a gang of {version.gang} does not fit on {len(version.units)} units: {show(version.units)}"
             self.changes.does_not_fit(message, version.at, path, "name more units, or make the gang smaller")

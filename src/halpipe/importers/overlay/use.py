@@ -10,7 +10,7 @@ from halpipe.importers.overlay import structure
 from halpipe.importers.overlay.changes import Changes
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.entries import Overlay
-from halpipe.importers.overlay.patterns import Patterns
+from halpipe.importers.overlay.patterns import EVERYTHING, Patterns
 from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
 
 if TYPE_CHECKING:
@@ -74,14 +74,15 @@ class OverlayUse:
         stated = (entry.stated.get("period") for _, entry in self._tasks.of(name))
         return _first(stated)
 
-    def task_wcet(self, name: str) -> Duration | None:
-        """Return the WCET that the task `name` gets from its entries."""
-        return _first(entry.common.stated.get("wcet") for _, entry in self._tasks.of(name))
+    def task_wcet(self, name: str, *, is_known: bool) -> Duration | None:
+        """Return the WCET that the task `name` gets from its entries; ``*`` changes none that is known."""
+        found = ((pattern, entry.common.stated.get("wcet")) for pattern, entry in self._tasks.of(name))
+        return _first(wcet for pattern, wcet in found if not (is_known and pattern == EVERYTHING))
 
     def work_wcet(self, name: str) -> Duration | None:
-        """Return the WCET that an entry of just this name states, such as that of a runnable within a task."""
+        """Return the WCET that an entry, but for ``*``, states of `name`, such as that of a runnable within a task."""
         for pattern, entry in self._tasks.of(name):
-            if pattern == name and "wcet" in entry.common.stated:
+            if pattern != EVERYTHING and "wcet" in entry.common.stated:
                 self._matched_tasks.add(pattern)
                 return _first([entry.common.stated["wcet"]])
         return None

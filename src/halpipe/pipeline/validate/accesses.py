@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import groupby, pairwise
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import about
+from halpipe.durations import ZERO
+from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, version_path
 from halpipe.quantities import format_rational
@@ -16,7 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.diagnostics import Diagnostic
+    from halpipe.durations import Duration
     from halpipe.models import Access, Task, Version
+    from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import Context
 
 
@@ -51,7 +55,8 @@ def check_phases(context: Context) -> Iterator[Diagnostic]:
 
 
 def check_overlap(context: Context) -> Iterator[Diagnostic]:
-    """Phases of one version that overlap on a resource have bounds that sum to at most 1."""
+    """Phases of one version that overlap on a resource have bounds that sum to at most 1, beside interrupts, too."""
+    serving = {name for name, unit in context.units.items() if unit.interrupts}
     for task, version in context.versions_of_tasks:
         if len(version.accesses) < 2:
             continue
@@ -60,14 +65,60 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
             if access.start.ns < access.end.ns and _is_share(access.bound):
                 by_resource.setdefault(access.resource, []).append(access)
         for accesses in by_resource.values():
+            found = []
             if any(earlier.end.ns > later.start.ns for earlier, later in pairwise(accesses)):
-                yield from _overload(task, version, accesses)
+                found = list(_overload(task, version, [(a, a.start, a.end) for a in accesses]))
+            if not found and version.units and serving.issuperset(version.units):
+                found = _stretched(
+                    task, version, accesses, [service_of(context.units, [name]) for name in version.units]
+                )
+            yield from found
 
 
-def _overload(task: Task, version: Version, accesses: list[Access]) -> Iterator[Diagnostic]:
+def _stretched(
+    task: Task, version: Version, accesses: list[Access], services: list[Service[Duration]]
+) -> list[Diagnostic]:
+    """Return the overload in a piece whose phases interrupts stretch over each other, wherever it runs (MODEL 8.2).
+
+    A phase begins as if no interrupt came and ends as if all did. They stretch those least that lie nearest behind the
+    start of their part: that of the job, or of the piece, after the resumption.
+    """
+    split = version.split
+    if split.anywhere and split.max_gaps != 0:
+        return []  # a gap may lie between any two phases
+    cuts = [ZERO, *(sorted(split.points, key=attrgetter("ns")) if split.max_gaps != 0 else ())]
+    for begin, end in pairwise([*cuts, max(access.end for access in accesses)]):
+        inside = [access for access in accesses if begin <= access.start and access.end <= end]
+        found: list[Diagnostic] = []
+        for before in dict.fromkeys((begin - (split.resume if begin else ZERO), ZERO)) if len(inside) > 1 else ():
+            for service in services:
+                found = list(_overload(task, version, _spans(inside, before, service), " beside interrupts"))
+                if not found:
+                    break
+            if not found:
+                break
+        if found:
+            return found
+    return []
+
+
+def _spans(
+    accesses: list[Access], before: Duration, service: Service[Duration]
+) -> list[tuple[Access, Duration, Duration]]:
+    """Return when phases are in force if their part begins to execute at `before`; never where none would end."""
+    try:
+        return [(a, a.start, before + reserved_length(a.end - before, service)) for a in accesses]
+    except ValueError:
+        return []
+
+
+def _overload(
+    task: Task, version: Version, spans: list[tuple[Access, Duration, Duration]], beside: str = ""
+) -> Iterator[Diagnostic]:
     """Sweep over the phases on one resource and report where the sum first passes 1."""
-    steps = [(access.end, -1, -access.bound, access) for access in accesses]
-    steps += [(access.start, 1, access.bound, access) for access in accesses]
+    accesses = [access for access, _, _ in spans]
+    steps = [(end, -1, -access.bound, access) for access, _, end in spans]
+    steps += [(start, 1, access.bound, access) for access, start, _ in spans]
     total, held = Fraction(0), 0
     steps.sort(key=itemgetter(0))
     for instant, changes in groupby(steps, key=itemgetter(0)):
@@ -75,7 +126,8 @@ def _overload(task: Task, version: Version, accesses: list[Access]) -> Iterator[
         for _, count, bound, access in changes:
             total, held, latest = total + bound, held + count, access
         if before <= 1 < total:
-            text = f"{held} phases are in force together at {instant}, with bounds that sum to {format_rational(total)}"
+            text = f"{held} phases are in force together at {instant}{beside}, with bounds that sum to "
+            text += format_rational(total)
             at, path = place(latest, version, task), _path(task, version, accesses[0])
             yield codes.PHASES_OVERLOAD(text, at=at, path=path, help="move the phases apart, or lower their bounds")
 
@@ -99,7 +151,8 @@ CHECKS = (
     ),
     Check(
         "overlapping-phases",
-        "Phases of one version that overlap on a resource have bounds that sum to at most 1.",
+        "Phases of one version that overlap on a resource have bounds that sum to at most 1. Interrupts of its units "
+        "stretch each phase over what follows in the same part.",
         (codes.PHASES_OVERLOAD,),
         check_overlap,
     ),

@@ -174,7 +174,8 @@ BAD_BOUND = error(
 PHASES_OVERLOAD = error(
     "HAL0243",
     "Access phases of one job overload a resource",
-    "Phases of one version that overlap on a resource add up, and more than 1 can never be granted.",
+    "Phases of one version that overlap on a resource add up, and more than 1 can never be granted. Interrupts of the "
+    "units stretch each phase over what follows in the same part.",
 )
 EMPTY_TRANSFER = error("HAL0244", "Transfer of no data", "A transfer moves at least one byte.")
 

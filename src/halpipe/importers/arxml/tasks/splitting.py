@@ -29,10 +29,15 @@ class Splitter:
         self._overlay = options.overlay
         self._cut: dict[str, Draft] = {}
 
-    def stated(self, draft: Draft, runnable: str) -> Duration | None:
-        """Return the WCET that the overlay states for a runnable within an OsTask."""
-        is_within = self._overlay is not None and draft.place.kind == "OsTask" and runnable != draft.name
-        return self._overlay.work_wcet(runnable) if is_within and self._overlay is not None else None
+    def stated(self, draft: Draft, runnable: Sequence[str]) -> Duration | None:
+        """Return the WCET that the overlay states for a runnable within an OsTask, by any of its names; the longest.
+
+        What runs as a runnable of a component and as an entity of its BSW module has two.
+        """
+        if self._overlay is None or draft.place.kind != "OsTask":
+            return None
+        found = [self._overlay.work_wcet(name) for name in runnable if name != draft.name]
+        return max((time for time in found if time is not None), default=None)
 
     def split(self, draft: Draft, lengths: Sequence[Duration]) -> Split:
         """Return where jobs of a draft with runnables of some lengths may be interrupted.
@@ -41,7 +46,7 @@ class Splitter:
         """
         if draft.os_task is None or draft.os_task.schedule != FULL:
             return WHOLE
-        whole = None if self._overlay is None else self._overlay.task_wcet(draft.name)
+        whole = None if self._overlay is None else self._overlay.task_wcet(draft.name, is_known=bool(lengths))
         if whole is not None:
             lengths = [whole]
         points: list[Duration] = []

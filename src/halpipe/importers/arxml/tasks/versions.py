@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from halpipe.diagnostics import Findings, Location
     from halpipe.durations import Duration
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
+    from halpipe.importers.arxml.tasks.dataflow import Actor
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
     from halpipe.importers.base import ImportOptions
@@ -72,14 +73,16 @@ def _variants(
     draft: Draft, platform: Platform, times: dict[str, dict[str | None, ExecutionTime]], splitter: Splitter
 ) -> tuple[Variant, ...]:
     units = platform.units_of(draft)
-    runnables = {member.work: member for member in draft.members}
+    runnables: dict[Actor, list[str]] = {}
+    for member in draft.members:
+        runnables.setdefault(member.work, []).append(member.name)
     groups: dict[tuple[Duration, Split], list[tuple[str, tuple[ExecutionTime, ...]]]] = {}
     for unit in units:
         found = [_time(times.get(path, {}), platform.hardware.get(unit)) for _, path in runnables]
         known = tuple(time for time in found if time is not None)
         pieces = [
-            splitter.stated(draft, member.name) if time is None else time.time
-            for time, member in zip(found, runnables.values(), strict=True)
+            splitter.stated(draft, names) if time is None else time.time
+            for time, names in zip(found, runnables.values(), strict=True)
         ]
         lengths = [piece for piece in pieces if piece is not None]
         if len(lengths) == len(pieces):
