@@ -8,16 +8,20 @@ from __future__ import annotations
 
 import json
 import os
-from concurrent.futures import as_completed
+import pickle
+from concurrent.futures import BrokenExecutor, CancelledError, as_completed, wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from halpipe.diagnostics import Exit, HalpipeError, Location, error, warning
 from halpipe.files import read_own, sha256, write_output
+from halpipe.pipeline.solve.workers import ASK_SECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
+
+    from distributed import Client
 
     from halpipe.diagnostics import Diagnostic
 
@@ -56,6 +60,9 @@ _Result = TypeVar("_Result")
 
 CONNECT_SECONDS = 10
 
+LOST_ASKS = 100
+"""After so many unanswered questions whether to go on, it is looked whether the cluster still has workers."""
+
 
 def map_tasks(
     function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int = 1, cluster: str = ""
@@ -68,19 +75,23 @@ def map_tasks(
     if jobs <= 1 and not cluster:
         yield from ((number, function(item)) for number, item in enumerate(items))
         return
-    from concurrent.futures import BrokenExecutor
-
-    with _executor(jobs, cluster) as executor:
+    with _telling_of_losses("use fewer --jobs if memory is short, then"), _executor(jobs, cluster) as executor:
         waiting = {executor.submit(function, item): number for number, item in enumerate(items)}
         try:
             for future in as_completed(waiting):
                 yield waiting[future], future.result()
-        except BrokenExecutor as failure:
-            help = "use fewer --jobs if memory is short, then go on with --resume"
-            raise HalpipeError(WORKER_LOST(str(failure), help=help), exit=Exit.INTERNAL) from None
         finally:
             for future in waiting:
                 future.cancel()
+
+
+@contextmanager
+def _telling_of_losses(advice: str) -> Iterator[None]:
+    try:
+        yield
+    except (BrokenExecutor, CancelledError) as failure:
+        help = f"{advice} go on with --resume"
+        raise HalpipeError(WORKER_LOST(str(failure), help=help), exit=Exit.INTERNAL) from None
 
 
 @contextmanager
@@ -95,8 +106,15 @@ def _executor(jobs: int, cluster: str) -> Iterator[Executor]:
         ) as pool:
             yield pool
         return
+    with _client(cluster) as client, client.get_executor() as executor:
+        yield executor
+
+
+@contextmanager
+def _client(cluster: str) -> Iterator[Client]:
+    """Connect to a cluster; work that was given up because its workers were killed is a broken executor's."""
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         help = "install it: pip install 'halpipe[cluster]'"
         raise HalpipeError(CLUSTER_MISSING("--cluster needs dask.distributed", help=help)) from None
@@ -105,8 +123,50 @@ def _executor(jobs: int, cluster: str) -> Iterator[Executor]:
     except (OSError, ValueError) as failure:
         help = "start one with `dask scheduler`, and give its address, such as tcp://10.0.0.1:8786"
         raise HalpipeError(CLUSTER_UNREACHABLE(str(failure), path=cluster, help=help)) from None
-    with client, client.get_executor() as executor:
-        yield executor
+    with client:
+        try:
+            yield client
+        except KilledWorker as failure:
+            raise BrokenExecutor(str(failure)) from None
+
+
+class Cluster:
+    """A cluster as one piece of work after the other sees it, each of which waits for what it asks."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._executor = client.get_executor()
+        self._had_workers = bool(client.nthreads())
+
+    def hold(self, value: object) -> Any:
+        """Send a value that many functions need, to be given to them in place of what this returns.
+
+        The scheduler keeps it, so that a worker has it from there if others that had it are lost.
+        """
+        return self._client.submit(pickle.loads, pickle.dumps(value), pure=False)
+
+    def ask(self, function: Callable[..., _Result], *arguments: object, go_on: Callable[[], bool]) -> _Result | None:
+        """Return what a function returns there; None once `go_on`, which is asked meanwhile, says no."""
+        future = self._executor.submit(function, *arguments)
+        asked = 0
+        try:
+            while not wait([future], ASK_SECONDS).done:
+                if not go_on():
+                    return None
+                asked += 1
+                if asked % LOST_ASKS == 0 and self._had_workers and not self._client.nthreads():
+                    raise BrokenExecutor("the cluster has no workers left")
+            result: _Result = future.result()
+            return result
+        finally:
+            future.cancel()
+
+
+@contextmanager
+def on_cluster(address: str) -> Iterator[Cluster]:
+    """Yield the cluster at an address; raise `HalpipeError` if there is none, or it is lost meanwhile."""
+    with _telling_of_losses("start workers, or leave --cluster away, and"), _client(address) as client:
+        yield Cluster(client)
 
 
 def _leave_interrupts_to_parent() -> None:
