@@ -1,6 +1,6 @@
 """Searches that have their moves made on a cluster, and come to the same as here.
 
-A turn is sent in pieces of a second or so. The state of the search goes there and comes back as bytes, and is taken
+A turn is sent in pieces of a second or so. The state of the search goes there, and another one comes back that is taken
 over as a whole. So a piece may be done twice, as it is where a machine is lost, and a search that is stopped, or loses
 the cluster, is where it was before the piece. Who waits for a piece is a thread here, so that turns, winners and
 checkpoints are what they are without a cluster.
@@ -8,7 +8,7 @@ checkpoints are what they are without a cluster.
 
 from __future__ import annotations
 
-import pickle
+from copy import deepcopy
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -53,10 +53,11 @@ class Away:
 
         while register[MOVES] < bound:
             end = min(bound, register[MOVES] + PIECE * slice_of(arrays))
-            moved = self._cluster.ask(_moved, held, pickle.dumps(state), end, go_on=go_on)
+            moved = self._cluster.ask(_moved, held, state, end, go_on=go_on)
             if moved is None:
                 return True
-            _take_over(state, moved)
+            for name in SAVED:
+                getattr(state, name)[:] = getattr(moved, name)
             if register[BEST] == 0 or register[MOVES] < end:
                 return False
             if not go_on():
@@ -66,14 +67,8 @@ class Away:
         return False
 
 
-def _moved(arrays: Arrays, state: bytes, bound: int) -> bytes:
+def _moved(arrays: Arrays, state: State, bound: int) -> State:
     """Advance a search there. What came stays as it is: a cluster inside this process hands on the very object."""
-    own = pickle.loads(state)
+    own = deepcopy(state)
     advance(arrays, own, bound, lambda *_: True)
-    return pickle.dumps(own)
-
-
-def _take_over(state: State, moved: bytes) -> None:
-    there = pickle.loads(moved)
-    for name in SAVED:
-        getattr(state, name)[:] = getattr(there, name)
+    return own
