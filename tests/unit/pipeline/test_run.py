@@ -102,8 +102,14 @@ def test_what_is_held_is_given_to_the_functions(small):
         assert cluster.ask(square, cluster.hold(3), go_on=always) == 9
 
 
+GATE = threading.Event()
+
+
+def wait_at_gate():
+    GATE.wait()
+
+
 def test_who_waits_for_a_cluster_may_stop(small):
-    goes_on = threading.Event()
     asked = []
 
     def go_on():
@@ -112,9 +118,9 @@ def test_who_waits_for_a_cluster_may_stop(small):
 
     with on_cluster(small.scheduler_address) as cluster:
         try:
-            assert cluster.ask(goes_on.wait, go_on=go_on) is None
+            assert cluster.ask(wait_at_gate, go_on=go_on) is None
         finally:
-            goes_on.set()
+            GATE.set()
     assert len(asked) == 3
 
 
