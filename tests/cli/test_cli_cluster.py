@@ -46,10 +46,11 @@ def tight_model():
     )
 
 
-def impossible_model():
-    """Tasks that fill two units but cannot be cut to fit: no quick proof, and no schedule."""
-    tasks = [task(f"t{n}", 100, version("v", wcet, "u1 u2")) for n, wcet in enumerate((40, 40, 40, 26, 27, 27))]
-    return model(*tasks, units="u1 u2")
+@pytest.fixture
+def hard(halpipe):
+    """A set on which searches take turns for ever."""
+    shape = ("--utilisation", "90%", "--resource-fill", "75%", "--precedence", "50%", "--seed", 3)
+    assert halpipe("generate", "-o", "m.xml", "--tasks", 120, *shape).returncode == 0
 
 
 def works(cluster):
@@ -104,8 +105,7 @@ def begun(folder, cluster, *arguments):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_saves_the_best_placement(folder, cluster, wait_until, number):
-    (folder / "m.xml").write_bytes(format_model(impossible_model()))
+def test_ctrl_c_saves_the_best_placement(folder, hard, cluster, wait_until, number):
     search = begun(folder, cluster, "m.xml", "--budget", 10**9, "-o", "s.xml")
     try:
         wait_until(lambda: works(cluster) or search.poll() is not None)
@@ -120,8 +120,7 @@ def test_ctrl_c_saves_the_best_placement(folder, cluster, wait_until, number):
     assert not (folder / "s.xml").exists()
 
 
-def test_the_time_limit_holds_on_a_cluster(halpipe, folder, cluster):
-    (folder / "m.xml").write_bytes(format_model(impossible_model()))
+def test_the_time_limit_holds_on_a_cluster(halpipe, folder, hard, cluster):
     words = ("--budget", 10**9, "--time-limit", "0.5", "-o", "s.xml", "--cluster", cluster.scheduler_address)
     ended = halpipe("schedule", "m.xml", *words)
     assert ended.returncode == 3, ended.stderr
@@ -129,11 +128,10 @@ def test_the_time_limit_holds_on_a_cluster(halpipe, folder, cluster):
 
 
 def test_a_cluster_that_loses_its_workers_is_told_and_the_search_resumes(
-    halpipe, folder, cluster, monkeypatch, short_turns, wait_until
+    halpipe, folder, hard, cluster, monkeypatch, wait_until
 ):
-    """Once all is lost there is a checkpoint, and the search goes on from it here, to the same bytes."""
+    """Once all is lost there is a checkpoint, and the search goes on from it here."""
     monkeypatch.setattr(runner, "LOST_ASKS", 1)
-    (folder / "m.xml").write_bytes(format_model(impossible_model()))
     losing = threading.Thread(target=lambda: (wait_until(lambda: works(cluster)), cluster.scale(0)))
     losing.start()
     try:
@@ -144,7 +142,7 @@ def test_a_cluster_that_loses_its_workers_is_told_and_the_search_resumes(
     assert lost.returncode == 70, lost.stderr
     assert "HAL0933" in lost.stderr
     assert "Traceback" not in lost.stderr
-    again = halpipe("schedule", "m.xml", "--budget", 100, "-o", "s.xml", "--resume")
+    again = halpipe("schedule", "m.xml", "--budget", 10, "-o", "s.xml", "--resume")
     assert again.returncode == 3, again.stderr
     assert not (folder / "s.xml").exists()
 
