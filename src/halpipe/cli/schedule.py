@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
@@ -15,11 +16,13 @@ from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed, Verbose, Worke
 from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from fractions import Fraction
 
     from halpipe.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.measure.objectives import Objective
+    from halpipe.pipeline.solve.away import Away
     from halpipe.pipeline.solve.goals import Quality
 
 
@@ -83,7 +86,8 @@ def schedule(
         bool, typer.Option("--share", help="Of several models: be --near the schedule of the first that has one.")
     ] = False,
     cluster: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Solve the models on this dask.distributed scheduler.")
+        str,
+        typer.Option(metavar="ADDRESS", help="Solve the models, or search one, on this dask.distributed scheduler."),
     ] = "",
     workers: WorkerCount = None,
     portfolio: Annotated[
@@ -111,7 +115,7 @@ def schedule(
 
     output.choose(format, quiet=quiet, verbose=verbose)
     grid = parse_tick(tick)
-    is_fleet = len(model) > 1 or bool(cluster) or share or output_file.endswith("/") or os.path.isdir(output_file)
+    is_fleet = len(model) > 1 or share or output_file.endswith("/") or os.path.isdir(output_file)
     system = None
     if not is_fleet:
         system = read_model(model[0])
@@ -139,7 +143,20 @@ def schedule(
         return schedule_fleet(
             model, options, output_file, time_limit=time_limit, processes=processes, cluster=cluster, share=share
         )
-    return find_schedule(system, options, output_file, time_limit, resume=resume)
+    with _on_cluster(cluster) as away:
+        return find_schedule(system, replace(options, cluster=away), output_file, time_limit, resume=resume)
+
+
+@contextmanager
+def _on_cluster(address: str) -> Iterator[Away | None]:
+    if not address:
+        yield None
+        return
+    from halpipe.pipeline.solve.away import Away
+    from halpipe.pipeline.solve.run import on_cluster
+
+    with on_cluster(address) as cluster:
+        yield Away(cluster)
 
 
 def parse_tick(text: str) -> Duration | None:

@@ -109,6 +109,8 @@ def find_schedule(
         except HalpipeError as failure:
             if failure.exit is Exit.INTERRUPTED and not watch.stop.pressed:  # it was the time limit
                 failure.exit = Exit.NOT_FOUND
+            if failure.exit is Exit.INTERNAL and checkpoint is not None:  # its cluster is lost, but not what came back
+                checkpoint.write()
             raise
     output.report(scheduled.diagnostics)
     if scheduled.is_complete:

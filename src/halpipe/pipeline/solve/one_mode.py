@@ -328,6 +328,10 @@ class _WholeJobs(_Search):
         """Let the annealer go on to so many moves in all."""
         from halpipe.pipeline.solve.kernel.search import Effort, search
 
+        cluster = self.options.cluster
+        effort = Effort(self.options.portfolio, self.options.workers)
+        if cluster is not None:
+            effort = Effort(self.options.portfolio, cluster.workers, cluster.advancing)
         return search(
             self.problem,
             lambda: self.problem if self.shipped else self._stated(grouped=False),
@@ -338,7 +342,7 @@ class _WholeJobs(_Search):
             None if self.polish is None else (self.polish, lambda: self._stated(every_chain=True)),
             self.shipped,
             self.kept(self.keeper),
-            Effort(self.options.portfolio, self.options.workers),
+            effort,
         )
 
     def _pack(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:

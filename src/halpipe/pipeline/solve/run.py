@@ -7,8 +7,9 @@ function returns must not depend on where it runs, so all of them give the same 
 from __future__ import annotations
 
 import json
+import logging
 import os
-from concurrent.futures import as_completed
+from concurrent.futures import BrokenExecutor, CancelledError, as_completed, wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +19,8 @@ from halpipe.files import read_own, sha256, write_output
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
     from concurrent.futures import Executor
+
+    from distributed import Client
 
     from halpipe.diagnostics import Diagnostic
 
@@ -56,6 +59,18 @@ _Result = TypeVar("_Result")
 
 CONNECT_SECONDS = 10
 
+LOUD = ("distributed", "distributed.client", "tornado.application")
+"""Loggers that tell on stderr, with tracebacks, what is told here in words."""
+
+GO_ON = "start workers, or leave --cluster away, and"
+"""Advice where a cluster was lost on which one model was searched."""
+
+ASK_SECONDS = 0.1
+"""How often somebody who waits for a cluster is asked whether to go on."""
+
+LOST_ASKS = 100
+"""After so many unanswered questions whether to go on, it is looked whether the cluster still has workers."""
+
 
 def map_tasks(
     function: Callable[[_Item], _Result], items: Sequence[_Item], *, jobs: int = 1, cluster: str = ""
@@ -68,19 +83,23 @@ def map_tasks(
     if jobs <= 1 and not cluster:
         yield from ((number, function(item)) for number, item in enumerate(items))
         return
-    from concurrent.futures import BrokenExecutor
-
-    with _executor(jobs, cluster) as executor:
+    with _telling_of_losses("use fewer --jobs if memory is short, then"), _executor(jobs, cluster) as executor:
         waiting = {executor.submit(function, item): number for number, item in enumerate(items)}
         try:
             for future in as_completed(waiting):
                 yield waiting[future], future.result()
-        except BrokenExecutor as failure:
-            help = "use fewer --jobs if memory is short, then go on with --resume"
-            raise HalpipeError(WORKER_LOST(str(failure), help=help), exit=Exit.INTERNAL) from None
         finally:
             for future in waiting:
                 future.cancel()
+
+
+@contextmanager
+def _telling_of_losses(advice: str) -> Iterator[None]:
+    try:
+        yield
+    except (BrokenExecutor, CancelledError) as failure:
+        text, help = str(failure) or "the cluster was lost", f"{advice} go on with --resume"
+        raise HalpipeError(WORKER_LOST(text, help=help), exit=Exit.INTERNAL) from None
 
 
 @contextmanager
@@ -95,18 +114,95 @@ def _executor(jobs: int, cluster: str) -> Iterator[Executor]:
         ) as pool:
             yield pool
         return
+    with _client(cluster) as client, client.get_executor() as executor, _killed_as_broken():
+        yield executor
+
+
+@contextmanager
+def _client(cluster: str) -> Iterator[Client]:
     try:
         from distributed import Client
     except ImportError:
         help = "install it: pip install 'halpipe[cluster]'"
         raise HalpipeError(CLUSTER_MISSING("--cluster needs dask.distributed", help=help)) from None
+    for name in LOUD:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        client = Client(cluster, timeout=CONNECT_SECONDS)
+        client = Client(cluster, timeout=CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError) as failure:
         help = "start one with `dask scheduler`, and give its address, such as tcp://10.0.0.1:8786"
         raise HalpipeError(CLUSTER_UNREACHABLE(str(failure), path=cluster, help=help)) from None
-    with client, client.get_executor() as executor:
-        yield executor
+    with client:
+        yield client
+
+
+@contextmanager
+def _killed_as_broken() -> Iterator[None]:
+    """Take work that was given up because its workers were killed for that of a broken executor."""
+    from distributed import KilledWorker
+
+    try:
+        yield
+    except KilledWorker as failure:
+        raise BrokenExecutor(str(failure)) from None
+
+
+class Cluster:
+    """A cluster as one piece of work after the other sees it, each of which waits for what it asks."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._executor = client.get_executor()
+        self._had_workers = self._has_workers()
+
+    def hold(self, value: object) -> Any:
+        """Send a value that many functions need, to be given to them in place of what this returns.
+
+        The scheduler keeps it, so that a worker has it from there if others that had it are lost.
+        """
+        with _telling_of_losses(GO_ON):
+            self._refuse_if_lost()
+            return self._client.submit(_itself, value, pure=False)
+
+    def ask(self, function: Callable[..., _Result], *arguments: object, go_on: Callable[[], bool]) -> _Result | None:
+        """Return what a function returns there; None once `go_on`, which is asked meanwhile, says no.
+
+        What is not waited for any longer is dropped when the command leaves the cluster.
+        """
+        with _telling_of_losses(GO_ON), _killed_as_broken():
+            self._refuse_if_lost()
+            future = self._executor.submit(function, *arguments)
+            asked = 0
+            while not wait([future], ASK_SECONDS).done:
+                if not go_on():
+                    return None
+                asked += 1
+                if asked % LOST_ASKS == 0 and self._had_workers and not self._has_workers():
+                    raise BrokenExecutor("the cluster has no workers left")
+            result: _Result = future.result()
+            return result
+
+    def _refuse_if_lost(self) -> None:
+        if self._client.status == "closed":  # by itself, since the scheduler was not to be found again
+            raise BrokenExecutor("the cluster was lost")
+
+    def _has_workers(self) -> bool:
+        """Return whether there are workers; a scheduler that does not answer has none."""
+        try:
+            return bool(self._client.nthreads())
+        except OSError:
+            return False
+
+
+def _itself(value: _Result) -> _Result:
+    return value
+
+
+@contextmanager
+def on_cluster(address: str) -> Iterator[Cluster]:
+    """Yield the cluster at an address; raise `HalpipeError` if there is none."""
+    with _client(address) as client:
+        yield Cluster(client)
 
 
 def _leave_interrupts_to_parent() -> None:

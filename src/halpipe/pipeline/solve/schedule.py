@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from halpipe.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.measure.objectives import Objective
+    from halpipe.pipeline.solve.away import Away
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
     from halpipe.pipeline.solve.optimise import Reached
@@ -68,6 +69,7 @@ class SearchOptions:
     - `on_better` is told of a mode how far its objectives are, whenever a better schedule is found.
     - `keeper` saves the search on its way, or goes on with one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
+    - A `cluster` makes the moves of searches in their place, which changes the time alone, too.
     """
 
     seed: int = 1
@@ -88,6 +90,7 @@ class SearchOptions:
     keeper: Keeper | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
+    cluster: Away | None = field(default=None, compare=False)
 
     @property
     def is_open(self) -> bool:

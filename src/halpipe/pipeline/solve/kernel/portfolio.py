@@ -12,14 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.kernel.run_in_slices import advance
+from halpipe.pipeline.solve.kernel.run_in_slices import here
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES
 from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice
+    from halpipe.pipeline.solve.kernel.run_in_slices import Advance, Kept, OnSlice
     from halpipe.pipeline.solve.kernel.state import State
     from halpipe.pipeline.solve.problem import Problem
     from halpipe.pipeline.solve.workers import Workers
@@ -76,10 +76,14 @@ def race(
     workers: Workers,
     on_slice: OnSlice,
     kept: Kept | None,
+    advancing: Callable[[Problem], Advance] = here,
 ) -> Race:
-    """Search in at most `budget` moves of all searches together; `begin` returns the fresh state of one of them."""
+    """Search in at most `budget` moves of all searches together; `begin` returns the fresh state of one of them.
+
+    What `advancing` returns for the problem makes the moves, on the threads of `workers`.
+    """
     tasks = max(1, len(problem.expansion.tasks))
-    found = _Searches(problem, begin, on_slice, kept)
+    found = _Searches(begin, advancing(problem), on_slice, kept)
     first = found.add()
     if members == 1 or first.state.register[FROZEN] == len(problem.arrays.entry_offset):
         found.turn(workers, [budget])
@@ -104,9 +108,9 @@ def race(
 class _Searches:
     """The searches of a race, and how far they are."""
 
-    def __init__(self, problem: Problem, begin: Callable[[int], State], on_slice: OnSlice, kept: Kept | None) -> None:
-        self._problem = problem
+    def __init__(self, begin: Callable[[int], State], advance: Advance, on_slice: OnSlice, kept: Kept | None) -> None:
         self._begin = begin
+        self._make_moves = advance
         self._on_slice = on_slice
         self._kept = kept
         self._shown: dict[int, tuple[int, int]] = {}
@@ -138,7 +142,7 @@ class _Searches:
             constructed = [found for _, found in shown if found >= 0]
             return self._on_slice(sum(made for made, _ in shown), min(constructed, default=-1))
 
-        member.stopped = advance(self._problem, member.state, member.bound, on_slice, member.kept)
+        member.stopped = self._make_moves(member.state, member.bound, on_slice, member.kept)
         return member
 
     def outcome(self) -> Race:

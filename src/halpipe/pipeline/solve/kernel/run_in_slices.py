@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
@@ -12,13 +13,16 @@ from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints
-    from halpipe.pipeline.solve.problem import Problem
+    from halpipe.pipeline.solve.problem import Arrays, Problem
 
 SLICE_WORK = 20_000
 """Placements of single jobs per slice, roughly: small enough to answer Ctrl-C at once."""
 
 OnSlice = Callable[[int, int], bool]
 """Called between slices with moves made and best cost so far (-1: still constructing); False stops the search."""
+
+Advance = Callable[["State", int, OnSlice, "Kept | None"], bool]
+"""Lets one search of a problem go on until it has made so many moves in all, as `advance` does."""
 
 
 class Keeper(Protocol):
@@ -73,28 +77,42 @@ def run(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Ke
     """Run the kernel until the cost is zero, out of moves, or told to stop (then True)."""
     if kept is not None:
         kept.restore(state)
-    stopped = advance(problem, state, budget, on_slice, kept)
+    stopped = advance(problem.arrays, state, budget, on_slice, kept)
     if kept is not None:
         kept.keep(state, now=True)
     return stopped
 
 
-def advance(problem: Problem, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
+def here(problem: Problem) -> Advance:
+    """Return what advances the searches of a problem on the thread that asks for it."""
+    return partial(advance, problem.arrays)
+
+
+def advance(arrays: Arrays, state: State, budget: int, on_slice: OnSlice, kept: Kept | None = None) -> bool:
     """Do the same from the state as it is, without a word to the keeper at the end."""
     noise = gumbel_table()
-    entries = len(problem.arrays.entry_offset)
-    size = max(1, SLICE_WORK * entries // (20 * max(1, len(problem.arrays.job_task))))
+    size = slice_of(arrays)
     register = state.register
-    if entries == register[FROZEN]:
-        register[BEST] = total_cost(problem.arrays, state)
+    if register[FROZEN] == len(arrays.entry_offset):
+        register[BEST] = total_cost(arrays, state)
         return False
     while register[MOVES] < budget:
-        cost = anneal(problem.arrays, state, noise, min(size, budget - register[MOVES]))
-        constructed = register[INSERTED] == entries
-        if constructed and cost == 0:
+        cost = anneal(arrays, state, noise, min(size, budget - register[MOVES]))
+        best = best_of(arrays, state)
+        if best >= 0 and cost == 0:
             return False
-        if not on_slice(register[MOVES], register[BEST] if constructed else -1):
+        if not on_slice(register[MOVES], best):
             return True
         if kept is not None:
             kept.keep(state, now=False)
     return False
+
+
+def slice_of(arrays: Arrays) -> int:
+    """Return the moves of one slice."""
+    return max(1, SLICE_WORK * len(arrays.entry_offset) // (20 * max(1, len(arrays.job_task))))
+
+
+def best_of(arrays: Arrays, state: State) -> int:
+    """Return the best cost so far, or -1 while there is no whole placement."""
+    return state.register[BEST] if state.register[INSERTED] == len(arrays.entry_offset) else -1

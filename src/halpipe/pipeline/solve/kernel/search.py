@@ -10,7 +10,7 @@ from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
+from halpipe.pipeline.solve.kernel.run_in_slices import Advance, Kept, OnSlice, here, run
 from halpipe.pipeline.solve.kernel.state import BEST, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.solve.problem import Option
@@ -32,10 +32,11 @@ MEMBER_SEED = 0x2127599BF4325C37
 
 @record
 class Effort:
-    """How many searches take turns, and the threads that they share."""
+    """How many searches take turns, the threads that they share, and what makes their moves."""
 
     members: int = 1
     workers: Workers = field(default_factory=Workers)
+    advancing: Callable[[Problem], Advance] = here
 
 
 ALONE = Effort()
@@ -94,7 +95,7 @@ def search(
             freeze(problem, state, shipped)
         return state
 
-    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept)
+    found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept, effort.advancing)
     state, moves, stopped = found.state, found.moves, found.stopped
     if state.register[BEST] == NEVER:
         state = _completed(problem, state, seed)
