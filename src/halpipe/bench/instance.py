@@ -16,7 +16,8 @@ from halpipe.bench import jobshop
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.files import scratch_folder, sha256, write_output
+from halpipe.files import sha256, write_output
+from halpipe.files.scratch import scratch_folder
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate

@@ -24,7 +24,6 @@ from halpipe.files.reading import (
     sha256,
 )
 from halpipe.files.recordings import folders_with, mapped, plain_files
-from halpipe.files.scratch import scratch_folder
 from halpipe.files.writing import (
     CANNOT_WRITE,
     FOREIGN_FILE,
@@ -74,7 +73,6 @@ __all__ = [
     "refuse_inputs",
     "refuse_more_than",
     "remove_output",
-    "scratch_folder",
     "sha256",
     "write_directory",
     "write_new_folder",

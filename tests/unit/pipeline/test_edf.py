@@ -358,6 +358,14 @@ def test_resources_say_until_when_there_is_no_room():
     assert taken.collision([Claim(0, 3, 5, 1)]) is None
 
 
+def test_claims_of_one_piece_must_leave_each_other_room():
+    """Interrupts stretch phases beyond the begin of the next ones of the same job; others come first or last."""
+    free = Resources((2, 1))
+    assert free.collision([Claim(0, 0, 5, 1), Claim(0, 4, 8, 1)]) is None
+    assert free.collision([Claim(0, 0, 5, 2), Claim(0, 4, 8, 1)]) == 5
+    assert free.collision([Claim(0, 0, 5, 2), Claim(1, 4, 8, 1)]) is None
+
+
 def test_draws_are_the_same_everywhere():
     """The first number of splitmix64 from zero is published: 0xE220A8397B1DCDAF."""
     assert Draws(0).below(2**64) == 0xE220A8397B1DCDAF

@@ -12,7 +12,7 @@ from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.deploy.linux.judging import Judgement, judge, read_recording
 from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from halpipe.deploy.regulator.engines import ENGINES, Design
 from halpipe.deploy.regulator.forms import FOLDER, image_names
 from halpipe.deploy.regulator.observe import judge
 from halpipe.diagnostics import HalpipeError
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.records import record
 
 if TYPE_CHECKING:

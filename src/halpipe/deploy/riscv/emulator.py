@@ -12,7 +12,7 @@ from halpipe.deploy.riscv.cosimulation import MAGIC, PROGRAM, Word
 from halpipe.deploy.riscv.machine import RUBBISH
 from halpipe.deploy.riscv.recording import Recording, read_recording
 from halpipe.diagnostics import HalpipeError
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 from halpipe.records import record
 

@@ -34,7 +34,7 @@ from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, pla
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.records import record
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Workshop
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.models import Anchor, Resource
 from halpipe.records import record
 

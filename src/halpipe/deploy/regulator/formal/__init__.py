@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
 from halpipe.diagnostics import HalpipeError
-from halpipe.files import scratch_folder
+from halpipe.files.scratch import scratch_folder
 from halpipe.programs import TimeoutExpired, run
 from halpipe.records import record
 

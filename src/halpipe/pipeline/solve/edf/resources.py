@@ -44,16 +44,22 @@ class Resources:
         self._longest = [max((c.end - c.begin for c in claims), default=0) for claims in self._standing]
 
     def collision(self, claims: Iterable[Claim]) -> int | None:
-        """Return None if all `claims` fit, else an instant up to which one of them does not."""
+        """Return None if all `claims` fit, also beside each other, else an instant up to which one of them does not.
+
+        Those of one piece may lie over each other where interrupts stretch its phases.
+        """
+        before: list[Claim] = []
         for claim in claims:
-            until = self._first_free(claim)
+            until = self._first_free(claim, before)
             if until is not None:
                 return until
+            before.append(claim)
         return None
 
-    def _first_free(self, claim: Claim) -> int | None:
+    def _first_free(self, claim: Claim, others: Iterable[Claim]) -> int | None:
         room = self._capacity[claim.resource] - claim.height
-        near = [c for c in self._claims[claim.resource] if c.begin < claim.end and claim.begin < c.end]
+        taken = (*self._claims[claim.resource], *(c for c in others if c.resource == claim.resource))
+        near = [c for c in taken if c.begin < claim.end and claim.begin < c.end]
         near += self._standing_near(claim)
         for instant in sorted({max(claim.begin, other.begin) for other in near}):
             if sum(c.height for c in near if c.begin <= instant < c.end) > room:

@@ -20,8 +20,9 @@
 /* Rectangles of a board: they are bits of a word. */
 enum { MAX_RECTANGLES = 64 };
 
-/* Rectangles left from which on their sums are looked at, in two halves. */
-enum { FEW = 16, HALF_OF_SUMS = 1 << (FEW / 2) };
+/* Rectangles left from which on their sums are looked at, in two halves; all sums together fill less than a page of the
+ * stack, beyond which Windows asks for a function of the C library. */
+enum { FEW = 14, HALF_OF_SUMS = 1 << (FEW / 2) };
 
 /* What Python hands over (boards.py), field by field in the same order. */
 typedef struct {
