@@ -6,7 +6,7 @@ of its execution. Times are whole nanoseconds.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 
 from arxml_reading import containers, parameters, special, tables
@@ -24,11 +24,12 @@ class Run:
     waits: str = ""
     reached: dict = field(default_factory=dict)
     left: dict = field(default_factory=dict)
+    arrivals: Counter = field(default_factory=Counter)
 
 
 @dataclass(frozen=True)
 class OsTask:
-    """Its priority, whether it is preempted, and the events that it waits for, by position in nanoseconds."""
+    """Its priority, whether it is preempted, and the events that it waits for in turn, by position in nanoseconds."""
 
     priority: int
     is_full: bool
@@ -42,7 +43,9 @@ def read_tasks(root):
         data = special(container, "work")
         if data is not None:
             holds = [dict(inner) for key, inner in data if key == "halpipe:hold"]
-            events = {int(Duration.parse(h["at"]).ns): h["ECUC-CONTAINER-VALUE"].rpartition("/")[2] for h in holds}
+            events = defaultdict(list)
+            for hold in holds:
+                events[int(Duration.parse(hold["at"]).ns)].append(hold["ECUC-CONTAINER-VALUE"].rpartition("/")[2])
             values = parameters(container)
             found[name] = OsTask(int(values["OsTaskPriority"]), values["OsTaskSchedule"] == "FULL", events)
     return found
@@ -126,8 +129,10 @@ class Core:
         if run.at is not None:
             run.left[run.at] = self.now
         run.at = run.stretches.pop(0)[1]
-        run.reached[run.at] = self.now
-        event = self.tasks[run.task].holds.get(run.at)
+        run.reached.setdefault(run.at, self.now)
+        waits = self.tasks[run.task].holds.get(run.at, ())
+        event = waits[run.arrivals[run.at]] if run.arrivals[run.at] < len(waits) else None
+        run.arrivals[run.at] += 1
         if not run.stretches:
             self.done.append(self.open.pop(run.task))
             self.running = None

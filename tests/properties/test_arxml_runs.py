@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from arxml_os import Core
+from arxml_os import Core, read_tasks
 
 import split_switches
 from arxml_reading import containers, parameters, q, seconds_per_tick, tables, write
@@ -71,6 +71,7 @@ class Trial:
         self.played = self._cycles(plan.modes[0], 3) if switch is None else self._switch(plan, switch)
         self.end = sum(tables(self.root)[name].duration * self.tick for name in self.played)
         self.jobs = {(j.task, at): j for at, j in self.line if unit in j.units}
+        self.holds = {name: os_task.holds for name, os_task in read_tasks(self.root).items()}
 
     def _cycles(self, mode, count):
         self.line = [(n * mode.hyperperiod.ns + j.start.ns, j) for n in range(count) for j in mode.jobs]
@@ -111,12 +112,15 @@ class Trial:
         ends = {part.executed_to.ns for part in parts_of(planned, chosen)} | {chosen.wcet.ns}
         ends |= {access.start.ns for access in chosen.accesses} | {point.ns for point in chosen.split.points}
         bounds = sorted(ends | {0})
+        gaps = {part.executed_from.ns for part in planned.parts[1:]} if chosen.split.points else set()
         found = []
         for begin, end in pairwise(bounds):
             time = self.rng.choice([end - begin, self.rng.randint(0, end - begin), 0])
-            if begin and chosen.split.points and begin in {part.executed_from.ns for part in planned.parts}:
-                time += self.rng.choice([0, chosen.split.resume.ns])
-            found.append([time, end])
+            resume = self.rng.choice([0, chosen.split.resume.ns]) if begin in gaps else 0
+            if len(self.holds[name].get(begin, ())) > 1:  # it goes on, and waits once more
+                found.append([resume, begin])
+                resume = 0
+            found.append([time + resume, end])
         return found
 
     def _arrivals(self):
@@ -140,8 +144,7 @@ class Trial:
         for access in chosen.accesses:
             begin, _ = phase_instants(access, parts, chosen.split.resume, self.service)
             early = begin.ns + by - run.left[access.start.ns]
-            within_resumption = chosen.split.resume.ns if access.start in chosen.split.points else 0
-            if early > within_resumption:
+            if early > 0:
                 yield f"{run.task} begins its access {early} early"
 
 

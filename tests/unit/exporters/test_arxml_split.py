@@ -63,16 +63,21 @@ def test_the_example_holds_its_tasks_at_the_points_in_use():
     root = write(*split())
     tasks = containers(root, "OsTask")
     assert sorted(tasks) == ["camera", "detect", "fast", "knock", "logger", "slow"]
-    # ticks of 0.1 ms; 9 ms is also where the access begins, and the gap counts
-    assert [hold["at"] for hold in holds_of(root, "slow")] == ["4ms", "9ms"]
-    assert events_of(root, "slow")["Mode_run_core1"] == [(125, "Hold_slow_1"), (225, "Hold_slow_2")]
+    # ticks of 0.1 ms; 9 ms is also where the access begins, for which going on may take 0.1 ms
+    assert [hold["at"] for hold in holds_of(root, "slow")] == ["4ms", "9ms", "9ms"]
+    assert events_of(root, "slow")["Mode_run_core1"] == [
+        (125, "Hold_slow_1"),
+        (225, "Hold_slow_2"),
+        (226, "Hold_slow_3"),
+    ]
     assert [hold["at"] for hold in holds_of(root, "detect")] == ["10ms"]  # not at 5 ms, nor at 15 ms
     assert events_of(root, "detect")["Mode_run_gpu"] == [(40, "Hold_detect_1")]  # 44 ms of 40
     assert [path.rpartition("/")[2] for key, path in references(tasks["slow"]) if key == "OsTaskEventRef"] == [
         "Hold_slow_1",
         "Hold_slow_2",
+        "Hold_slow_3",
     ]
-    assert set(containers(root, "OsEvent")) == {"Hold_slow_1", "Hold_slow_2", "Hold_detect_1"}
+    assert set(containers(root, "OsEvent")) == {"Hold_slow_1", "Hold_slow_2", "Hold_slow_3", "Hold_detect_1"}
     schedules = {name: parameters(found)["OsTaskSchedule"] for name, found in tasks.items()}
     assert schedules == {name: "FULL" if name == "logger" else "NON" for name in tasks}
     priorities = {name: int(parameters(found)["OsTaskPriority"]) for name, found in tasks.items()}
@@ -120,6 +125,22 @@ def test_access_phases_begin_at_their_instants():
     root = write(replace(system, units=(served,)), longer)
     assert [hold["at"] for hold in holds_of(root, "a")] == ["3ms"]
     assert events_of(root, "a")["Mode_all_u1"] == [(5, "Hold_a_1")]
+
+
+def test_an_access_after_a_gap_waits_once_more_for_the_time_that_going_on_may_take():
+    """It may go on in less, and another job has the resource until then."""
+    body = replace(version("v", 6, "u1", access("mem", 3, 5)), split=replace(cut(3), resume=ms("0.5ms")))
+    system = model(task("a", 20, body), resources="mem")
+    late = parted(system, "a", "u1", (2, 0, 3), (9, 3, 6))
+    *parts, last = late.parts
+    late = replace(late, parts=(*parts, replace(last, end=last.end + ms("0.5ms"))), end=late.end + ms("0.5ms"))
+    root = write(system, planned(system, ("all", 20, late)))
+    assert [hold["at"] for hold in holds_of(root, "a")] == ["3ms", "3ms"]
+    assert events_of(root, "a")["Mode_all_u1"] == [(18, "Hold_a_1"), (19, "Hold_a_2")]
+    at_once = replace(system.tasks[0], versions=(replace(body, split=cut(3)),))
+    system = replace(system, tasks=(at_once,))
+    root = write(system, planned(system, ("all", 20, parted(system, "a", "u1", (2, 0, 3), (9, 3, 6)))))
+    assert events_of(root, "a")["Mode_all_u1"] == [(9, "Hold_a_1")]
 
 
 def test_too_many_points_are_refused():

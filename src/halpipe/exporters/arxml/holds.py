@@ -1,8 +1,9 @@
 """Where OsTasks are held: at the split points in use, and where an access phase begins (MODEL 8.2, run time).
 
 An OsTask waits there for an event, which the schedule table sets: where the job has a gap, when its next part begins;
-at an access phase, when the phase begins; otherwise when the job starts, so that it does not wait at all. A model that
-splits no job and serves no interrupts holds none.
+at an access phase, when the phase begins; otherwise when the job starts, so that it does not wait at all. Where an
+access phase begins after a gap, and to go on may take time, it waits twice: to go on it may need less than that time. A
+model that splits no job and serves no interrupts holds none.
 """
 
 from __future__ import annotations
@@ -21,10 +22,14 @@ if TYPE_CHECKING:
 
 @record
 class Hold:
-    """A position in the execution of a version: the OsTask waits before it goes on from there."""
+    """A position in the execution of a version: the OsTask waits before it goes on from there.
+
+    With `is_second` it has gone on after a gap, and waits for its access phase.
+    """
 
     version: str
     position: Duration
+    is_second: bool = False
 
 
 class Holds:
@@ -45,7 +50,7 @@ class Holds:
     def of(self, task: str, versions: tuple[str, ...]) -> list[Hold]:
         """Return where the jobs of a task in some versions are held, in order."""
         found = [hold for hold in self._by_task.get(task, ()) if hold.version in versions]
-        return sorted(found, key=lambda hold: (versions.index(hold.version), hold.position.ns))
+        return sorted(found, key=lambda h: (versions.index(h.version), h.position.ns, h.is_second))
 
     def is_preempted(self, task: str, versions: tuple[str, ...]) -> bool:
         """Return whether jobs of a task are interrupted anywhere, so that only priorities can do it."""
@@ -59,14 +64,16 @@ class Holds:
         version = self._times.versions[job.task, job.version]
         gaps = {} if version.split.anywhere else {part.executed_from: part.start for part in job.parts[1:]}
         phases = {access.start: job.start + begin for access, begin, _ in self._times.of(job)}
+        first, second = phases | gaps, phases
         return [
-            (hold, gaps.get(hold.position) or phases.get(hold.position) or job.start)
+            (hold, (second if hold.is_second else first).get(hold.position, job.start))
             for hold in self.of(job.task, (job.version,))
         ]
 
     def _positions(self, job: Job) -> list[Hold]:
         version = self._times.versions[job.task, job.version]
         found = [access.start for access in version.accesses if access.start > ZERO]
-        if not version.split.anywhere:
-            found += [part.executed_from for part in job.parts[1:]]
-        return [Hold(job.version, position) for position in found]
+        gaps = [] if version.split.anywhere else [part.executed_from for part in job.parts[1:]]
+        twice = set(found) & set(gaps) if version.split.resume > ZERO else set()
+        holds = [Hold(job.version, position) for position in (*found, *gaps)]
+        return holds + [Hold(job.version, position, is_second=True) for position in sorted(twice)]
