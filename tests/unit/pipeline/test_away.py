@@ -8,8 +8,9 @@ from halpipe.pipeline.solve.away import Away
 from halpipe.pipeline.solve.checkpoint import SAVED
 from halpipe.pipeline.solve.kernel import portfolio
 from halpipe.pipeline.solve.kernel import run_in_slices as kernel_slices
+from halpipe.pipeline.solve.kernel.kernel import total_cost
 from halpipe.pipeline.solve.kernel.portfolio import race
-from halpipe.pipeline.solve.kernel.run_in_slices import here
+from halpipe.pipeline.solve.kernel.run_in_slices import Kept, here
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, new_state
 from halpipe.pipeline.solve.problem import build_problem
 from halpipe.pipeline.solve.workers import Workers
@@ -55,7 +56,9 @@ class Local:
             assert not go_on()
             return None
         self.bounds.append(bound)
+        before = saved(state)
         *_, last = [function(arrays, state, bound) for _ in range(self.times)]
+        assert saved(state) == before, "a piece that is done again begins where it began before"
         return last
 
 
@@ -136,11 +139,27 @@ def test_a_search_stopped_between_its_pieces_keeps_what_came_back(problem, monke
     assert stopped.moves == cluster.bounds[-1]
 
 
+def test_what_came_back_is_saved_piece_by_piece(problem, monkeypatch):
+    monkeypatch.setattr(module, "PIECE", 1)
+    cluster, moves = Local(), []
+
+    class Keeper:
+        def keep(self, key, state, *, now):
+            moves.append((key, state.register[MOVES], now))
+
+    state = new_state(problem.arrays, 3000, problem.mean_wcet)
+    bound = 4 * kernel_slices.slice_of(problem.arrays)
+    assert not Away(cluster).advancing(problem)(state, bound, lambda *_: True, Kept(Keeper(), "k"))
+    assert moves == [("k", made, False) for made in cluster.bounds]
+    assert len(moves) == 4
+
+
 def test_a_problem_of_which_nothing_may_move_is_only_reckoned(problem):
-    """As it is where all jobs have shipped: there are no moves to wait for."""
-    found = run(problem, 1, Workers(1))
-    found.state.register[FROZEN] = len(problem.arrays.entry_offset)
-    found.state.register[BEST] = 77
-    before = found.state.register[MOVES]
-    assert not Away(Local()).advancing(problem)(found.state, before + 1000, lambda *_: True, None)
-    assert (found.state.register[BEST], found.state.register[MOVES]) == (0, before)
+    """As it is where all jobs have shipped: there are no moves to wait for, also where it is not valid."""
+    state = run(problem, 1, Workers(1), members=1, budget=2 * len(problem.expansion.tasks)).state
+    cost, before = total_cost(problem.arrays, state), state.register[MOVES]
+    assert cost > 0
+    state.register[FROZEN] = len(problem.arrays.entry_offset)
+    cluster = Local()
+    assert not Away(cluster).advancing(problem)(state, before + 1000, lambda *_: False, None)
+    assert (state.register[BEST], state.register[MOVES], len(cluster.bounds)) == (cost, before, 1)
