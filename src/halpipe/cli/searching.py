@@ -109,8 +109,8 @@ def find_schedule(
         except HalpipeError as failure:
             if failure.exit is Exit.INTERRUPTED and not watch.stop.pressed:  # it was the time limit
                 failure.exit = Exit.NOT_FOUND
-            if failure.exit is Exit.INTERNAL and checkpoint is not None:  # its cluster is lost, but not what came back
-                checkpoint.write()
+            if checkpoint is not None and _is_loss(failure):
+                checkpoint.write()  # of what has come back from the cluster nothing is lost
             raise
     output.report(scheduled.diagnostics)
     if scheduled.is_complete:
@@ -124,6 +124,13 @@ def find_schedule(
     if checkpoint is not None:
         checkpoint.write()
     return _save_best(model, scheduled, target, interrupted=watch.stop.pressed)
+
+
+def _is_loss(failure: HalpipeError) -> bool:
+    """Whether a search has lost its cluster; any other internal error is a bug, and leaves nothing behind."""
+    from halpipe.pipeline.solve.run import WORKER_LOST
+
+    return WORKER_LOST.id in [found.code for found in failure.diagnostics]
 
 
 def _checkpoint(model: TaskModel, options: SearchOptions, target: str) -> Checkpoint | None:
