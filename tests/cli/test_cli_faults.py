@@ -8,22 +8,7 @@ from test_cli_regulator import PLATFORM
 
 from command_line import run_here
 from faults import Faults, failing
-
-PIPELINE = """\
-halpipe-pipeline: 1
-model: model.xml
-schedule: {output: out/s.xml}
-exports:
-  - {format: report, output: out/r.html}
-"""
-
-OVERLAY = """\
-halpipe-overlay: 1
-platform: {units: [{name: u}]}
-sources: {in: {period: 10ms}}
-tasks: {"*": {wcet: 1ms, units: [u]}}
-"""
-GRAPH = 'digraph { "in" [shape=ellipse]; "a" [shape=box]; "in" -> "a" -> "out"; }\n'
+from limits import GRAPH, OVERLAY, PIPELINE
 
 VERBS = {
     "schedule": ("schedule model.xml -o out/s.xml -q", ["s.xml"]),
