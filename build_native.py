@@ -29,6 +29,7 @@ from halpipe.libraries import fingerprint, library  # noqa: E402
 LIBRARIES = (
     "halpipe/pipeline/solve/kernel/native/kernel.c",
     "halpipe/pipeline/solve/packing/native/boards.c",
+    "halpipe/pipeline/solve/edf/native/edf.c",
     "halpipe/deploy/riscv/native/block.c",
 )
 """The one file of each library that is compiled; it includes the others."""

@@ -9,10 +9,11 @@ import pytest
 import verify_oracle as oracle
 from split_systems import crowded_system, valid_system
 
+from edf_reference import Compared
 from halpipe.models import Split
 from halpipe.pipeline.checked import schedule_model, validate_model, verify_schedule
 from halpipe.pipeline.solve import schedule as search
-from halpipe.pipeline.solve.edf import simulate
+from halpipe.pipeline.solve.edf import trials
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import access, model, ms, task, version
 
@@ -46,23 +47,8 @@ def test_a_job_waits_for_one_on_another_unit_that_needs_the_same_resource():
     assert schedule_model(owner, SearchOptions(budget=1000), lambda *_: True).is_complete
 
 
-class _Watched(simulate._Simulation):
-    """A simulation of which no event lies in the past."""
-
-    now = 0
-
-    def _at(self, time, kind, job, number):
-        assert time >= self.now, "an event in the past"
-        super()._at(time, kind, job, number)
-
-    def _run_until(self, end):
-        while self.events and self.events[0][0] < end:
-            self.now = self.events[0][0]
-            super()._run_until(self.now + 1)
-
-
 def test_what_is_called_valid_is():
-    """Deadlines are longer than periods, and several jobs of one task are on one unit."""
+    """Deadlines are longer than periods, tasks have several jobs on a unit; every table is the reference's."""
     searched = [seed for seed in range(60) if is_searched(seed)]
     assert len(searched) > 30
 
@@ -73,7 +59,7 @@ def is_searched(seed):
     assert oracle.broken(owner, plan) == set()
     if any(d.is_error for d in validate_model(owner)):
         return False
-    with mock.patch.object(simulate, "_Simulation", _Watched):
+    with mock.patch.object(trials, "Simulator", Compared):
         found = search.schedule_model(owner, SearchOptions(budget=100), lambda *_: True)
     if found.is_complete:
         assert [d.message for d in verify_schedule(owner, found.schedule) if d.is_error] == []

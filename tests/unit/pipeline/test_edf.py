@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from edf_reference import Resources
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration, milliseconds
 from halpipe.importers.native import read_model
@@ -15,7 +16,7 @@ from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes
 from halpipe.pipeline.solve import schedule as solve
 from halpipe.pipeline.solve.draws import Draws
-from halpipe.pipeline.solve.edf.resources import Claim, Resources
+from halpipe.pipeline.solve.edf.resources import Claim
 from halpipe.pipeline.solve.edf.works import works_of
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -327,9 +328,9 @@ def test_what_is_near_is_searched_for_where_it_cannot_stay():
 def test_more_parts_than_are_allowed_are_refused_as_they_are_made(monkeypatch):
     owner = short_beside_long(3, 6)
     made = sum(max(1, len(job.parts)) for job in scheduled(owner).schedule.modes[0].jobs)
-    monkeypatch.setattr("halpipe.pipeline.solve.edf.search.MAX_PARTS", made)
+    monkeypatch.setattr("halpipe.pipeline.solve.edf.trials.MAX_PARTS", made)
     assert scheduled(owner).is_complete
-    monkeypatch.setattr("halpipe.pipeline.solve.edf.search.MAX_PARTS", made - 1)
+    monkeypatch.setattr("halpipe.pipeline.solve.edf.trials.MAX_PARTS", made - 1)
     assert refused(owner) == [codes.TOO_MANY_PARTS.id]
 
 

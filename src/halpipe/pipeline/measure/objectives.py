@@ -92,6 +92,11 @@ class Judge:
         """What a tick of each chain's latencies counts, as whole numbers, of the chains whose tasks all run."""
         return whole_weights(chain for chain in self.model.chains if self.expansion.by_name.keys() >= set(chain.tasks))
 
+    @property
+    def is_led_by_chains(self) -> bool:
+        """Whether latencies come first, and after them nothing but the bonuses."""
+        return self.objectives in ((Objective.CHAINS,), (Objective.CHAINS, Objective.COST))
+
     def keeps(self, first: Worth, other: Worth) -> bool:
         """Return whether nothing that counts is worse than in the first schedule."""
         pairs = zip((*first.values, *first.latencies), (*other.values, *other.latencies), strict=True)

@@ -45,7 +45,7 @@ EXACT_JOBS = 200
 TURN_SEED = 1000
 """Between the seeds of the exact engine's turns; within one, it counts on from its own."""
 
-POLISH_TABLES = 170
+POLISH_TABLES = 4000
 """Whole tables of split jobs that are tried at least to improve a valid one."""
 
 
@@ -209,7 +209,8 @@ class _SplitJobs(_Search):
 
     def found(self) -> Found:
         from halpipe.pipeline.solve.edf.fixed import fix
-        from halpipe.pipeline.solve.edf.search import Effort, search
+        from halpipe.pipeline.solve.edf.search import search
+        from halpipe.pipeline.solve.edf.trials import Effort
         from halpipe.pipeline.solve.edf.works import works_of
 
         expansion, options = self.expansion, self.options

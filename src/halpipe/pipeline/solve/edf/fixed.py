@@ -6,10 +6,9 @@ its gaps (MODEL 8.2, nested).
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from dataclasses import field
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
@@ -46,25 +45,10 @@ class FixedJob:
         return self.spans[-1][1]
 
 
-class Place(NamedTuple):
-    """What those that stay make of an instant on a unit.
-
-    Whether one occupies it, when the next one does (None: never), and the innermost gap of one around it, if any.
-    """
-
-    is_busy: bool
-    next_busy: int | None
-    gap: tuple[int, int] | None
-
-
-FREE = Place(is_busy=False, next_busy=None, gap=None)
-
-
 class Walls:
     """The jobs that stay on one unit, repeated for ever with a period of `cycle`."""
 
     def __init__(self, jobs: Iterable[FixedJob], cycle: int) -> None:
-        self.cycle = cycle
         busy: list[tuple[int, int]] = []
         gaps: list[tuple[int, int]] = []
         for each in jobs:
@@ -72,21 +56,15 @@ class Walls:
                 shift = turn * cycle
                 busy += ((begin + shift, end + shift) for begin, end in each.spans)
                 gaps += ((end + shift, begin + shift) for (_, end), (begin, _) in pairwise(each.spans))
-        self._begins = sorted(begin for begin, _ in busy)
+        self.begins = sorted(begin for begin, _ in busy)
         points = {0, *(t for pair in (*busy, *gaps) for t in pair if 0 < t < cycle)}
         self._points = sorted(points)
         self._places = list(_places(self._points, sorted(busy), sorted(gaps)))
 
-    def at(self, time: int) -> Place:
-        """Return what there is at an instant."""
-        if not self._begins:
-            return FREE
-        turn, rest = divmod(time, self.cycle)
-        is_busy, gap = self._places[bisect_right(self._points, rest) - 1]
-        shift = turn * self.cycle
-        place = bisect_left(self._begins, rest)
-        following = self._begins[place] if place < len(self._begins) else self._begins[-1] + self.cycle
-        return Place(is_busy, following + shift, gap and (gap[0] + shift, gap[1] + shift))
+    def rows(self) -> list[tuple[int, bool, bool, int, int]]:
+        """Return for each point whether the unit is occupied from there on, whether in a gap, and the innermost one."""
+        places = zip(self._points, self._places, strict=True)
+        return [(point, is_busy, gap is not None, *(gap or (0, 0))) for point, (is_busy, gap) in places]
 
 
 def _places(

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from halpipe.pipeline.solve.integers import ints
 
+if TYPE_CHECKING:
     from halpipe.pipeline.solve.edf.jobs import Plan
-    from halpipe.pipeline.solve.edf.works import Mode, Window
+    from halpipe.pipeline.solve.edf.works import Mode
+    from halpipe.pipeline.solve.integers import Ints
+
+
+def release_times(mode: Mode, plan: Plan, task: int) -> tuple[Ints, Ints]:
+    """Return when the jobs of a task are released in the first hyperperiod, in ascending order, and their indices."""
+    work = mode.works[task]
+    if work.is_cyclic and task not in mode.fixed.tasks:
+        first = plan.phases[task] + plan.holds[task]
+        return ints(range(first, first + work.jobs * work.period, work.period)), ints(range(work.jobs))
+    found = releases_of(mode, plan, task)
+    return ints(time for time, _ in found), ints(index for _, index in found)
 
 
 def releases_of(mode: Mode, plan: Plan, task: int) -> list[tuple[int, int]]:
-    """Return when the jobs of a task are released in the first hyperperiod, with their indices."""
+    """Return the same, each with its index."""
     work = mode.works[task]
     if task in mode.fixed.tasks:
         return []
@@ -37,11 +48,3 @@ def _wanted_by_fixed(mode: Mode, demander: int, number: int, task: int) -> list[
     windows = [window for window in job.way.windows if window.task == task]
     shortest = min(way.length for way in mode.works[task].ways)
     return [(job.start - w.most - (shortest if w.from_end else 0)) % mode.hyperperiod for w in windows]
-
-
-def earliest_expected(plan: Plan, releases: Sequence[Sequence[tuple[int, int]]], window: Window) -> int:
-    """Return before when no job may expect a predecessor in a window, since none has run yet."""
-    if not window.least or not releases[window.task]:
-        return 0
-    length = plan.ways[window.task].length if window.from_end else 0
-    return releases[window.task][0][0] + length + window.least

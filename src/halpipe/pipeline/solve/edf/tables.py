@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import sub
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.parts import job_of
@@ -16,23 +17,29 @@ if TYPE_CHECKING:
 
 def lateness(mode: Mode, table: Table) -> list[int]:
     """Return by how many ticks the jobs of each task start and end too late, all together, under their best phase."""
-    placed: list[list[tuple[int, int, int]]] = [[] for _ in mode.works]
-    for key, spans in table.jobs.items():
-        placed[key[0]].append((spans[0][0], spans[-1][1], table.releases[key]))
     return [
-        _lateness(work, jobs, mode.hyperperiod) if work.is_cyclic and len(jobs) == work.jobs else late
-        for work, jobs, late in zip(mode.works, placed, table.late, strict=True)
+        _lateness(work, table, task, mode.hyperperiod) if work.is_cyclic and table.is_whole(task) else late
+        for task, (work, late) in enumerate(zip(mode.works, table.late, strict=True))
     ]
 
 
-def _lateness(work: Work, jobs: list[tuple[int, int, int]], cycle: int) -> int:
-    """Return that of a task with a period, of whose jobs all start, end and release are known."""
-    slips = [(start - release, end - release) for start, end, release in jobs]
-    shift = 0 if work.phase is not None else min(start for start, _ in slips)
+def _lateness(work: Work, table: Table, task: int, cycle: int) -> int:
+    """Return that of a task with a period, all of whose jobs have started."""
+    own = slice(table.places[task], table.places[task + 1])
+    starts, ends, releases = table.starts[own], table.ends[own], table.releases[own]
+    slips = list(map(sub, starts, releases))
+    shift = 0 if work.phase is not None else min(slips, default=0)
     if work.arrivals is not None:
-        late = sum(max(0, start - shift - work.slip) for start, _ in slips)
-        return late + _arrival_lateness(sorted((start, end) for start, end, _ in jobs), work.arrivals, cycle)
-    return sum(max(0, start - shift - work.latest) + max(0, end - shift - work.deadline) for start, end in slips)
+        late = _beyond(slips, shift + work.slip)
+        return late + _arrival_lateness(sorted(zip(starts, ends, strict=True)), work.arrivals, cycle)
+    return _beyond(slips, shift + work.latest) + _beyond(list(map(sub, ends, releases)), shift + work.deadline)
+
+
+def _beyond(delays: list[int], most: int) -> int:
+    """Return by how much delays are longer than they may be, all together."""
+    if max(delays, default=most) <= most:
+        return 0
+    return sum(max(0, delay - most) for delay in delays)
 
 
 def _arrival_lateness(spans: list[tuple[int, int]], arrivals: tuple[int, int], cycle: int) -> int:
@@ -45,12 +52,8 @@ def _arrival_lateness(spans: list[tuple[int, int]], arrivals: tuple[int, int], c
 
 def followed(mode: Mode, plan: Plan, table: Table) -> tuple[int, ...]:
     """Return the phases of a table's first starts, for tasks whose phase is free."""
-    first: dict[int, int] = {}
-    for (task, index), spans in table.jobs.items():
-        slip = spans[0][0] - table.releases[task, index]
-        first[task] = min(slip, first.get(task, slip))
     return tuple(
-        phase if work.phase is not None or not work.is_cyclic else phase + first.get(task, 0)
+        phase if work.phase is not None or not work.is_cyclic else phase + min(table.slips(task), default=0)
         for task, (work, phase) in enumerate(zip(mode.works, plan.phases, strict=True))
     )
 
@@ -59,11 +62,11 @@ def named(mode: Mode, plan: Plan, table: Table) -> tuple[Job, ...]:
     """Return the jobs of a table with their names, in exact time, and those that stay."""
     services = {way.units: _service(mode, way) for way in plan.ways}
     jobs = []
-    for (task, index), spans in sorted(table.jobs.items()):
-        way = plan.ways[task]
+    for task, (work, way) in enumerate(zip(mode.works, plan.ways, strict=True)):
         units = tuple(mode.units[unit] for unit in way.units)
-        exact = [_exact(mode, way, span) for span in spans]
-        jobs.append(job_of(mode.works[task].name, index, way.version, units, exact, services[way.units]))
+        for index, spans in sorted(table.jobs(task)):
+            exact = [_exact(mode, way, span) for span in spans]
+            jobs.append(job_of(work.name, index, way.version, units, exact, services[way.units]))
     return tuple(jobs) + tuple(each.job for each in mode.fixed.jobs)
 
 
@@ -90,8 +93,8 @@ def missed_by_fixed(mode: Mode, table: Table) -> dict[int, int]:
     if not any(each.way.windows for each in mode.fixed.jobs):
         return {}
     instants: dict[int, list[tuple[int, int]]] = {}
-    for (task, _), spans in table.jobs.items():
-        instants.setdefault(task, []).append((spans[0][0], spans[-1][1]))
+    for task in range(len(mode.works)):
+        instants[task] = [(spans[0][0], spans[-1][1]) for _, spans in table.jobs(task)]
     for each in mode.fixed.jobs:
-        instants.setdefault(each.task, []).append((each.start, each.end))
+        instants[each.task].append((each.start, each.end))
     return window_excess(mode.fixed.jobs, instants, mode.hyperperiod)

@@ -1,0 +1,281 @@
+"""The border between Python and the simulation, which is C: what it is handed, and how it is asked.
+
+`native/system.h` has the same structs, field by field. The library allocates nothing: room is handed over as well, and
+where it turns out too small the simulation begins again with twice as much.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from itertools import accumulate, chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from halpipe.libraries import library
+from halpipe.pipeline.solve.edf.jobs import Table
+from halpipe.pipeline.solve.edf.releases import release_times
+from halpipe.pipeline.solve.integers import filled, ints
+from halpipe.pipeline.solve.kernel.library import INTEGER, words
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from halpipe.pipeline.solve.edf.jobs import Plan
+    from halpipe.pipeline.solve.edf.resources import Claim
+    from halpipe.pipeline.solve.edf.works import Mode, Way
+    from halpipe.pipeline.solve.integers import Ints
+
+SOURCES = Path(__file__).parent / "native"
+
+INSTANTS = 200_000
+"""After so many instants at which something happens the library comes back, so that Ctrl-C is heard."""
+
+JOB_WORDS, EVENT_WORDS, PART_WORDS, CLAIM_WORDS = 16, 4, 4, 4
+"""Sizes of the library's records."""
+
+FIRST_ROOM = {"events": 256, "history": 64, "parts": 256, "claims": 256, "signature": 256}
+"""Records for which there is room at first, besides what grows with the system."""
+
+LARGEST = 2**61
+"""Longer times than this mean no limit; sums of two of them stay within 64 bits."""
+
+
+def rows_at(counts: Iterable[int]) -> Ints:
+    """Return where the rows of each begin, and where all end."""
+    return ints(accumulate(counts, initial=0))
+
+
+def flat(rows: Iterable[Iterable[int]]) -> Ints:
+    """Return rows one after the other; of none, one word that nobody reads, since there are no empty arrays in C."""
+    return ints(chain.from_iterable(rows)) or ints([0])
+
+
+class System:
+    """A mode as the library sees it."""
+
+    def __init__(self, mode: Mode, most_cycles: int) -> None:
+        """Write down the mode. A simulation lasts for at most so many hyperperiods, besides those of its start."""
+        self.mode = mode
+        every = [way for work in mode.works for way in work.ways]
+        self.number = {id(way): number for number, way in enumerate(every)}
+        self._every = every
+        self.most_phases = max((len(way.phases) for way in every), default=0)
+        fixed = mode.fixed
+        standing = self._standing()
+        walls = [fixed.walls.get(unit) for unit in range(len(mode.units))]
+        self.arrays = [
+            flat((w.latest, min(w.deadline, LARGEST), w.is_cyclic, n in fixed.tasks) for n, w in enumerate(mode.works)),
+            flat(self._way_rows()),
+            flat(way.units for way in every),
+            flat(pair for way in every for pair in way.service),
+            flat(way.ends for way in every),
+            flat((p.resource, p.begin, p.end, p.height) for way in every for p in way.phases),
+            flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: p.begin)),
+            flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: -p.end)),
+            flat((w.task, w.least, min(w.most, LARGEST), w.from_end) for way in every for w in way.windows),
+            ints(mode.capacity) or ints([0]),
+            flat(self._fixed_rows()),
+            flat(each.units for each in fixed.jobs),
+            flat(claim for claims in standing for claim in claims),
+            rows_at(map(len, standing)),
+            ints(max((c.end - c.begin for c in claims), default=0) for claims in standing) or ints([0]),
+            flat(row for wall in walls if wall is not None for row in wall.rows()),
+            rows_at(0 if wall is None else len(wall.rows()) for wall in walls),
+            flat(wall.begins for wall in walls if wall is not None),
+            rows_at(0 if wall is None else len(wall.begins) for wall in walls),
+        ]
+        sizes = [len(mode.works), len(mode.units), len(mode.capacity), mode.hyperperiod, most_cycles]
+        self.words = words([*sizes, *self.arrays])
+
+    def _way_rows(self) -> Iterable[tuple[int, ...]]:
+        place = [0] * 5
+        for way in self._every:
+            facts = (way.wcet, way.length, way.anywhere, way.resume, way.max_gaps, way.min_part)
+            yield (*place, *facts)
+            lists: tuple[Sequence[object], ...] = (way.units, way.service, way.ends, way.phases, way.windows)
+            place = [at + len(each) for at, each in zip(place, lists, strict=True)]
+        yield (*place, *(0,) * 6)
+
+    def _fixed_rows(self) -> Iterable[tuple[int, ...]]:
+        units = 0
+        for each in self.mode.fixed.jobs:
+            yield each.task, each.start, each.end, units
+            units += len(each.units)
+        yield 0, 0, 0, units
+
+    def _standing(self) -> list[list[Claim]]:
+        """Return the claims of jobs that stay, in the hyperperiod in which they begin, by resource and begin."""
+        cycle = self.mode.hyperperiod
+        claims = [c.moved(-(c.begin // cycle * cycle)) for each in self.mode.fixed.jobs for c in each.claims]
+        ordered = sorted(claims, key=lambda claim: claim.begin)
+        return [[c for c in ordered if c.resource == resource] for resource in range(len(self.mode.capacity))]
+
+
+class Told:
+    """A plan as the library sees it."""
+
+    def __init__(self, system: System, plan: Plan) -> None:
+        """Write down the plan."""
+        mode = system.mode
+        self.releases, self.indices = ints(), ints()
+        counts = []
+        for task in range(len(mode.works)):
+            times, indices = release_times(mode, plan, task)
+            self.releases += times
+            self.indices += indices
+            counts.append(len(times))
+        on_unit: list[list[int]] = [[] for _ in mode.units]
+        followers: list[set[int]] = [set() for _ in mode.works]
+        reach = [0] * len(mode.works)
+        for task, way in enumerate(plan.ways):
+            for unit in way.units if task not in mode.fixed.tasks else ():
+                on_unit[unit].append(task)
+            for window in way.windows:
+                followers[window.task].update(way.units)
+                reach[window.task] = max(reach[window.task], min(window.most, LARGEST))
+        numbers = accumulate(map(bool, followers))
+        self.histories = sum(map(bool, followers))
+        self.places = rows_at(counts)
+        self.parts_at = rows_at(map(most_parts, plan.ways))
+        self.on_unit_at = rows_at(map(len, on_unit))
+        self.arrays = [
+            ints(system.number[id(way)] for way in plan.ways),
+            ints(plan.holds),
+            ints(plan.urgency),
+            self.releases or ints([0]),
+            self.places,
+            flat(on_unit),
+            self.on_unit_at,
+            flat(map(sorted, followers)),
+            rows_at(map(len, followers)),
+            ints(reach),
+            ints(number - 1 if each else -1 for number, each in zip(numbers, followers, strict=True)),
+            self.parts_at,
+        ]
+        self.words = words([int(plan.fresh), *self.arrays])
+
+    def first_release(self, task: int) -> int | None:
+        """Return when the first job of a task is released; None of a task without jobs."""
+        place = self.places[task]
+        return self.releases[place] if place < self.places[task + 1] else None
+
+
+def most_parts(way: Way) -> int:
+    """Return how many parts a job may have at most."""
+    pieces = way.wcet // way.min_part if way.anywhere else len(way.ends)
+    return max(1, min(way.max_gaps + 1, pieces))
+
+
+class Memory:
+    """What the library remembers of one simulation; `room` is how much of it there is, where nobody knows."""
+
+    def __init__(self, system: System, told: Told, room: int) -> None:
+        """Make room."""
+        tasks, units, resources = len(system.mode.works), len(system.mode.units), len(system.mode.capacity)
+        jobs = max(1, told.places[tasks])
+        first = {name: count * room for name, count in FIRST_ROOM.items()}
+        events = first["events"] + room * (4 * tasks + 4 * len(system.mode.fixed.jobs))
+        history, parts, claims = first["history"], first["parts"] + 2 * room * jobs, first["claims"]
+        signature = first["signature"] + 16 * room * tasks + 2 * told.histories * history
+        seats = max(1, told.on_unit_at[units])
+        self.late = filled(tasks)
+        self.firsts, self.counts, self.releases, self.starts, self.ends = (filled(jobs) for _ in range(5))
+        self.parts = filled(PART_WORDS * parts)
+        links = filled(CLAIM_WORDS * claims)
+        links[CLAIM_WORDS - 1 :: CLAIM_WORDS] = ints((*range(1, claims), -1))  # each is followed by the next
+        self.arrays = [
+            filled(JOB_WORDS * tasks),
+            filled(EVENT_WORDS * events),
+            filled(PART_WORDS * told.parts_at[tasks]),
+            filled(seats),
+            filled(units),
+            filled(seats),
+            filled(units),
+            filled(units, -1),
+            filled(units),
+            filled(tasks),
+            filled(max(1, 2 * told.histories * history)),
+            filled(max(1, 2 * told.histories)),
+            links,
+            filled(max(1, resources), -1),
+            filled(max(1, resources)),
+            filled(max(1, resources), 64),
+            filled(CLAIM_WORDS * max(1, system.most_phases)),
+            filled(CLAIM_WORDS * claims),
+            filled(2 * signature),
+            self.firsts,
+            self.counts,
+            self.releases,
+            self.starts,
+            self.ends,
+            self.parts,
+            self.late,
+        ]
+        scalars = [0, 0, 0, 0, 0, 0, 0, 0, 0, -1, events, history, parts, claims, claims, signature]
+        self.words = words([*scalars, *self.arrays])
+
+    @property
+    def lacks_room(self) -> bool:
+        """Whether some room was too small, so that nothing counts."""
+        return bool(self.words[0])
+
+    def turn(self, begin: int, end: int) -> None:
+        """Look at another hyperperiod: jobs that start in it are kept."""
+        self.words[1], self.words[2], self.words[6] = begin, end, 0
+        self.counts[:] = filled(len(self.counts))
+        self.late[:] = filled(len(self.late))
+
+
+def function(name: str) -> Any:
+    """Return a function of the library; its answer, where there is one, is an integer."""
+    native = library(SOURCES, "edf")[f"halpipe_edf_{name}"]
+    native.restype = INTEGER
+    return native
+
+
+class Simulation:
+    """One simulation in the library."""
+
+    def __init__(self, system: System, told: Told, room: int) -> None:
+        """Put down the first releases, and the jobs that stay."""
+        self.system, self.told = system, told
+        self.memory = Memory(system, told, room)
+        self._pointers = [ctypes.byref(each.words) for each in (system, told, self.memory)]
+        self._ask("begin")
+        for number, each in enumerate(system.mode.fixed.jobs):
+            for instant in {t for span in each.spans for t in span}:
+                self._ask("fix", instant % system.mode.hyperperiod, number)
+
+    def _ask(self, name: str, *numbers: int) -> int:
+        return int(function(name)(*self._pointers, *map(INTEGER, numbers)))
+
+    def run(self, end: int) -> None:
+        """Go on to an instant."""
+        while not self._ask("run", end, INSTANTS):
+            pass
+
+    def is_like_before(self, now: int, turn: int) -> bool:
+        """Return whether the future depends on the same as when this was asked the last time."""
+        return bool(self._ask("sign", now, turn))
+
+    def is_quiescent(self, now: int) -> bool:
+        """Return whether nothing is under way, and nobody looks back: the next hyperperiod repeats the first."""
+        return not self.told.histories and bool(self._ask("is_quiescent", now))
+
+    def finish(self, end: int) -> None:
+        """Go on until all that began before `end` has ended, for at most one hyperperiod more."""
+        limit = end + self.system.mode.hyperperiod
+        while 0 <= (time := self._ask("unended", end)) < limit and not self.memory.lacks_room:
+            self.run(time + 1)
+
+    def table(self, *, closed: bool) -> Table:
+        """Return the hyperperiod that was looked at."""
+        told, memory, cycle = self.told, self.memory, self.system.mode.hyperperiod
+        late = list(memory.late)
+        whole = True
+        for task in range(len(late)):
+            missing = memory.counts[told.places[task] : told.places[task + 1]].count(0)
+            late[task] += missing * cycle
+            whole = whole and not missing
+        arrays = (memory.releases, memory.starts, memory.ends, memory.firsts, memory.counts, memory.parts)
+        return Table(told.places, told.indices, *arrays, tuple(late), closed and whole)
