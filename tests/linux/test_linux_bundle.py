@@ -124,6 +124,22 @@ def test_an_access_phase_does_not_begin_before_its_instant(tmp_path):
     assert "{{1000000, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
 
 
+def test_a_job_goes_on_after_a_gap_before_its_phase_begins(tmp_path):
+    """Going on takes half a millisecond from the end of the gap on; the phase begins after it."""
+    split = Split(points=(ms(2),), resume=ms("0.5ms"))
+    owner = with_phase(system(split, "first second"), 2, 3)
+    versions = tuple(replace(v, wcet=ms(5)) for v in owner.tasks[1].versions)
+    owner = replace(owner, tasks=(owner.tasks[0], replace(owner.tasks[1], versions=versions)))
+    [*short, long] = planned(owner).modes[0].jobs
+    first, second = long.parts
+    end = ms("6.5ms")
+    parts = (first, replace(second, end=end, executed_to=ms(5)))
+    tables = schedule(owner, 20, *short, replace(long, end=end, parts=parts))
+    assert [d.message for d in verify(owner, tables) if d.is_error] == []
+    _, files = write(tmp_path, owner, tables)
+    assert "{{0, 0, 1}, {3000000, 1, 1}, {3500000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
+
+
 def switching(split, entry):
     """Two modes, the second the first turned by 8 ms, and the table between, in which the long job has a gap."""
     owner = system(split, entry)

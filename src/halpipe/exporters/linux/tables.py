@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @record
 class Part:
-    """From `start` (ns) on, the functions [first, last) run."""
+    """From `start` (ns) on, the functions [first, last) run; none where a job only goes on after a gap."""
 
     start: int
     first: int
@@ -149,7 +149,8 @@ class _Programs:
         version = self._times.versions[job.task, job.version]
         listed = not version.split.anywhere
         gaps = {part.executed_from: part.start for part in job.parts[1:]} if listed else {}
-        holds = gaps | (self._phases(job) if self._holds_phases else {})
+        phases = self._phases(job) if self._holds_phases else {}
+        holds = {position: self._instants(position, gaps, phases) for position in gaps | phases}
         functions = self._functions[job.task, job.version]
         bounds = [ZERO, *version.split.points]
         whole = (Part(_ns(job.start), 0, functions),)
@@ -161,10 +162,20 @@ class _Programs:
         if functions != len(bounds) or any(position not in bounds for position in holds):
             self._refuse_phase(job, version)
             return whole
-        firsts = [0, *sorted(map(bounds.index, holds))]
-        starts = [job.start, *(holds[bounds[first]] for first in firsts[1:])]
+        held = [(first, start) for first in sorted(map(bounds.index, holds)) for start in holds[bounds[first]]]
+        firsts, starts = [0, *(first for first, _ in held)], [job.start, *(start for _, start in held)]
         pairs = zip(starts, firsts, [*firsts[1:], functions], strict=True)
         return tuple(Part(_ns(start), first, last) for start, first, last in pairs)
+
+    @staticmethod
+    def _instants(
+        position: Duration, gaps: Mapping[Duration, Duration], phases: Mapping[Duration, Duration]
+    ) -> list[Duration]:
+        """Return until when a job is held at a position: until its gap ends, and then until its phase begins.
+
+        Between the two it goes on without a function: that is when the time passes which going on takes.
+        """
+        return sorted({instants[position] for instants in (gaps, phases) if position in instants})
 
     def _phases(self, job: Job) -> dict[Duration, Duration]:
         """Return when the phases of a job begin, by where in its execution; the job's start needs no hold."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
-    from halpipe.models import Job, Schedule, Task, TaskModel, TransitionTable, Version
+    from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel, TransitionTable, Version
 
 
 @record(kw_only=True)
@@ -88,8 +89,28 @@ def _by_verify(model: TaskModel, schedule: Schedule, task: str, version: str, ti
         if any((job.task, job.version) == (task, version) for job in mode.jobs):
             alone = model.alone(mode.name)
             most = limit or Limit(mode.hyperperiod // tick, "length of the hyperperiod")
-            limit = _across(alone, schedule.alone((mode,)), task, version, tick, most)
+            limit = _across(
+                alone, schedule.alone((mode,)), task, version, tick, most, _room(mode, task, version) // tick
+            )
     return limit
+
+
+def _room(mode: ModeSchedule, task: str, version: str) -> Duration:
+    """Return after what growth the jobs of a version certainly run into who comes next on one of their units."""
+    starts: dict[str, list[Duration]] = {}
+    for job in mode.jobs:
+        for unit in job.units:
+            starts.setdefault(unit, []).extend(start % mode.hyperperiod for start, _ in job.occupations())
+    for each in starts.values():
+        each.sort()
+    rooms = []
+    for job in mode.jobs:
+        end = job.end % mode.hyperperiod
+        for unit in job.units if (job.task, job.version) == (task, version) else ():
+            following = bisect_left(starts[unit], end)
+            turn = ZERO if following < len(starts[unit]) else mode.hyperperiod
+            rooms.append(starts[unit][following % len(starts[unit])] + turn - end)
+    return min(rooms)
 
 
 def _has_undisturbed_jobs(model: TaskModel) -> bool:
@@ -156,16 +177,20 @@ def _switch_alone(model: TaskModel, schedule: Schedule, table: TransitionTable) 
     return alone, schedule.alone(modes, (table,))
 
 
-def _across(model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration, limit: Limit) -> Limit:
-    """Bisect with verify, which is the only one to know all rules of a switch."""
+def _across(
+    model: TaskModel, schedule: Schedule, task: str, version: str, tick: Duration, limit: Limit, room: int | None = None
+) -> Limit:
+    """Bisect with verify, which is the only one to know all rules; growth beyond `room` is known to break one."""
 
     def fault(growth: int) -> str:
         longer = grown(model, schedule, task, version, tick * growth)
         return next((f"{d.path}: {d.message}" for d in verify(*longer) if d.is_error), "")
 
-    if not fault(limit.growth):
-        return limit
     good, bad = 0, limit.growth
+    if room is not None and room < limit.growth:
+        bad = room + 1
+    elif not fault(limit.growth):
+        return limit
     while bad - good > 1:
         middle = (good + bad) // 2
         good, bad = (good, middle) if fault(middle) else (middle, bad)
