@@ -9,6 +9,22 @@ AUTOSAR = '<AUTOSAR xmlns="http://autosar.org/schema/r4.0"><AR-PACKAGES/></AUTOS
 AMALTHEA = '<am:Amalthea xmlns:am="http://app4mc.eclipse.org/amalthea/3.0.0"/>'
 
 
+FAULTY_SPLITS = """<task-model xmlns="urn:halpipe:task-model:1" name="m">
+ <platform><unit name="u"><interrupt name="i" distance="1ms" wcet="1ms"/></unit></platform>
+ <tasks>
+  <task name="a" period="10ms" slack="1">
+   <version name="v" wcet="3ms" split="2ms 1ms 5ms" resume="-1ms"><units names="u"/></version>
+  </task>
+  <task name="b" period="5ms"><version name="v" wcet="3ms" split="anywhere"><units names="u"/></version></task>
+  <task name="c" period="10ms" slack="1">
+   <version name="v" wcet="3ms" split="anywhere" max-gaps="-1" min-part="-2ms"><units names="u"/></version>
+  </task>
+ </tasks>
+ <modes><mode name="m"><run task="a" versions="v"/><run task="b" versions="v"/></mode></modes>
+</task-model>
+"""
+
+
 @pytest.fixture
 def folder(tmp_path):
     for name, content in first_model().items():
@@ -51,3 +67,28 @@ def test_a_format_that_is_not_there_is_a_usage_error(folder, verb):
     refused = run_here(folder, verb, "arxmll", "model.xml", "-o", "x")
     assert refused.returncode == 2
     assert 'did you mean "arxml"' in refused.stderr
+
+
+def test_malformed_restrictions_do_not_hide_what_else_is_wrong(tmp_path):
+    """What the schema refuses and what the model means: all at once, by line."""
+    (tmp_path / "model.xml").write_text(FAULTY_SPLITS)
+    refused = run_here(tmp_path, "validate", "model.xml")
+    assert refused.returncode == 1
+    found = [line.split(" ")[0:2] for line in refused.stdout.splitlines() if line.startswith("model.xml:")]
+    assert [(place.split(":")[1], code[6:13]) for place, code in found] == [
+        ("2", "HAL0282"),
+        ("5", "HAL0102"),
+        ("5", "HAL0225"),
+        ("5", "HAL0226"),
+        ("7", "HAL0237"),
+        ("9", "HAL0102"),
+        ("9", "HAL0102"),
+        ("12", "HAL0280"),
+    ]
+
+
+def test_other_violations_of_the_schema_are_all_that_is_said(tmp_path):
+    (tmp_path / "model.xml").write_text(FAULTY_SPLITS.replace('period="10ms"', 'period="-1ms"'))
+    refused = run_here(tmp_path, "validate", "model.xml")
+    assert refused.returncode == 1
+    assert {line.split("[")[1][:7] for line in refused.stderr.splitlines() if "error[" in line} == {"HAL0102"}

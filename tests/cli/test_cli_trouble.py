@@ -103,7 +103,7 @@ def test_a_bug_is_reported_in_a_file_and_not_as_a_traceback(monkeypatch, capsys,
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(native, "read_model", lambda path: 1 // 0)
+    monkeypatch.setattr(native, "read_what_is_well_formed", lambda path: 1 // 0)
     assert halpipe.cli.invoke(["validate", "model.xml"]) == 70
     said = capsys.readouterr().err
     assert "internal error: ZeroDivisionError" in said

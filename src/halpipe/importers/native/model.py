@@ -32,6 +32,8 @@ from halpipe.schemas import TASK_MODEL, check, line_of, namespace
 if TYPE_CHECKING:
     from lxml import etree
 
+    from halpipe.diagnostics import Diagnostic
+
 
 def read_model(path: str) -> TaskModel:
     """Read a task model file (``-``: standard input); raise `HalpipeError` with everything wrong in its form.
@@ -47,9 +49,35 @@ def parse_model(data: bytes, file: str, *, is_checked: bool = False) -> TaskMode
     violations = [] if is_checked else check(root, TASK_MODEL, file)
     if violations:
         raise HalpipeError(*violations)
+    return _model(root, file, sha256(data))
+
+
+RESTRICTIONS = {"resume": "0ms", "min-part": "1ns", "max-gaps": "100"}
+"""Attributes of a version that only restrict it, and values that do not: what else a model means can be judged."""
+
+
+def read_what_is_well_formed(path: str) -> tuple[TaskModel, list[Diagnostic]]:
+    """Read a task model of which nothing but restrictions may be malformed: those then restrict nothing.
+
+    Return the model with the violations of the schema, so that all that is wrong can be told at once; raise
+    `HalpipeError` if there are others.
+    """
+    data = read_bytes(path)
+    root = parse_xml(data, path)
+    violations = check(root, TASK_MODEL, path)
+    lines = {violation.at.line for violation in violations}
+    for element in root.iter(f"{{{namespace(TASK_MODEL)}}}version") if violations else ():
+        for name in RESTRICTIONS.keys() & element.attrib.keys() if line_of(element) in lines else ():
+            element.set(str(name), RESTRICTIONS[str(name)])
+    if violations and check(root, TASK_MODEL, path):
+        raise HalpipeError(*violations)
+    return _model(root, path, sha256(data)), violations
+
+
+def _model(root: etree._Element, file: str, digest: str) -> TaskModel:
     _bound(root, file)
     bind = _ModelBinder(file, namespace(TASK_MODEL))
-    model = bind.model(root, sha256(data))
+    model = bind.model(root, digest)
     bind.findings.stop_on_errors()
     return model
 
