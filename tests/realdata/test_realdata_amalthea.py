@@ -16,6 +16,9 @@ from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.importers.amalthea import FORMAT, codes
 from halpipe.importers.base import ImportOptions
 from halpipe.importers.native import read_model, read_schedule
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.verify import verify
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "amalthea"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real AMALTHEA models are not part of the project")
@@ -212,6 +215,21 @@ def test_chains_and_ages_of_toro():
         "chain4_mixed": "50ms",
         "ProcessChain1": "150ms",
     }
+
+
+@pytest.mark.slow  # 8349 jobs, seventy tables; what an import keeps of the requirements is tested above
+def test_the_requirements_on_offloaded_data_are_met():
+    """Units are left free, and the planner has 15 ms: its shortest time is longer than the published 12 ms."""
+    owner = read("waters2019_mobstr_mapped_1.0.0.amxmi", mapping="free").model
+    tasks = [replace(t, deadline=t.period) if t.name == "Planner" else t for t in owner.tasks]
+    owner = replace(owner, tasks=tuple(tasks))
+    found = schedule_model(owner, SearchOptions(), lambda *_: True)
+    limits = {chain.name: chain.max_age for chain in owner.chains}
+    ages = {latency.name: latency.age for latency in found.schedule.modes[0].chains}
+    assert found.is_complete
+    assert [d for d in verify(owner, found.schedule) if d.is_error] == []
+    assert len(limits) == 4
+    assert all(ages[name] <= limit for name, limit in limits.items())
 
 
 # ---------------------------------------------------------------------------------------------- export

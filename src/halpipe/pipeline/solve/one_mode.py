@@ -220,7 +220,7 @@ class _SplitJobs(_Search):
         mode = replace(mode, fixed=fixed)
         refuse_stuck(expansion, [work.name for work in mode.works if not work.ways])
         tasks = max(1, len(expansion.tasks))
-        budget = options.placements(tasks)
+        budget = options.placements(tasks, expansion.job_count)
         effort = Effort(
             budget,
             max(POLISH_BUDGET * tasks, POLISH_TABLES * expansion.job_count),
