@@ -1,10 +1,10 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
-first as many as all others together. Later the first two make more than the others: the hardest problems want long
-searches, one for each of two processors, unless they have windows, where a search that goes on for long is worth no
-more than a new one. The first to succeed, by turn and number, has won. Who wins does not depend on how many of them run
-at the same time; with as many threads as searches, the time is that of the quickest.
+first as many as all others together. Later the first two make more than the others, and in the end all: the hardest
+problems want long searches, one for each of two processors, unless they have windows, where a search that goes on for
+long is worth no more than a new one. The first to succeed, by turn and number, has won. Who wins does not depend on how
+many of them run at the same time; with as many threads as searches, the time is that of the quickest.
 """
 
 from __future__ import annotations
@@ -32,6 +32,9 @@ TURN = 64
 
 LONG, LONGER, LONG_ONES = 2048, 6, 2
 """Without windows: after so many moves per task of the first, the first two make six times as many as others do."""
+
+ALONE = 8192
+"""After so many, they make all that are made."""
 
 
 @record
@@ -95,7 +98,7 @@ def race(
         while left > 0 and not found.over:
             is_long = not is_linked and first.bound >= LONG * tasks
             shares = [LONGER] * min(LONG_ONES, members) if is_long else [members - 1]
-            shares += [1] * (members - len(shares))
+            shares += [int(not is_long or first.bound < ALONE * tasks)] * (members - len(shares))
             step = min(TURN * tasks, left // sum(shares))
             while len(found.all) < members:
                 found.add()

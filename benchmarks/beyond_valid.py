@@ -1,0 +1,185 @@
+"""What is asked for beyond a valid schedule: shorter chains, few moved jobs, many variants at once.
+
+    python benchmarks/beyond_valid.py chains --seeds 5 --first-seed 1
+    python benchmarks/beyond_valid.py near --seeds 20 --first-seed 1 [-- --utilisation 80%]
+    python benchmarks/beyond_valid.py fleet --variants 100
+
+Whole commands, each in a process of its own; times are of the processor (user), and by the clock. `chains` draws sets
+like engine control: 16 strictly periodic tasks on four cores at 60 % load, with four chains. `near` makes one WCET of a
+generated set 1 % longer. `fleet` schedules variants of one set, with 90 to 100 % of each WCET. What stands after ``--``
+is for `halpipe generate`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import re
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from halpipe.durations import Duration, milliseconds
+from halpipe.exporters.native import format_model
+from halpipe.importers.native import read_model, read_schedule
+from halpipe.models import Chain, Mode, Run, Task, TaskModel, Unit, Version
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+PERIODS = (5, 10, 10, 10, 20, 20, 20, 20, 50, 50, 100, 100, 10, 20, 50, 100)
+"""Of the sets with chains, in milliseconds."""
+
+CORES = ("core0", "core1", "core2", "core3")
+LOAD = Fraction(60, 100)
+MICROSECOND = 1000
+
+
+class Took(NamedTuple):
+    """What a command said, and the seconds that it took: of the processor, and by the clock."""
+
+    said: str
+    user: float
+    clock: float
+
+
+def main() -> None:
+    """Measure one of the three."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("chains", "near", "fleet"))
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--variants", type=int, default=100)
+    parser.add_argument("generate", nargs="*", help="options of halpipe generate, after --")
+    chosen = parser.parse_args()
+    seeds = range(chosen.first_seed, chosen.first_seed + chosen.seeds)
+    with tempfile.TemporaryDirectory(prefix="halpipe-beyond-") as folder:
+        if chosen.what == "chains":
+            chains(Path(folder), seeds)
+        elif chosen.what == "near":
+            near(Path(folder), seeds, chosen.generate)
+        else:
+            fleet(Path(folder), chosen.variants, chosen.generate)
+
+
+def halpipe(*words: str) -> Took:
+    """Run a command; end with what it said if it fails."""
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, time.monotonic()
+    command = [sys.executable, "-m", "halpipe", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{' '.join(words)}: {done.returncode}\n{done.stderr}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    return Took(done.stdout + done.stderr, after - before, time.monotonic() - began)
+
+
+# ---------------------------------------------------------------------------------------------- chains
+
+
+def with_chains(seed: int) -> TaskModel:
+    """Draw a set."""
+    rng = random.Random(seed)
+    shares = [Fraction(rng.randint(200, 1200)) for _ in PERIODS]
+    scale = LOAD * len(CORES) / sum(shares)
+    tasks = []
+    for number, (period, share) in enumerate(zip(PERIODS, shares, strict=True)):
+        wcet = Duration(int(milliseconds(period).ns * share * scale) // MICROSECOND * MICROSECOND)
+        version = Version(name="v", wcet=wcet, units=CORES)
+        tasks.append(Task(name=f"t{number}", period=milliseconds(period), versions=(version,)))
+    names = [task.name for task in tasks]
+    drawn = [Chain(name=f"c{n}", tasks=tuple(rng.sample(names, rng.choice((3, 4))))) for n in range(4)]
+    runs = tuple(Run(task=name, versions=("v",)) for name in names)
+    units = tuple(Unit(name=name) for name in CORES)
+    modes = (Mode(name="run", runs=runs),)
+    return TaskModel(name=f"chains{seed}", units=units, tasks=tuple(tasks), chains=tuple(drawn), modes=modes)
+
+
+def chains(folder: Path, seeds: range) -> None:
+    """Optimise the chains of drawn sets, and say what is known of the best possible."""
+    model, tables = folder / "model.xml", folder / "schedule.xml"
+    for seed in seeds:
+        model.write_bytes(format_model(with_chains(seed)))
+        took = halpipe("schedule", str(model), "-o", str(tables), "--optimise", "chains")
+        [line] = re.findall(r"weighted sum of reaction times.*", took.said)
+        print(f"seed {seed}: {line}; {took.user:.1f} s of processor, {took.clock:.1f} s")
+
+
+# ------------------------------------------------------------------------------------------------ near
+
+
+def near(folder: Path, seeds: range, options: Sequence[str]) -> None:
+    """Make one WCET longer, and count the jobs that stay where they were."""
+    rows = [nearby(folder, seed, options) for seed in seeds]
+    stay, user = [row[0] for row in rows], [row[1] for row in rows]
+    least, middle = min(stay), statistics.median(stay)
+    print(f"{len(rows)} sets: at least {least:.1%} stay, median {middle:.1%}; {max(user):.2f} s of processor at most")
+
+
+def nearby(folder: Path, seed: int, options: Sequence[str]) -> tuple[float, float]:
+    """Return the share of jobs of one set that stay, and the seconds of processor."""
+    model, changed, before, after = (folder / name for name in ("m.xml", "c.xml", "before.xml", "after.xml"))
+    halpipe("generate", "--seed", str(seed), *options, "-o", str(model))
+    halpipe("schedule", str(model), "-o", str(before))
+    owner = read_model(str(model))
+    chosen = random.Random(seed).randrange(len(owner.tasks))
+    tasks = [longer(task) if number == chosen else task for number, task in enumerate(owner.tasks)]
+    changed.write_bytes(format_model(replace(owner, tasks=tuple(tasks))))
+    took = halpipe("schedule", str(changed), "-o", str(after), "--near", str(before))
+    old, new = (
+        {
+            (mode.name, job.task, job.index): (job.start, job.units, job.version)
+            for mode in tables.modes
+            for job in mode.jobs
+        }
+        for tables in (read_schedule(str(before)), read_schedule(str(after)))
+    )
+    return sum(old[key] == place for key, place in new.items()) / len(new), took.user
+
+
+def longer(task: Task) -> Task:
+    """Return a task whose WCETs are 1 % longer, rounded up to a microsecond."""
+    versions = [scaled(version, Fraction(101, 100), up=True) for version in task.versions]
+    return replace(task, versions=tuple(versions))
+
+
+def scaled(version: Version, factor: Fraction, *, up: bool = False) -> Version:
+    """Return a version with another WCET, in whole microseconds, that still holds its access phases."""
+    assert version.wcet is not None
+    count = version.wcet.fraction * factor / MICROSECOND
+    wcet = Duration((-(-count // 1) if up else count // 1) * MICROSECOND)
+    return replace(version, wcet=max([wcet, *(access.end for access in version.accesses)]))
+
+
+# ----------------------------------------------------------------------------------------------- fleet
+
+
+def fleet(folder: Path, variants: int, options: Sequence[str]) -> None:
+    """Schedule variants of one set in one process, and then again, when all are kept."""
+    halpipe("generate", "--seed", "7", *options, "-o", str(folder / "base.xml"))
+    base = read_model(str(folder / "base.xml"))
+    files = []
+    for seed in range(variants):
+        rng = random.Random(seed)
+        tasks = [
+            replace(task, versions=tuple(scaled(v, Fraction(rng.randint(900, 1000), 1000)) for v in task.versions))
+            for task in base.tasks
+        ]
+        files.append(folder / f"v{seed}.xml")
+        files[-1].write_bytes(format_model(replace(base, tasks=tuple(tasks))))
+    command = ["schedule", *map(str, files), "-o", str(folder / "out")]
+    for what in ("first", "again"):
+        took = halpipe(*command)
+        print(f"{what}: {variants} variants, {took.user:.2f} s of processor, {took.clock:.2f} s")
+    assert len(os.listdir(folder / "out")) >= variants
+
+
+if __name__ == "__main__":
+    main()
