@@ -33,7 +33,10 @@ INSTANTS = 200_000
 JOB_WORDS, EVENT_WORDS, PART_WORDS, CLAIM_WORDS = 16, 4, 4, 4
 """Sizes of the library's records."""
 
-FIRST_ROOM = {"events": 256, "history": 64, "parts": 256, "claims": 256, "signature": 256}
+LACK, BEGIN, END, PART_COUNT = 0, 1, 2, 6
+"""Places of what Python reads and writes of the library's memory."""
+
+FIRST_ROOM = {"events": 256, "history": 64, "parts": 256, "claims": 256, "signature": 256, "open": 16}
 """Records for which there is room at first, besides what grows with the system."""
 
 LARGEST = 2**61
@@ -63,29 +66,38 @@ class System:
         fixed = mode.fixed
         standing = self._standing()
         walls = [fixed.walls.get(unit) for unit in range(len(mode.units))]
-        self.arrays = [
-            flat((w.latest, min(w.deadline, LARGEST), w.is_cyclic, n in fixed.tasks) for n, w in enumerate(mode.works)),
-            flat(self._way_rows()),
-            flat(way.units for way in every),
-            flat(pair for way in every for pair in way.service),
-            flat(way.ends for way in every),
-            flat((p.resource, p.begin, p.end, p.height) for way in every for p in way.phases),
-            flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: p.begin)),
-            flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: -p.end)),
-            flat((w.task, w.least, min(w.most, LARGEST), w.from_end) for way in every for w in way.windows),
-            ints(mode.capacity) or ints([0]),
-            flat(self._fixed_rows()),
-            flat(each.units for each in fixed.jobs),
-            flat(claim for claims in standing for claim in claims),
-            rows_at(map(len, standing)),
-            ints(max((c.end - c.begin for c in claims), default=0) for claims in standing) or ints([0]),
-            flat(row for wall in walls if wall is not None for row in wall.rows()),
-            rows_at(0 if wall is None else len(wall.rows()) for wall in walls),
-            flat(wall.begins for wall in walls if wall is not None),
-            rows_at(0 if wall is None else len(wall.begins) for wall in walls),
-        ]
-        sizes = [len(mode.works), len(mode.units), len(mode.capacity), mode.hyperperiod, most_cycles]
-        self.words = words([*sizes, *self.arrays])
+        arrays = {
+            "task": flat(
+                (w.latest, min(w.deadline, LARGEST), w.is_cyclic, n in fixed.tasks) for n, w in enumerate(mode.works)
+            ),
+            "ways": flat(self._way_rows()),
+            "way_units": flat(way.units for way in every),
+            "services": flat(pair for way in every for pair in way.service),
+            "ends": flat(way.ends for way in every),
+            "phases": flat((p.resource, p.begin, p.end, p.height) for way in every for p in way.phases),
+            "by_begin": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: p.begin)),
+            "by_end": flat((p.begin, p.end) for way in every for p in sorted(way.phases, key=lambda p: -p.end)),
+            "windows": flat((w.task, w.least, min(w.most, LARGEST), w.from_end) for way in every for w in way.windows),
+            "capacity": ints(mode.capacity) or ints([0]),
+            "fixed": flat(self._fixed_rows()),
+            "fixed_units": flat(each.units for each in fixed.jobs),
+            "standing": flat(claim for claims in standing for claim in claims),
+            "standing_at": rows_at(map(len, standing)),
+            "longest": ints(max((c.end - c.begin for c in claims), default=0) for claims in standing) or ints([0]),
+            "places": flat(row for wall in walls if wall is not None for row in wall.rows()),
+            "places_at": rows_at(0 if wall is None else len(wall.rows()) for wall in walls),
+            "walls": flat(wall.begins for wall in walls if wall is not None),
+            "walls_at": rows_at(0 if wall is None else len(wall.begins) for wall in walls),
+        }
+        sizes = {
+            "tasks": len(mode.works),
+            "units": len(mode.units),
+            "resources": len(mode.capacity),
+            "cycle": mode.hyperperiod,
+            "most_cycles": most_cycles,
+        }
+        self.fields = {**sizes, **arrays}
+        self.words = words(self.fields.values())
 
     def _way_rows(self) -> Iterable[tuple[int, ...]]:
         place = [0] * 5
@@ -114,8 +126,8 @@ class System:
 class Told:
     """A plan as the library sees it."""
 
-    def __init__(self, system: System, plan: Plan) -> None:
-        """Write down the plan."""
+    def __init__(self, system: System, plan: Plan, room: int) -> None:
+        """Write down the plan, with room for parts of jobs that have begun."""
         mode = system.mode
         self.releases, self.indices = ints(), ints()
         counts = []
@@ -136,23 +148,24 @@ class Told:
         numbers = accumulate(map(bool, followers))
         self.histories = sum(map(bool, followers))
         self.places = rows_at(counts)
-        self.parts_at = rows_at(map(most_parts, plan.ways))
+        self.parts_at = rows_at(min(most_parts(way), FIRST_ROOM["open"] * room) for way in plan.ways)
         self.on_unit_at = rows_at(map(len, on_unit))
-        self.arrays = [
-            ints(system.number[id(way)] for way in plan.ways),
-            ints(plan.holds),
-            ints(plan.urgency),
-            self.releases or ints([0]),
-            self.places,
-            flat(on_unit),
-            self.on_unit_at,
-            flat(map(sorted, followers)),
-            rows_at(map(len, followers)),
-            ints(reach),
-            ints(number - 1 if each else -1 for number, each in zip(numbers, followers, strict=True)),
-            self.parts_at,
-        ]
-        self.words = words([int(plan.fresh), *self.arrays])
+        self.fields = {
+            "fresh": int(plan.fresh),
+            "way": ints(system.number[id(way)] for way in plan.ways),
+            "holds": ints(plan.holds),
+            "urgency": ints(plan.urgency),
+            "releases": self.releases or ints([0]),
+            "releases_at": self.places,
+            "on_unit": flat(on_unit),
+            "on_unit_at": self.on_unit_at,
+            "followers": flat(map(sorted, followers)),
+            "followers_at": rows_at(map(len, followers)),
+            "reach": ints(reach),
+            "history": ints(number - 1 if each else -1 for number, each in zip(numbers, followers, strict=True)),
+            "parts_at": self.parts_at,
+        }
+        self.words = words(self.fields.values())
 
     def first_release(self, task: int) -> int | None:
         """Return when the first job of a task is released; None of a task without jobs."""
@@ -183,45 +196,55 @@ class Memory:
         self.parts = filled(PART_WORDS * parts)
         links = filled(CLAIM_WORDS * claims)
         links[CLAIM_WORDS - 1 :: CLAIM_WORDS] = ints((*range(1, claims), -1))  # each is followed by the next
-        self.arrays = [
-            filled(JOB_WORDS * tasks),
-            filled(EVENT_WORDS * events),
-            filled(PART_WORDS * told.parts_at[tasks]),
-            filled(seats),
-            filled(units),
-            filled(seats),
-            filled(units),
-            filled(units, -1),
-            filled(units),
-            filled(tasks),
-            filled(max(1, 2 * told.histories * history)),
-            filled(max(1, 2 * told.histories)),
-            links,
-            filled(max(1, resources), -1),
-            filled(max(1, resources)),
-            filled(max(1, resources), 64),
-            filled(CLAIM_WORDS * max(1, system.most_phases)),
-            filled(CLAIM_WORDS * claims),
-            filled(2 * signature),
-            self.firsts,
-            self.counts,
-            self.releases,
-            self.starts,
-            self.ends,
-            self.parts,
-            self.late,
-        ]
-        scalars = [0, 0, 0, 0, 0, 0, 0, 0, 0, -1, events, history, parts, claims, claims, signature]
-        self.words = words([*scalars, *self.arrays])
+        arrays = {
+            "jobs": filled(JOB_WORDS * tasks),
+            "events": filled(EVENT_WORDS * events),
+            "open": filled(PART_WORDS * told.parts_at[tasks]),
+            "pending": filled(seats),
+            "pending_count": filled(units),
+            "stacks": filled(seats),
+            "stack_count": filled(units),
+            "running": filled(units, -1),
+            "is_touched": filled(units),
+            "candidates": filled(tasks),
+            "past": filled(max(1, 2 * told.histories * history)),
+            "past_count": filled(max(1, 2 * told.histories)),
+            "claims": links,
+            "claims_of": filled(max(1, resources), -1),
+            "claim_count": filled(max(1, resources)),
+            "claim_most": filled(max(1, resources), 64),
+            "asked": filled(CLAIM_WORDS * max(1, system.most_phases)),
+            "near": filled(CLAIM_WORDS * claims),
+            "signatures": filled(2 * signature),
+            "first": self.firsts,
+            "count": self.counts,
+            "release": self.releases,
+            "start": self.starts,
+            "finish": self.ends,
+            "parts": self.parts,
+            "late": self.late,
+        }
+        counts = dict.fromkeys(("lack", "begin", "end", "sequence", "hurried", "event_count", "part_count"), 0)
+        counts |= {"free_claim": 0, "signed_count": 0, "signed_before": -1}
+        rooms = {
+            "event_room": events,
+            "history_room": history,
+            "part_room": parts,
+            "claim_room": claims,
+            "near_room": claims,
+            "signature_room": signature,
+        }
+        self.fields = {**counts, **rooms, **arrays}
+        self.words = words(self.fields.values())
 
     @property
     def lacks_room(self) -> bool:
         """Whether some room was too small, so that nothing counts."""
-        return bool(self.words[0])
+        return bool(self.words[LACK])
 
     def turn(self, begin: int, end: int) -> None:
         """Look at another hyperperiod: jobs that start in it are kept."""
-        self.words[1], self.words[2], self.words[6] = begin, end, 0
+        self.words[BEGIN], self.words[END], self.words[PART_COUNT] = begin, end, 0
         self.counts[:] = filled(len(self.counts))
         self.late[:] = filled(len(self.late))
 

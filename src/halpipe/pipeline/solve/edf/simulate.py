@@ -33,9 +33,9 @@ class Simulator:
 
     def table(self, plan: Plan) -> Table:
         """Return the table that a plan leads to."""
-        told = Told(self._system, plan)
-        start_up = self._start_up(plan, told)
         while True:
+            told = Told(self._system, plan, self._room)
+            start_up = self._start_up(plan, told)
             simulation = Simulation(self._system, told, self._room)
             closed = self._close(simulation, start_up)
             if not simulation.memory.lacks_room:
