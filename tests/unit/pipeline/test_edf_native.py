@@ -28,7 +28,7 @@ def sides():
     mode = works_of(owner, expansion, natural_tick(expansion))
     system = native.System(mode, 8)
     told = native.Told(system, first_plan(mode, allowed_ways(mode, {})), 1)
-    return {"System": system, "Plan": told, "Memory": native.Memory(system, told, 1)}
+    return {"System": system, "Plan": told, "Memory": native.Memory(system, told, native.FIRST_ROOM)}
 
 
 @pytest.mark.parametrize("struct", ["System", "Plan", "Memory"])
@@ -53,6 +53,15 @@ def test_what_python_reads_is_where_it_looks(sides):
 )
 def test_records_are_as_long_as_python_thinks(struct, size):
     assert len(fields_of(struct)) == size
+
+
+def test_what_lacks_has_a_bit_for_each_room(sides):
+    [bits] = re.findall(r"enum \{ (EVENTS[^}]*) \}", HEADER)
+    named = [(name.strip().lower(), int(value)) for name, value in (bit.split("=") for bit in bits.split(","))]
+    assert named == [(name, 1 << place) for place, name in enumerate(native.FIRST_ROOM)]
+    memory = sides["Memory"]
+    memory.words[native.LACK] = 5
+    assert memory.lacks_room == ("events", "parts")
 
 
 def test_no_field_is_left_out_of_the_words(sides):

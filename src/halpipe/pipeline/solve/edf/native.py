@@ -18,7 +18,7 @@ from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.library import INTEGER, words
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.pipeline.solve.edf.jobs import Plan
     from halpipe.pipeline.solve.edf.resources import Claim
@@ -37,7 +37,7 @@ LACK, BEGIN, END, PART_COUNT = 0, 1, 2, 6
 """Places of what Python reads and writes of the library's memory."""
 
 FIRST_ROOM = {"events": 256, "history": 64, "parts": 256, "claims": 256, "signature": 256, "open": 16}
-"""Records for which there is room at first, besides what grows with the system."""
+"""Records for which there is room at first; where it turns out too small, what is lacking is doubled (system.h)."""
 
 LARGEST = 2**61
 """Longer times than this mean no limit; sums of two of them stay within 64 bits."""
@@ -126,8 +126,8 @@ class System:
 class Told:
     """A plan as the library sees it."""
 
-    def __init__(self, system: System, plan: Plan, room: int) -> None:
-        """Write down the plan, with room for parts of jobs that have begun."""
+    def __init__(self, system: System, plan: Plan, open_parts: int) -> None:
+        """Write down the plan, with room for so many parts of each job that has begun."""
         mode = system.mode
         self.releases, self.indices = ints(), ints()
         counts = []
@@ -148,7 +148,7 @@ class Told:
         numbers = accumulate(map(bool, followers))
         self.histories = sum(map(bool, followers))
         self.places = rows_at(counts)
-        self.parts_at = rows_at(min(most_parts(way), FIRST_ROOM["open"] * room) for way in plan.ways)
+        self.parts_at = rows_at(min(most_parts(way), open_parts) for way in plan.ways)
         self.on_unit_at = rows_at(map(len, on_unit))
         self.fields = {
             "fresh": int(plan.fresh),
@@ -182,14 +182,13 @@ def most_parts(way: Way) -> int:
 class Memory:
     """What the library remembers of one simulation; `room` is how much of it there is, where nobody knows."""
 
-    def __init__(self, system: System, told: Told, room: int) -> None:
-        """Make room."""
+    def __init__(self, system: System, told: Told, room: Mapping[str, int]) -> None:
+        """Make room, and some that grows with the system."""
         tasks, units, resources = len(system.mode.works), len(system.mode.units), len(system.mode.capacity)
         jobs = max(1, told.places[tasks])
-        first = {name: count * room for name, count in FIRST_ROOM.items()}
-        events = first["events"] + room * (4 * tasks + 4 * len(system.mode.fixed.jobs))
-        history, parts, claims = first["history"], first["parts"] + 2 * room * jobs, first["claims"]
-        signature = first["signature"] + 16 * room * tasks + 2 * told.histories * history
+        events = room["events"] + 4 * tasks + 4 * len(system.mode.fixed.jobs)
+        history, parts, claims = room["history"], room["parts"] + 2 * jobs, room["claims"]
+        signature = room["signature"] + 16 * tasks
         seats = max(1, told.on_unit_at[units])
         self.late = filled(tasks)
         self.firsts, self.counts, self.releases, self.starts, self.ends = (filled(jobs) for _ in range(5))
@@ -238,9 +237,9 @@ class Memory:
         self.words = words(self.fields.values())
 
     @property
-    def lacks_room(self) -> bool:
-        """Whether some room was too small, so that nothing counts."""
-        return bool(self.words[LACK])
+    def lacks_room(self) -> tuple[str, ...]:
+        """What there was too little room for; then nothing counts."""
+        return tuple(name for bit, name in enumerate(FIRST_ROOM) if self.words[LACK] >> bit & 1)
 
     def turn(self, begin: int, end: int) -> None:
         """Look at another hyperperiod: jobs that start in it are kept."""
@@ -259,7 +258,7 @@ def function(name: str) -> Any:
 class Simulation:
     """One simulation in the library."""
 
-    def __init__(self, system: System, told: Told, room: int) -> None:
+    def __init__(self, system: System, told: Told, room: Mapping[str, int]) -> None:
         """Put down the first releases, and the jobs that stay."""
         self.system, self.told = system, told
         self.memory = Memory(system, told, room)

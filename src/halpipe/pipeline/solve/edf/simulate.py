@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError
-from halpipe.pipeline.solve.edf.native import LARGEST, Simulation, System, Told
+from halpipe.pipeline.solve.edf.native import FIRST_ROOM, LARGEST, Simulation, System, Told
 from halpipe.pipeline.solve.limits import too_large
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ class Simulator:
     def __init__(self, mode: Mode) -> None:
         """Write down the mode; raise `HalpipeError` if its times have too many ticks."""
         self._mode = mode
-        self._room = 1
+        self._room = dict(FIRST_ROOM)
         try:
             self._system = System(mode, MOST_CYCLES)
         except OverflowError:
@@ -34,13 +34,14 @@ class Simulator:
     def table(self, plan: Plan) -> Table:
         """Return the table that a plan leads to."""
         while True:
-            told = Told(self._system, plan, self._room)
+            told = Told(self._system, plan, self._room["open"])
             start_up = self._start_up(plan, told)
             simulation = Simulation(self._system, told, self._room)
             closed = self._close(simulation, start_up)
-            if not simulation.memory.lacks_room:
+            lacking = simulation.memory.lacks_room
+            if not lacking:
                 return simulation.table(closed=closed)
-            self._room *= 2
+            self._room.update((name, 2 * self._room[name]) for name in lacking)
 
     def _start_up(self, plan: Plan, told: Told) -> int:
         """Return after how many hyperperiods every window has a predecessor to look back at."""

@@ -26,7 +26,7 @@ static int64_t add_near(const Simulation *s, int64_t count, const Claim *claim, 
     if (begin >= claim->end || claim->begin >= end)
         return count;
     if (count == s->memory->near_room) {
-        s->memory->lack = true;
+        s->memory->lack |= CLAIMS;
         return count;
     }
     s->memory->near[count] = (Claim){claim->resource, begin, end, height};
@@ -112,7 +112,7 @@ static void take(const Simulation *s, int64_t count) {
         const Claim *claim = &m->asked[n];
         int64_t place = m->free_claim;
         if (place < 0) {
-            m->lack = true;
+            m->lack |= CLAIMS;
             return;
         }
         m->free_claim = m->claims[place].next;

@@ -110,7 +110,7 @@ static void keep(const Simulation *s, int64_t task) {
     if (start < m->begin || start >= m->end)
         return;
     if (m->part_count + job->parts > m->part_room) {
-        m->lack = true;
+        m->lack |= PARTS;
         return;
     }
     int64_t first = s->plan->releases_at[task], count = s->plan->releases_at[task + 1] - first;
@@ -432,7 +432,7 @@ static void run_to(const Simulation *s, int64_t task, int64_t end) {
 static void add_part(const Simulation *s, int64_t task, int64_t now) {
     Job *job = &s->memory->jobs[task];
     if (s->plan->parts_at[task] + job->parts == s->plan->parts_at[task + 1]) {
-        s->memory->lack = true;
+        s->memory->lack |= OPEN;
         return;
     }
     parts_of(s, task)[job->parts++] = (Part){now, now, job->executed, job->executed};
@@ -635,7 +635,7 @@ EXPORTED int64_t halpipe_edf_is_quiescent(const System *system, const Plan *plan
 
 static void sign(Memory *m, int64_t *signature, int64_t value) {
     if (m->signed_count == m->signature_room)
-        m->lack = true;
+        m->lack |= SIGNATURE;
     else
         signature[m->signed_count++] = value;
 }
@@ -669,7 +669,7 @@ static void sign_claims(const Simulation *s, int64_t *signature, int64_t resourc
         if (m->claims[n].end <= now)
             continue;
         if (count == m->near_room) {
-            m->lack = true;
+            m->lack |= CLAIMS;
             return;
         }
         Claim claim = {resource, m->claims[n].begin - now, m->claims[n].end - now, m->claims[n].height};

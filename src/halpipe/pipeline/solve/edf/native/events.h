@@ -19,7 +19,7 @@ static bool is_before(const Event *a, const Event *b) {
 static void put(const Simulation *s, int64_t time, Kind kind, int64_t task, int64_t number) {
     Memory *m = s->memory;
     if (m->event_count == m->event_room) {
-        m->lack = true;
+        m->lack |= EVENTS;
         return;
     }
     Event event = {time, (int64_t)kind << KIND_SHIFT | m->sequence++, task, number};
@@ -73,7 +73,7 @@ static void note(const Simulation *s, int64_t task, bool is_end, int64_t now) {
         *count -= old;
     }
     if (*count == m->history_room) {
-        m->lack = true;
+        m->lack |= HISTORY;
         return;
     }
     times[(*count)++] = now;

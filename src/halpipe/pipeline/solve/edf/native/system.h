@@ -131,8 +131,11 @@ typedef struct {
 } Held;
 
 
+/* What there may be too little room for, a bit each. */
+enum { EVENTS = 1, HISTORY = 2, PARTS = 4, CLAIMS = 8, SIGNATURE = 16, OPEN = 32 };
+
 typedef struct {
-    int64_t lack; /* whether some room was too small: then nothing counts */
+    int64_t lack; /* whether some room was too small, and which: then nothing counts */
     int64_t begin, end; /* jobs that start in [begin, end) are noted */
     int64_t sequence, hurried, event_count, part_count, free_claim, signed_count, signed_before;
     int64_t event_room, history_room, part_room, claim_room, near_room, signature_room;
