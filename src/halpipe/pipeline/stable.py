@@ -2,12 +2,14 @@
 
 First all jobs stay. Where the model no longer allows that, the tasks that have changed are placed anew, then those as
 well that they meet in the best placement found, or that share most with them; at last everything is. What is free is
-tried first where it was.
+tried first where it was. If many jobs have moved in the end, tasks are put back one after the other.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import HalpipeError, about, note
@@ -35,6 +37,9 @@ BUDGET = 100
 ROUNDS = 12
 """How often more of them are freed before everything is searched for."""
 
+MANY, MOST_PUT_BACK = Fraction(1, 20), 8
+"""Where more than this share of the jobs has moved, so many tasks are tried where they were."""
+
 MOST_NAMED = 12
 """Tasks that are named in the note."""
 
@@ -44,13 +49,11 @@ def schedule_near(
 ) -> Scheduled:
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
-    held = options.shipped
     changed = _changed(model, earlier)
-    free = frozenset(changed) | _displaced(earlier, held)
+    free = frozenset(changed) | _displaced(earlier, options.shipped)
     for _ in range(ROUNDS):
-        kept = _together(held, _without(earlier, free))
         try:
-            found = solve(replace(options, shipped=kept, near=None, like=earlier, budget=BUDGET))
+            found = solve(_near(options, earlier, free))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
             found = None
             break
@@ -62,7 +65,47 @@ def schedule_near(
         free |= more
     if found is None or not (found.is_complete or found.stopped):
         found = solve(replace(options, near=None, like=earlier))
+    elif found.is_complete:
+        found = _put_back(
+            earlier, found, frozenset(changed), lambda free: solve(_near(options, earlier, free, BUDGET // 4))
+        )
     return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed)))
+
+
+def _near(options: SearchOptions, earlier: Schedule, free: frozenset[str], budget: int = BUDGET) -> SearchOptions:
+    """Return the options of a search in which all tasks stay but those that are free."""
+    kept = _together(options.shipped, _without(earlier, free))
+    return replace(options, shipped=kept, near=None, like=earlier, budget=budget)
+
+
+def _put_back(
+    earlier: Schedule, found: Scheduled, changed: frozenset[str], solve: Callable[[frozenset[str]], Scheduled]
+) -> Scheduled:
+    """Return a schedule in which fewer jobs have moved, if many have: each task may have been freed in vain.
+
+    One after the other stays where it was, those with the most jobs first, while the others that have moved are free.
+    """
+    moved = _moved(earlier, found.schedule)
+    most = sum(len(mode.jobs) for mode in found.schedule.modes) * MANY
+    for name in sorted(moved.keys() - changed, key=lambda name: (-moved[name], name))[:MOST_PUT_BACK]:
+        if sum(moved.values()) <= most:
+            break
+        if name not in moved:
+            continue
+        try:
+            other = solve(frozenset(moved.keys() - {name}) | changed)
+        except HalpipeError:
+            continue
+        if other.is_complete and sum(_moved(earlier, other.schedule).values()) < sum(moved.values()):
+            found, moved = other, _moved(earlier, other.schedule)
+    return found
+
+
+def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
+    """Return how many jobs of each task are not what they were, of tasks of which any is."""
+    before = {(mode.name, job.task, job.index): _place(job) for mode in earlier.modes for job in mode.jobs}
+    jobs = ((mode.name, job) for mode in found.modes for job in mode.jobs)
+    return dict(Counter(job.task for mode, job in jobs if before.get((mode, job.task, job.index)) != _place(job)))
 
 
 def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
