@@ -29,6 +29,7 @@ LIBRARIES = (
     "halpipe/deploy/riscv/native/block",
     "halpipe/pipeline/solve/kernel/native/kernel",
     "halpipe/pipeline/solve/packing/native/boards",
+    "halpipe/pipeline/solve/edf/native/edf",
 )
 
 
