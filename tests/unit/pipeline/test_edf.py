@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from edf_reference import Resources
+from edf_reference_jobs import Resources
 from halpipe.diagnostics import HalpipeError
 from halpipe.durations import Duration, milliseconds
 from halpipe.importers.native import read_model
