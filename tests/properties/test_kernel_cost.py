@@ -69,12 +69,12 @@ def check_profiles(problem, state):
             load_of[lane, time % arrays.hyperperiod] += height
     for lane in range(len(arrays.lane_capacity)):
         base, count = arrays.lane_first[lane], state.edges[lane]
-        edges, levels = state.edge[base : base + count + 1], state.level[base : base + count]
+        edges, levels = zip(*Table(state.step, 2).rows(base, base + count + 1), strict=True)  # and the sentinel
         assert edges[0] == 0
         assert edges[-1] == arrays.hyperperiod
         spans = [end - begin for begin, end in pairwise(edges)]
         assert all(span > 0 for span in spans)
-        profile = [level for level, span in zip(levels, spans, strict=True) for _ in range(span)]
+        profile = [level for level, span in zip(levels[:-1], spans, strict=True) for _ in range(span)]
         assert profile == [load_of[lane, time] for time in range(arrays.hyperperiod)]
         assert base + count < arrays.lane_first[lane + 1]
         guide = state.guide[arrays.guide_first[lane] : arrays.guide_first[lane + 1]]

@@ -76,7 +76,8 @@ def test_registers_constants_and_parts_are_the_same_on_both_sides():
 
 def test_rows_of_the_state_are_as_long_as_its_structs():
     arrays, fresh = example()
-    assert [len(members(name)) for name in ("Owner", "Spot")] == [3, 3]
+    assert [len(members(name)) for name in ("Step", "Owner", "Spot")] == [2, 3, 3]
+    assert len(fresh.step) == 2 * arrays.lane_first[-1]
     assert len(fresh.owner) == 3 * arrays.owner_first[-1]
     assert len(fresh.old) == len(fresh.kept) == 3 * len(arrays.job_task)
     assert len(fresh.owner_at) == fresh.max_rects * len(arrays.job_task)

@@ -33,8 +33,8 @@ NO_CHECKPOINT = error(
 )
 
 SAVED = (
-    "start", "option", "phase", "edge", "level", "edges", "guide", "owner", "owners", "owner_at", "hot", "hot_at",
-    "hint", "best_start", "best_option", "register", "random",
+    "start", "option", "phase", "step", "edges", "guide", "owner", "owners", "owner_at", "hot", "hot_at", "hint",
+    "best_start", "best_option", "register", "random",
 )  # fmt: skip
 """The arrays of a state; the others are scratch."""
 

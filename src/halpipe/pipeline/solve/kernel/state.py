@@ -77,8 +77,7 @@ class State:
     start: Ints  # per job, -1 before its insertion
     option: Ints
     phase: Ints  # start less number times period, not wrapped
-    edge: Ints
-    level: Ints
+    step: Ints  # of the profile of each lane: begin, level
     edges: Ints  # breakpoints in use on each lane
     guide: Ints  # per stretch of a lane: the breakpoint, of those of the lane, at its begin or the last before it
     owner: Ints  # rectangles on each lane: begin, length, and job * max_rects + rectangle
@@ -104,9 +103,9 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PAR
     jobs, entries = len(arrays.job_task), len(arrays.entry_offset)
     lanes = len(arrays.lane_capacity)
     max_rects = max((end - begin for begin, end in pairwise(arrays.rect_first)), default=0) or 1
-    edge = filled(max(1, arrays.lane_first[-1]))
+    step = filled(2 * max(1, arrays.lane_first[-1]))
     for first in arrays.lane_first[:-1]:
-        edge[first + 1] = arrays.hyperperiod
+        step[2 * (first + 1)] = arrays.hyperperiod
     register = filled(REGISTERS)
     register[BEST] = NEVER
     share = START_HEAT_WITH_WINDOWS if len(arrays.row) else START_HEAT
@@ -115,8 +114,7 @@ def new_state(arrays: Arrays, seed: int, mean_wcet: int, enabled: Part = ALL_PAR
         start=filled(jobs, -1),
         option=filled(jobs),
         phase=filled(jobs),
-        edge=edge,
-        level=filled(len(edge)),
+        step=step,
         edges=filled(lanes, 1),
         guide=filled(arrays.guide_first[-1]),
         owner=filled(3 * max(1, arrays.owner_first[-1])),

@@ -23,6 +23,7 @@ typedef struct { int64_t lane, offset, length, height; } Rect;
 typedef struct { int64_t task, least, room, from_end; } Row;
 typedef struct { int64_t task, lag, room, is_after, from_end; } Partner;
 typedef struct { int64_t reaction, age; } Limits;
+typedef struct { int64_t begin, level; } Step; /* of a profile; it ends where the next one begins */
 typedef struct { int64_t begin, length, mark; } Owner; /* mark: job * max_rects + number of the rectangle */
 typedef struct { int64_t start, option, phase; } Spot;
 
@@ -96,8 +97,7 @@ typedef struct {
     int64_t *start;
     int64_t *option;
     int64_t *phase;
-    int64_t *edge;
-    int64_t *level;
+    Step *step;
     int64_t *edges;
     int64_t *guide;
     Owner *owner;

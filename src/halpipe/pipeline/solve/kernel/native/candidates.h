@@ -74,8 +74,8 @@ static const Rect *drawn_rect(const Arrays *p, State *s, int64_t task) {
 
 /* A start that puts a rectangle at a breakpoint of its lane: after it where there is room, else before it. */
 static int64_t at_step(const Arrays *p, const State *s, const Rect *r, int64_t index) {
-    bool has_room = s->level[index] <= p->lane_capacity[r->lane] - r->height;
-    int64_t start = has_room ? s->edge[index] : s->edge[index] - r->length;
+    bool has_room = s->step[index].level <= p->lane_capacity[r->lane] - r->height;
+    int64_t start = has_room ? s->step[index].begin : s->step[index].begin - r->length;
     return modulo(start - r->offset, p->hyperperiod);
 }
 
@@ -98,12 +98,12 @@ static int64_t aim_at_gap(const Arrays *p, State *s, int64_t task, bool align_le
     int64_t origin = base + draw(s, s->edges[r->lane]);
     int64_t here = origin, steps = GAP_STEPS;
     while (steps > 0) {
-        for (; s->level[here] > threshold && steps > 0; steps--)
+        for (; s->step[here].level > threshold && steps > 0; steps--)
             if (++here == end)
                 here = base;
-        int64_t begin = s->edge[here], free = 0;
-        for (; s->level[here] <= threshold && steps > 0; steps--) {
-            free += s->edge[here + 1] - s->edge[here];
+        int64_t begin = s->step[here].begin, free = 0;
+        for (; s->step[here].level <= threshold && steps > 0; steps--) {
+            free += s->step[here + 1].begin - s->step[here].begin;
             if (++here == end)
                 here = base;
         }

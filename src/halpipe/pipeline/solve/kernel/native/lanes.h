@@ -94,9 +94,9 @@ static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t st
         int64_t here = find(p, s, r->lane, time);
         int64_t advance = 0, free = 0;
         while (free < r->length) {
-            int64_t span = s->edge[here + 1] - time;
+            int64_t span = s->step[here + 1].begin - time;
             advance += span;
-            if (s->level[here] > threshold) {
+            if (s->step[here].level > threshold) {
                 shift += advance;
                 advance = free = fitting = 0;
             } else {
@@ -105,7 +105,7 @@ static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t st
             steps--;
             if (shift > furthest || steps < 0)
                 return -1;
-            time = s->edge[++here];
+            time = s->step[++here].begin;
             if (here == end) {
                 here = base;
                 time = 0;
@@ -137,9 +137,9 @@ static int64_t lanes_cost(const Arrays *p, const State *s) {
     for (int64_t lane = 0; lane < p->lanes; lane++) {
         int64_t base = p->lane_first[lane];
         for (int64_t index = base; index < base + s->edges[lane]; index++) {
-            int64_t over = s->level[index] - p->lane_capacity[lane];
+            int64_t over = s->step[index].level - p->lane_capacity[lane];
             if (over > 0)
-                cost += over * (s->edge[index + 1] - s->edge[index]) * p->lane_weight[lane];
+                cost += over * (s->step[index + 1].begin - s->step[index].begin) * p->lane_weight[lane];
         }
     }
     return cost;
