@@ -1,10 +1,11 @@
 """Several searches of one problem that take turns: the time of a single one has a heavy tail.
 
 The first search runs alone for a while, which is enough for most problems. Then each makes some moves in its turn, the
-first as many as all others together. Later the first two make more than the others, and in the end all: the hardest
-problems want long searches, one for each of two processors, unless they have windows, where a search that goes on for
-long is worth no more than a new one. The first to succeed, by turn and number, has won. Who wins does not depend on how
-many of them run at the same time; with as many threads as searches, the time is that of the quickest.
+first as many as all others together. Later those of many entries without windows go on as replicas at fixed
+temperatures (`tempering.py`), for which the hardest problems ask. Of few entries, the first two then make more than the
+others. With windows, a search that goes on for long is worth no more than a new one. The first to succeed, by turn and
+number, has won. Who wins does not depend on how many of them run at the same time; with as many threads as searches,
+the time is that of the quickest.
 """
 
 from __future__ import annotations
@@ -31,10 +32,11 @@ TURN = 64
 """Moves per task in one turn of all searches but the first, which makes as many as they do together."""
 
 LONG, LONGER, LONG_ONES = 2048, 6, 2
-"""Without windows: after so many moves per task of the first, the first two make six times as many as others do."""
+"""Without windows: after so many moves per task of the first, the first two of few entries make six times as many as
+others do, and those of many are replicas from then on."""
 
-ALONE = 8192
-"""After so many, they make all that are made."""
+MANY = 32
+"""Entries from which on they are: fewer have cycles that begin hot, which no replica does."""
 
 
 @record
@@ -86,25 +88,29 @@ def race(
     What `advancing` returns for the problem makes the moves, on the threads of `workers`.
     """
     tasks = max(1, len(problem.expansion.tasks))
+    entries = len(problem.arrays.entry_offset)
     found = _Searches(begin, advancing(problem), on_slice, kept)
     first = found.add()
-    if members == 1 or first.state.register[FROZEN] == len(problem.arrays.entry_offset):
+    if members == 1 or first.state.register[FROZEN] == entries:
         found.turn(workers, [budget])
-    else:
-        lead = min(budget, LEAD * tasks)
-        found.turn(workers, [lead])
-        left = budget - lead
-        is_linked = len(problem.arrays.row) > 0
-        while left > 0 and not found.over:
-            is_long = not is_linked and first.bound >= LONG * tasks
-            shares = [LONGER] * min(LONG_ONES, members) if is_long else [members - 1]
-            shares += [int(not is_long or first.bound < ALONE * tasks)] * (members - len(shares))
-            step = min(TURN * tasks, left // sum(shares))
-            while len(found.all) < members:
-                found.add()
-            turn = [share * step for share in shares] if step else [left, *[0] * (members - 1)]
-            found.turn(workers, [member.bound + moves for member, moves in zip(found.all, turn, strict=True)])
-            left -= sum(turn)
+        return found.outcome()
+    lead = min(budget, LEAD * tasks)
+    found.turn(workers, [lead])
+    left = budget - lead
+    is_linked = len(problem.arrays.row) > 0
+    while left > 0 and not found.over:
+        is_long = not is_linked and first.bound >= LONG * tasks
+        if is_long and entries >= MANY:
+            found.temper(workers, tasks, budget)
+            break
+        shares = [LONGER] * min(LONG_ONES, members) if is_long else [members - 1]
+        shares += [1] * (members - len(shares))
+        step = min(TURN * tasks, left // sum(shares))
+        while len(found.all) < members:
+            found.add()
+        turn = [share * step for share in shares] if step else [left, *[0] * (members - 1)]
+        found.turn(workers, [member.bound + moves for member, moves in zip(found.all, turn, strict=True)])
+        left -= sum(turn)
     return found.outcome()
 
 
@@ -137,6 +143,34 @@ class _Searches:
         taken = workers.each(self._advance, self.all, lambda member: member.is_over)
         if taken[-1].is_over:
             self.over = taken[-1]
+
+    def temper(self, workers: Workers, tasks: int, budget: int) -> None:
+        """Go on as replicas, as long as the budget has a whole turn for all.
+
+        All of them are kept together from now on, and each on its own no more.
+        """
+        from halpipe.pipeline.solve.kernel import tempering
+
+        step = tempering.TURN * tasks
+        for member in self.all:
+            if member.kept is not None:
+                member.kept.keep(member.state, now=True)
+                member.kept = None
+        while len(self.all) < len(tempering.LADDER):
+            number = len(self.all)
+            self.all.append(_Member(number, self._begin(number), None))
+        del self.all[len(tempering.LADDER) :]
+        kept = self._kept and self._kept.stage("replicas")
+        replicas = tempering.Replicas([member.state for member in self.all], kept)
+        for member in self.all:
+            member.bound = member.moves  # those of a run that is gone on with, if one is
+        while not self.over and sum(replicas.moves) + step * len(self.all) <= budget:
+            self.turn(workers, [moves + step for moves in replicas.moves])
+            if not self.over:
+                replicas.change_places()
+                replicas.keep(now=False)
+        if not self.over:
+            replicas.keep(now=True)
 
     def _advance(self, member: _Member) -> _Member:
         def on_slice(moves: int, best: int) -> bool:
