@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from fractions import Fraction
+from itertools import combinations
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from halpipe.pipeline.jobs import Expansion
@@ -16,7 +18,7 @@ from halpipe.pipeline.solve.workers import watched
 from halpipe.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
     from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import ActiveTask
@@ -25,7 +27,10 @@ WORK = 5
 """Deterministic seconds for all chains together."""
 
 ALONE = 1
-"""Deterministic seconds for each chain without the other tasks."""
+"""Deterministic seconds for each chain without the other tasks, and for each pair of chains."""
+
+PAIRS = 8
+"""Pairs of chains that are looked at."""
 
 JOBS = 400
 """Jobs of a mode up to which it is asked."""
@@ -46,20 +51,57 @@ class Shortest:
 def shortest_chains(
     model: TaskModel, expansion: Expansion, jobs: tuple[Job, ...], now: Fraction, effort: Effort
 ) -> Shortest:
-    """Look for a schedule with a lower sum than `now`, that of `jobs`, and for a bound: of each chain, then of all."""
+    """Look for a schedule with a lower sum than `now`, that of `jobs`, and for a bound.
+
+    It is that of each chain, then of pairs, then of all together, where what is known of the former helps.
+    """
     least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(model, expansion)}
     if not (is_installed() and has_whole_jobs(model) and expansion.job_count <= JOBS and is_small(expansion)):
         return Shortest(_sum(least))
     for chain in least:
         alone = _solve(model, _part(expansion, chain.tasks), [chain], (), None, replace(effort, work=ALONE))
         least[chain] = max(least[chain], alone.bound / chain.weight if chain.weight else Fraction(0))
-        if alone.stopped:
+        if alone.stopped or not effort.go_on():
             return Shortest(_sum(least), stopped=True)
     bound = _sum(least)
     if bound >= now:
         return Shortest(bound)
-    together = _solve(model, expansion, list(least), jobs, now, replace(effort, work=WORK))
+    pairs = _pairs(model, expansion, least, effort)
+    bound += _best_gain(pairs, least)
+    if not effort.go_on():
+        return Shortest(bound, stopped=True)
+    floors = {(chain,): chain.weight * times for chain, times in least.items()} | pairs
+    together = _solve(model, expansion, list(least), jobs, now, replace(effort, work=WORK), floors)
     return Shortest(max(bound, together.bound), together.jobs, together.stopped)
+
+
+def _pairs(
+    model: TaskModel, expansion: Expansion, least: dict[Chain, Fraction], effort: Effort
+) -> dict[tuple[Chain, ...], Fraction]:
+    """Bound the sums of pairs of chains with a task in common, which cannot be where it is best for both.
+
+    Each pair is without the other tasks. Those with the most in common come first.
+    """
+    common = {pair: len(set(pair[0].tasks) & set(pair[1].tasks)) for pair in combinations(least, 2)}
+    found: dict[tuple[Chain, ...], Fraction] = {}
+    for pair in sorted(filter(common.__getitem__, common), key=common.__getitem__, reverse=True)[:PAIRS]:
+        part = _part(expansion, {task for chain in pair for task in chain.tasks})
+        both = _solve(model, part, list(pair), (), None, replace(effort, work=ALONE))
+        if both.stopped:
+            break
+        found[pair] = max(both.bound, _sum({chain: least[chain] for chain in pair}))
+    return found
+
+
+def _best_gain(pairs: dict[tuple[Chain, ...], Fraction], least: dict[Chain, Fraction]) -> Fraction:
+    """Return by how much pairs raise the bound, each chain being in one at most; those that gain most come first."""
+    gains = {pair: bound - _sum({chain: least[chain] for chain in pair}) for pair, bound in pairs.items()}
+    total, left = Fraction(0), set(least)
+    for pair in sorted(gains, key=gains.__getitem__, reverse=True):
+        if left.issuperset(pair):
+            total += gains[pair]
+            left.difference_update(pair)
+    return total
 
 
 def _sum(least: dict[Chain, Fraction]) -> Fraction:
@@ -86,7 +128,9 @@ def _solve(
     jobs: tuple[Job, ...],
     now: Fraction | None,
     effort: Effort,
+    floors: Mapping[tuple[Chain, ...], Fraction] = MappingProxyType({}),
 ) -> Shortest:
+    """Minimise the weighted sum of some chains; `floors` bound that of groups of them, as is known already."""
     from ortools.sat.python import cp_model
 
     from halpipe.pipeline.solve.exactmodel import TooLarge, build
@@ -103,7 +147,8 @@ def _solve(
     unit = Fraction(program.tick.ns) / scale  # what a tick of the sum counts
     most = 2**50 if now is None else math.floor(now / unit)
     try:
-        program.minimise(zip(chains, weights, strict=True), most)
+        known = [(group, math.ceil(floor / unit)) for group, floor in floors.items()]
+        program.minimise(dict(zip(chains, weights, strict=True)), most, known)
     except TooLarge:
         return Shortest(Fraction(0))
     program.suggest(jobs)

@@ -16,7 +16,7 @@ from halpipe.models import Anchor, Job
 from halpipe.pipeline.jobs import demands_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import Chain, Precedence, TaskModel, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
@@ -338,14 +338,21 @@ class Program:
         if chain.max_age is not None:
             self._limit(self._ages(chain), self.ticks(chain.max_age))
 
-    def minimise(self, chains: Iterable[tuple[Chain, int]], most: int) -> None:
-        """Ask for the least sum of reaction times and data ages, each times a whole weight, of at most `most` ticks."""
-        total: Any = 0
-        for chain, weight in chains:
+    def minimise(self, chains: Mapping[Chain, int], most: int, floors: Iterable[tuple[Sequence[Chain], int]]) -> None:
+        """Ask for the least sum of reaction times and data ages, each times a whole weight, of at most `most` ticks.
+
+        `floors` say of groups of chains that their part of the sum is no less, which the solver need not prove.
+        """
+        parts: dict[Chain, Any] = {}
+        for chain, weight in chains.items():
+            parts[chain] = 0
             for latencies in (self._reactions(chain), self._ages(chain)):
                 worst = self._int(0, 2 * self.total * (len(chain.tasks) + 2))
                 self._limit(latencies, worst)
-                total += weight * worst
+                parts[chain] += weight * worst
+        for group, floor in floors:
+            self.cp.add(sum(parts[chain] for chain in group) >= floor)
+        total = sum(parts.values())
         self.cp.add(total <= most)
         self.cp.minimize(total)
 

@@ -11,6 +11,7 @@ from halpipe.durations import ZERO, greatest_common_divisor
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
@@ -44,6 +45,9 @@ EXACT_JOBS = 200
 
 TURN_SEED = 1000
 """Between the seeds of the exact engine's turns; within one, it counts on from its own."""
+
+STARTS, START_SEED = 3, 0x632BE59BD9B4E019
+"""First schedules of a small mode from which chains are made shorter, and what lies between their seeds."""
 
 POLISH_TABLES = 4000
 """Whole tables of split jobs that are tried at least to improve a valid one."""
@@ -318,31 +322,54 @@ class _WholeJobs(_Search):
         if outcome.cost:
             table = self.report(outcome.jobs, Status.NOT_FOUND)
             return Found(table, notes, outcome.moves, outcome.stopped)
+        is_free = not self.shipped and self.tick is None and not self.pinned and not outcome.unimproved
+        if is_free and self.may_ask and self.polish is not None and Objective.CHAINS in self.options.optimise[:1]:
+            outcome = self._best_of_several(outcome, self.polish)
         is_cut = outcome.unimproved
-        is_free = not self.shipped and self.tick is None and not self.pinned and not is_cut
+        is_free = is_free and not is_cut
         end = self.finished(outcome.jobs, self.seed, self._go_on(outcome), is_free=is_free)
         table = self.report(end.jobs, Status.VALID)
         unimproved = is_cut or end.stopped
         return Found(table, notes, outcome.moves, outcome.stopped, unimproved, reached=end.reached)
 
-    def _anneal(self, moves: int) -> Outcome:
-        """Let the annealer go on to so many moves in all."""
+    def _best_of_several(self, found: Outcome, polish: Polish) -> Outcome:
+        """Return the best of what the search comes to from several first schedules, the first of which is `found`.
+
+        An improvement stays in the basin in which it begins. None is taken that is worse than the first schedule in
+        anything that counts.
+        """
+        judge, first = polish.judge, polish.first[0]
+        best, worth, moves = found, judge.worth(found.jobs), found.moves
+        for other in self.options.workers.each(partial(self._anneal, self.budget), range(1, STARTS)):
+            moves += other.moves
+            if other.stopped or other.unimproved:
+                return replace(best, moves=moves, unimproved=True)
+            its_worth = judge.worth(other.jobs)
+            if not other.cost and its_worth.values < worth.values and judge.keeps(first, its_worth):
+                best, worth = other, its_worth
+        return replace(best, moves=moves)
+
+    def _anneal(self, moves: int, start: int = 0) -> Outcome:
+        """Let the annealer go on to so many moves in all; other numbers of `start` are other searches."""
         from halpipe.pipeline.solve.kernel.search import Effort, search
 
-        cluster = self.options.cluster
+        cluster, polish, kept = self.options.cluster, self.polish, self.kept(self.keeper)
         effort = Effort(self.options.portfolio, self.options.workers)
         if cluster is not None:
             effort = Effort(self.options.portfolio, cluster.workers, cluster.advancing)
+        if start:
+            kept = kept and kept.stage(f"start{start}")
+            polish = polish and replace(polish, seed=polish.seed + start, first=[], on_better=lambda worth: None)
         return search(
             self.problem,
             lambda: self.problem if self.shipped else self._stated(grouped=False),
-            self.seed,
+            self.seed + start * START_SEED,
             moves,
             lambda made, best: self.on_progress(self.name, made, self.budget, best),
             self.earlier,
-            None if self.polish is None else (self.polish, lambda: self._stated(every_chain=True)),
+            None if polish is None else (polish, lambda: self._stated(every_chain=True)),
             self.shipped,
-            self.kept(self.keeper),
+            kept,
             effort,
         )
 

@@ -123,6 +123,7 @@ class _Searches:
         self._on_slice = on_slice
         self._kept = kept
         self._shown: dict[int, tuple[int, int]] = {}
+        self._abandoned = 0
         self.all: list[_Member] = []
         self.over: _Member | None = None
 
@@ -159,7 +160,7 @@ class _Searches:
         while len(self.all) < len(tempering.LADDER):
             number = len(self.all)
             self.all.append(_Member(number, self._begin(number), None))
-        del self.all[len(tempering.LADDER) :]
+        budget -= self._abandon(len(tempering.LADDER))
         kept = self._kept and self._kept.stage("replicas")
         replicas = tempering.Replicas([member.state for member in self.all], kept)
         for member in self.all:
@@ -171,6 +172,13 @@ class _Searches:
                 replicas.keep(now=False)
         if not self.over:
             replicas.keep(now=True)
+
+    def _abandon(self, first: int) -> int:
+        """Leave out the searches from the `first` on; return how many moves they have made."""
+        moves = sum(member.bound for member in self.all[first:])
+        del self.all[first:]
+        self._abandoned += moves
+        return moves
 
     def _advance(self, member: _Member) -> _Member:
         def on_slice(moves: int, best: int) -> bool:
@@ -189,7 +197,7 @@ class _Searches:
                 member.kept.keep(member.state, now=True)
         won = self.over is not None and self.over.has_won
         best = self.over if self.over and won else min(self.all, key=lambda m: (m.state.register[BEST], m.number))
-        moves = sum(self._counted(member) for member in self.all)
+        moves = self._abandoned + sum(self._counted(member) for member in self.all)
         return Race(best.state, moves, self.over is not None and not won)
 
     def _counted(self, member: _Member) -> int:
