@@ -3,6 +3,7 @@
 import random
 from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from unittest import mock
 
 import pytest
@@ -20,6 +21,7 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve import exact_chains, goals, one_mode
 from halpipe.pipeline.solve import schedule as search
 from halpipe.pipeline.solve.bounds import lower_bound
+from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.kernel.naming import named_jobs
 from halpipe.pipeline.solve.kernel.taking_over import taken_over
@@ -218,6 +220,66 @@ def test_the_exact_engine_proves_an_optimum():
     assert str(reached).endswith("; the best possible")
     assert reached.value == reached.bound < reached.first
     assert "HAL" not in "".join(d.code for d in verify_schedule(system, scheduled.schedule) if d.is_error)
+
+
+TOTAL = 16
+"""The hyperperiod of the four tasks."""
+
+
+def latencies_of(runs, names):
+    """Return reaction time and data age along a chain, by following each job; `runs` are starts and ends by task."""
+    reactions, ages = [], []
+    for begin, _ in runs[names[0]]:
+        time = begin + 1
+        for name in names:
+            time = min((end for start, end in runs[name] if start >= time), default=10**6)
+        if 0 <= begin < TOTAL:
+            reactions.append(time - begin)
+    for begin, until in runs[names[-1]]:
+        time = begin
+        for name in names[-2::-1]:
+            time = max((start for start, end in runs[name] if end <= time), default=-(10**6))
+        if 0 <= begin < TOTAL:
+            ages.append(until - time)
+    return max(reactions), max(ages)
+
+
+def least_sum_by_trying_all_phases(rows, chains, units):
+    """Return the least weighted sum of latencies of periodic tasks of which no more than `units` run at a time."""
+    sums = []
+    for phases in product([0], *(range(period) for period, _ in list(rows.values())[1:])):  # a table may be turned
+        runs = {
+            name: [(start, start + wcet) for start in range(phase - 4 * TOTAL, 5 * TOTAL, period)]
+            for (name, (period, wcet)), phase in zip(rows.items(), phases, strict=True)
+        }
+        spans = [span for each in runs.values() for span in each]
+        if all(sum(start <= time < end for start, end in spans) <= units for time in range(TOTAL)):
+            sums.append(sum(weight * sum(latencies_of(runs, names)) for weight, names in chains))
+    return min(sums)
+
+
+def test_the_bound_of_a_pair_of_chains_is_what_trying_all_phases_finds():
+    pytest.importorskip("ortools")
+    rows = {"a": (8, 3), "b": (16, 4), "c": (8, 1), "d": (16, 2)}
+    expected = least_sum_by_trying_all_phases(rows, [(2, "abc"), (1, "dc")], 2)
+    system = four_tasks()
+    expansion = expand(system, system.modes[0])
+    least = dict.fromkeys(system.chains, Fraction(0))
+    [(pair, bound)] = exact_chains._pairs(system, expansion, least, Effort()).items()
+    assert pair == system.chains
+    assert bound == expected * Fraction(milliseconds(1).ns)
+
+
+def test_each_chain_counts_in_one_pair_at_most():
+    one, two, three, four = least = dict.fromkeys([chain(name, "a b") for name in "pqrs"], Fraction(10))
+    assert exact_chains._best_gain({}, least) == 0
+    pairs = {
+        (one, two): Fraction(25),
+        (two, three): Fraction(29),
+        (three, four): Fraction(27),
+        (one, four): Fraction(21),
+    }
+    assert exact_chains._best_gain(pairs, least) == 9 + 1
 
 
 @pytest.mark.parametrize("seed", [1, 2])
