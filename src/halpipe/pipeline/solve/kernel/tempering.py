@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.kernel.run_in_slices import Kept
     from halpipe.pipeline.solve.kernel.state import State
 
-LADDER = (80, 120, 170, 240, 340, 480)
+LADDER = (80, 120, 170, 240, 340, 480, 680, 960)
 """Temperatures, in thousandths of that at which a full cycle begins."""
 
-TURN = 10
+TURN = 32
 """Moves per task that each replica makes before places are changed."""
 
 FOREVER = 10**12
