@@ -34,6 +34,9 @@ NEAR = note(
 BUDGET = 100
 """Moves per task for the tasks that are free, before more of them are."""
 
+FOR_EACH_FREE = 10
+"""So many of them for each that is free: a few soon find all the places that there are."""
+
 ROUNDS = 12
 """How often more of them are freed before everything is searched for."""
 
@@ -53,7 +56,7 @@ def schedule_near(
     free = frozenset(changed) | _displaced(earlier, options.shipped)
     for _ in range(ROUNDS):
         try:
-            found = solve(_near(options, earlier, free))
+            found = solve(_near(options, earlier, free, min(BUDGET, FOR_EACH_FREE * len(free))))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
             found = None
             break
@@ -110,31 +113,32 @@ def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
 
 def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
     """Return the tasks that stay and meet one that is free, on a unit or a resource, in the best placement so far."""
+    accesses = {(task.name, version.name): version.accesses for task in model.tasks for version in task.versions}
+
+    def phases(job: Job) -> list[tuple[Access, Duration]]:
+        return [(access, job.start + access.start) for access in accesses.get((job.task, job.version), ())]
+
     names: set[str] = set()
     for mode in best.modes:
-        moving = [job for job in mode.jobs if job.task in free]
+        moving = [(job, phases(job)) for job in mode.jobs if job.task in free]
         for job in mode.jobs:
-            if job.task not in free | names and any(
-                _meet(one, job, mode.hyperperiod) or _share(model, one, job, mode.hyperperiod) for one in moving
-            ):
+            if job.task in free | names:
+                continue
+            own, length = phases(job), mode.hyperperiod
+            if any(_meet(one, job, length) or _share(others, own, length) for one, others in moving):
                 names.add(job.task)
     return frozenset(names)
 
 
-def _share(model: TaskModel, one: Job, other: Job, length: Duration) -> bool:
-    """Return whether two jobs access one resource at one time, and more than all of it together."""
-    phases = [[(a, job.start + a.start) for a in _accesses(model, job)] for job in (one, other)]
+def _share(ones: list[tuple[Access, Duration]], others: list[tuple[Access, Duration]], length: Duration) -> bool:
+    """Return whether two jobs, by their accesses and when they begin, want more than all of a resource at one time."""
     return any(
         first.resource == second.resource
         and first.bound + second.bound > 1
         and ((later - begin) % length < first.end - first.start or (begin - later) % length < second.end - second.start)
-        for first, begin in phases[0]
-        for second, later in phases[1]
+        for first, begin in ones
+        for second, later in others
     )
-
-
-def _accesses(model: TaskModel, job: Job) -> tuple[Access, ...]:
-    return next((v.accesses for v in model.task(job.task).versions if v.name == job.version), ())
 
 
 def _nearest(model: TaskModel, free: frozenset[str]) -> frozenset[str]:
