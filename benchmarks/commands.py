@@ -144,7 +144,9 @@ def _regulator(folder: Path) -> list[str]:
 
     base = generate(SetParameters(tasks=120, units=8, unit_types=1, resources=1, fractional=True), 1)
     managers = "".join(f"  {unit.name}: {{manager: {number}}}\n" for number, unit in enumerate(base.units))
-    (folder / "platform.yaml").write_text(f"resource: r1\n{PLATFORM.partition('units:')[0]}units:\n{managers}")
+    (folder / "platform.yaml").write_text(
+        f"resource: r1\ncapacity: 3.6GB/s\n{PLATFORM.partition('units:')[0]}units:\n{managers}"
+    )
     names = ("a", "b", "c", "d")
     modes = tuple(mode(name, [t for n, t in enumerate(base.tasks) if n % 4 != k]) for k, name in enumerate(names))
     pairs = tuple(Transition(source=x, target=y) for x in names for y in names if x != y)
@@ -154,7 +156,7 @@ def _regulator(folder: Path) -> list[str]:
 
 
 def _bundle(folder: Path, toolchain: str) -> list[str]:
-    shape = "--tasks 120 --units 4 --unit-types 1 --resources 1 --utilisation 60% --seed 1"
+    shape = "--tasks 120 --units 4 --unit-types 1 --resources 1 --utilisation 40% --seed 1"
     run(["generate", *shape.split(), "-o", "set.xml"], folder)
     run(["deploy", "prepare", "set.xml", "-o", "prepared.xml", "--dummy", "--toolchain", toolchain], folder)
     run(["schedule", "prepared.xml", "-o", "prepared.schedule.xml"], folder)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import Field, fields
 from enum import Enum
 from fractions import Fraction
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from halpipe.durations import Duration
@@ -31,16 +32,39 @@ class Coercion:
 
     def __init__(self, kind: type, namespace: dict[str, Any]) -> None:
         self._name = kind.__name__
-        self._readers = []
+        self._readers: list[tuple[str, tuple[type, ...], Callable[[Any], Any], str]] = []
+        self._given = attrgetter(*(field.name for field in fields(kind)), "__class__")
+        self._right: dict[tuple[type, ...], bool] = {}
+        self._items: list[tuple[int, frozenset[type]]] = []
         for field in fields(kind):
             optional = field.type.endswith(" | None")
             stated = field.type.removesuffix(" | None")
             types, read = _reader(stated, namespace)
+            if types[0] is tuple:
+                self._items.append((len(self._readers), frozenset(_reader(stated[6:-6], namespace)[0])))
             read = _text_reader(field, read)
             self._readers.append((field.name, (*types, type(None)) if optional else types, read, stated))
 
     def __call__(self, value: object) -> None:
         """Coerce the fields of a new value; raise ``TypeError`` or ``ValueError`` that names the field."""
+        given = self._given(value)
+        kinds = tuple(map(type, given))
+        right = self._right.get(kinds)
+        if right is None:  # there are few combinations of types
+            right = self._right[kinds] = self._are_right(kinds)
+        if right:
+            for at, types in self._items:
+                if given[at] and not types.issuperset(map(type, given[at])):
+                    break
+            else:
+                return
+        self._coerce(value)
+
+    def _are_right(self, kinds: tuple[type, ...]) -> bool:
+        """Return whether fields of these types need no more than a look at what lists hold."""
+        return all(kind in types for kind, (_, types, _, _) in zip(kinds, self._readers, strict=False))
+
+    def _coerce(self, value: object) -> None:
         for name, types, read, stated in self._readers:
             given = getattr(value, name)
             if type(given) in types and not (types[0] is tuple and given):

@@ -50,9 +50,10 @@ class Element:
     def __post_init__(self) -> None:
         """Turn what was given for the fields into their types."""
         kind = type(self)
-        if kind not in _COERCIONS:
-            _COERCIONS[kind] = Coercion(kind, globals())
-        _COERCIONS[kind](self)
+        coerce = _COERCIONS.get(kind)
+        if coerce is None:
+            coerce = _COERCIONS[kind] = Coercion(kind, globals())
+        coerce(self)
 
 
 @record

@@ -83,8 +83,12 @@ def check(root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
         uri, _, tag = str(root.tag).rpartition("}")
         found = f'has the root element "{tag}" in ' + (f'the namespace "{uri[1:]}"' if uri else "no namespace")
         return [WRONG_ROOT(found, at=Location(name, line_of(root)), help=_instead(kind, uri[1:]))]
-    many = _in_bulk(root, kind) if _could_be_slow(root) else []
-    return _placed(many, root, kind, name) if many else _violations(root, kind, name)
+    if not _could_be_slow(root):
+        return _violations(root, kind, name)
+    messages = _in_bulk(root, kind)
+    if len(messages) == MANY:
+        return _placed(list(dict.fromkeys(messages)), root, kind, name)
+    return _violations(root, kind, name) if messages else []
 
 
 _IMPORTED = {"http://autosar.org/": "arxml", "http://app4mc.eclipse.org/": "amalthea"}
@@ -118,7 +122,7 @@ def _could_be_slow(root: etree._Element) -> bool:
 
 
 def _in_bulk(root: etree._Element, kind: str) -> list[str]:
-    """Return messages without places if there are many: found while parsing, which ends as soon as they are."""
+    """Return messages without places, `MANY` at most: found while parsing, which ends as soon as there are so many."""
     from lxml import etree
 
     etree.clear_error_log()  # it holds the last messages of this thread, of other documents too
@@ -132,7 +136,7 @@ def _in_bulk(root: etree._Element, kind: str) -> list[str]:
     found = list(islice(parser.feed_error_log, MANY))
     with suppress(etree.XMLSyntaxError):
         parser.close()
-    return list(dict.fromkeys(_plain(entry.message, kind) for entry in found)) if len(found) == MANY else []
+    return [_plain(entry.message, kind) for entry in found]
 
 
 def _placed(messages: Sequence[str], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from halpipe.diagnostics import Findings, Location, error
@@ -9,6 +10,8 @@ from halpipe.models.attributes import attributes_by_name
 from halpipe.schemas import line_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from lxml import etree
 
     from halpipe.models.attributes import Codec
@@ -47,14 +50,14 @@ class Binder:
         """Return the attributes of a class that an element has, by field; what cannot be read is a finding."""
         if element is None:
             return {}
-        table, found = attributes_by_name(kind, within), {}
+        table, found = _readers(kind, within), {}
         for name, text in element.items():
-            stated = table.get(name)
-            if stated is not None:
+            if name in table:
+                field, parse = table[name]
                 try:
-                    found[stated.field] = stated.codec.parse(text)
+                    found[field] = parse(text)
                 except ValueError as failure:
-                    found[stated.field] = self._refused(element, name, failure, stated.codec)
+                    found[field] = self._refused(element, name, failure, attributes_by_name(kind, within)[name].codec)
         return found
 
     def read(self, element: etree._Element, name: str, text: str, codec: Codec) -> Any:
@@ -68,6 +71,12 @@ class Binder:
         tag = element.tag[self._prefix :]
         self.findings.add(BAD_VALUE(str(failure), at=self.at(element), path=f'{tag} attribute "{name}"'))
         return codec.blank
+
+
+@cache
+def _readers(kind: type, within: str) -> dict[str, tuple[str, Callable[[str], Any]]]:
+    """Return the field of each attribute of a class, and what reads it."""
+    return {name: (stated.field, stated.codec.parse) for name, stated in attributes_by_name(kind, within).items()}
 
 
 def only(children: Children, name: str) -> etree._Element | None:

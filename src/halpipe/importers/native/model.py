@@ -89,7 +89,7 @@ MOST = (("tasks", "task", 100_000), ("modes", "mode", 500), ("unit", "interrupt"
 def _bound(root: etree._Element, file: str) -> None:
     names = {"t": namespace(TASK_MODEL)}
     for holder, held, limit in MOST:
-        for element in root.xpath(f"//t:{holder}[count(t:{held}) > {limit}]", namespaces=names):
+        for element in root.xpath(f"/descendant::t:{holder}[t:{held}[{limit + 1}]]", namespaces=names):
             count = len(element.findall(f"t:{held}", names))
             refuse_more_than(limit, count, f"<{held}> in one <{holder}>", Location(file, line_of(element)))
 
