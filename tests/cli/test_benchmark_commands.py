@@ -1,0 +1,27 @@
+"""The benchmark of whole commands still runs: what it makes must be accepted by every rule that came after it."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "commands.py"
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    spec = importlib.util.spec_from_file_location("benchmark_commands", BENCHMARK)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclasses look themselves up
+    path = sys.path[:]
+    spec.loader.exec_module(module)
+    yield module
+    sys.path[:] = path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["schedule of 120 tasks", "export regulator", "4 cores, zig"])
+def test_rows_whose_input_is_generated_run(benchmark, tmp_path, name):
+    (row,) = (row for row in benchmark.rows() if name in row.name)
+    benchmark.run(benchmark.prepared(row, tmp_path), tmp_path)
