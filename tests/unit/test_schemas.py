@@ -166,3 +166,22 @@ def test_the_form_of_the_items_of_a_list_is_told_in_words():
     said = """the value 'somewhere' is not "none", "anywhere", or split points in order, such as 4ms 9ms"""
     assert [found.message for found in check(root, TASK_MODEL, "m.xml") if found.message.endswith(said)]
     assert not any("pattern" in found.message for found in check(root, TASK_MODEL, "m.xml"))
+
+
+@pytest.mark.parametrize("damage", ["no modes", "stray element at the end", "stray text", "attribute of the last one"])
+def test_a_violation_at_the_end_of_a_large_document_is_found(damage, monkeypatch):
+    from halpipe.exporters.native import format_model
+    from halpipe.pipeline.generate import SetParameters, generate
+
+    monkeypatch.setattr(schemas, "MAX_STEPS", 0)  # every document is looked at as the large ones are
+    root = etree.fromstring(format_model(generate(SetParameters(tasks=12), 1)))
+    assert schemas.check(root, schemas.TASK_MODEL, "m.xml") == []
+    if damage == "no modes":
+        root.remove(root[-1])
+    elif damage == "stray element at the end":
+        etree.SubElement(root, f"{{{schemas.namespace(schemas.TASK_MODEL)}}}stray")
+    elif damage == "stray text":
+        root[-1].tail = "stray"
+    else:
+        root[-1][-1].set("stray", "1")
+    assert schemas.check(root, schemas.TASK_MODEL, "m.xml")

@@ -141,10 +141,12 @@ def _in_bulk(root: etree._Element, kind: str) -> list[str]:
             parser.feed(text[start : start + _FED_BYTES])
             if len(parser.feed_error_log) >= MANY:
                 break
-    found = list(islice(parser.feed_error_log, MANY))
-    with suppress(etree.XMLSyntaxError):
+    found = [_plain(entry.message, kind) for entry in islice(parser.feed_error_log, MANY)]
+    try:
         parser.close()
-    return [_plain(entry.message, kind) for entry in found]
+    except etree.XMLSyntaxError as failure:  # no document is taken for valid that the parser did not end with
+        return found or [_plain(str(failure), kind)]
+    return found
 
 
 def _placed(messages: Sequence[str], root: etree._Element, kind: str, name: str) -> list[Diagnostic]:
