@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast, dataclass_transform, overl
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["record"]
+__all__ = ["record", "unchecked"]
 
 T = TypeVar("T")
 FACTORY = object()
@@ -62,31 +62,41 @@ def _record(cls: Any, kw_only: bool, eq: bool) -> Any:
 
 
 def _initializer(cls: Any) -> Callable[..., None]:
-    """Write and compile ``__init__``: each value goes to its slot past ``__setattr__``, which refuses."""
-    known: dict[str, Any] = {"FACTORY": FACTORY}
-    positional, by_keyword, lines = ["self"], ["*"], [" pass"]
-    for field in fields(cls):
-        name = field.name
-        known |= {f"set_{name}": getattr(cls, name).__set__, f"default_{name}": field.default}
-        known[f"make_{name}"] = field.default_factory
-        if field.default is not MISSING:
-            default, absent, value = f"=default_{name}", f"default_{name}", name
-        elif field.default_factory is not MISSING:
-            default, absent, value = "=FACTORY", f"make_{name}()", f"make_{name}() if {name} is FACTORY else {name}"
-        else:
-            default, absent, value = "", "", name
-        if field.init:
-            (by_keyword if field.kw_only else positional).append(name + default)
-        if field.init or absent:
-            lines.append(f" set_{name}(self, {value if field.init else absent})")
-    if hasattr(cls, "__post_init__"):
-        lines.append(" self.__post_init__()")
-    parameters = ", ".join(positional + by_keyword * (len(by_keyword) > 1))
-    exec("\n".join([f"def __init__({parameters}):", *lines]), known)
-    initializer: Any = known["__init__"]
+    """Write and compile ``__init__``."""
+    last = ["self.__post_init__()"] if hasattr(cls, "__post_init__") else []
+    initializer: Any = _compiled(cls, "__init__", ["self"], [], last)
     initializer.__annotations__ = {field.name: field.type for field in fields(cls) if field.init}
     initializer.__qualname__ = f"{cls.__qualname__}.__init__"
     return cast("Callable[..., None]", initializer)
+
+
+def unchecked(cls: type[T]) -> Callable[..., T]:
+    """Return a function that makes records of a class without ``__post_init__``: of fields known to be right."""
+    return cast("Callable[..., T]", _compiled(cls, "unchecked", [], ["self = new(cls)"], ["return self"]))
+
+
+def _compiled(cls: Any, name: str, positional: list[str], first: list[str], last: list[str]) -> Any:
+    """Compile a function of the fields: each value goes to its slot past ``__setattr__``, which refuses."""
+    known: dict[str, Any] = {"FACTORY": FACTORY, "cls": cls, "new": object.__new__}
+    by_keyword, lines = ["*"], [*first]
+    for field in fields(cls):
+        at = field.name
+        known |= {f"set_{at}": getattr(cls, at).__set__, f"default_{at}": field.default}
+        known[f"make_{at}"] = field.default_factory
+        if field.default is not MISSING:
+            default, absent, value = f"=default_{at}", f"default_{at}", at
+        elif field.default_factory is not MISSING:
+            default, absent, value = "=FACTORY", f"make_{at}()", f"make_{at}() if {at} is FACTORY else {at}"
+        else:
+            default, absent, value = "", "", at
+        if field.init:
+            (by_keyword if field.kw_only else positional).append(at + default)
+        if field.init or absent:
+            lines.append(f"set_{at}(self, {value if field.init else absent})")
+    parameters = ", ".join(positional + by_keyword * (len(by_keyword) > 1))
+    body = "\n ".join([*lines, *last]) or "pass"
+    exec(f"def {name}({parameters}):\n {body}", known)
+    return known[name]
 
 
 def _values(names: tuple[str, ...]) -> Callable[[Any], Any]:

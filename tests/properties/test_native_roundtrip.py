@@ -1,5 +1,6 @@
 """What the writers write, the readers read back: equal values, the same bytes again, valid for two validators."""
 
+import inspect
 from functools import cache
 from importlib import resources
 from io import BytesIO
@@ -14,6 +15,7 @@ import strategies
 from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import parse_model, parse_schedule
+from halpipe.models.system import Element
 from profiles import examples
 
 FAST = examples(40)
@@ -73,6 +75,23 @@ def test_both_validators_accept_a_written_model(model):
 @given(strategies.schedules)
 def test_both_validators_accept_a_written_schedule(schedule):
     assert form_errors("schedule", format_schedule(schedule)) == []
+
+
+def made_anew(value):
+    """Return a value whose elements were made by their classes, which give their fields the types that they state."""
+    if isinstance(value, tuple):
+        return tuple(map(made_anew, value))
+    if not isinstance(value, Element):
+        return value
+    return type(value)(**{name: made_anew(getattr(value, name)) for name in inspect.signature(type(value)).parameters})
+
+
+@FAST
+@given(strategies.task_models)
+def test_what_is_read_has_the_types_that_its_class_states(model):
+    """The reader makes elements without asking their classes. `repr` tells 1 from Fraction(1), a text from a word."""
+    again = parse_model(format_model(model), "m.xml")
+    assert repr(made_anew(again)) == repr(again)
 
 
 def places(value):

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import halpipe
-from halpipe.records import record
+from halpipe.records import record, unchecked
 
 STANDARD = partial(dataclass, frozen=True, slots=True)
 
@@ -106,6 +106,16 @@ def test_objects_are_those_of_the_standard_library(which, positional, named):
             setattr(one, each.name, 1)
         with pytest.raises(FrozenInstanceError, match=f"cannot delete field '{each.name}'"):
             delattr(one, each.name)
+
+
+@pytest.mark.parametrize(("which", "positional", "named"), CALLS)
+def test_unchecked_makes_the_same_record_but_for_what_comes_after(which, positional, named):
+    ours = PAIRS[which][0]
+    one, other = unchecked(ours)(*positional, **named), ours(*positional, **named)
+    assert type(one) is ours
+    assert one == other
+    assert repr(one).replace("checked=False", "checked=True") == repr(other)
+    assert getattr(one, "checked", False) is False
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from halpipe.diagnostics import HalpipeError, Location
 from halpipe.files import parse_xml, read_bytes, refuse_more_than, sha256
 from halpipe.importers.native.binding import Binder, Children, only
 from halpipe.models import (
+    WHOLE,
     Access,
     Chain,
     HealthRule,
@@ -27,12 +28,17 @@ from halpipe.models import (
     Version,
 )
 from halpipe.models.attributes import DURATIONS
+from halpipe.records import unchecked
 from halpipe.schemas import TASK_MODEL, check, line_of, namespace
 
 if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.diagnostics import Diagnostic
+
+# Of these there are many, and what reads their attributes has made the types that a class would else look at again.
+new_task, new_run, new_version, new_split = unchecked(Task), unchecked(Run), unchecked(Version), unchecked(Split)
+new_access, new_transfer, new_precedence = unchecked(Access), unchecked(Transfer), unchecked(Precedence)
 
 
 def read_model(path: str) -> TaskModel:
@@ -54,6 +60,9 @@ def parse_model(data: bytes, file: str, *, is_checked: bool = False) -> TaskMode
 
 RESTRICTIONS = {"resume": "0ms", "min-part": "1ns", "max-gaps": "100"}
 """Attributes of a version that only restrict it, and values that do not: what else a model means can be judged."""
+
+SPLIT = frozenset({"split", *RESTRICTIONS})
+"""Attributes of a version that say how it is split."""
 
 
 def read_what_is_well_formed(path: str) -> tuple[TaskModel, list[Diagnostic]]:
@@ -82,16 +91,21 @@ def _model(root: etree._Element, file: str, digest: str) -> TaskModel:
     return model
 
 
-MOST = (("tasks", "task", 100_000), ("modes", "mode", 500), ("unit", "interrupt", 200), ("version", "access", 20_000))
+MOST = (
+    ("t:tasks", "task", 100_000),
+    ("t:modes", "mode", 500),
+    ("t:platform/t:unit", "interrupt", 200),
+    ("t:tasks/t:task/t:version", "access", 20_000),
+)
 """What holds what, and how many: modes are looked at in pairs, sums over interrupts and phases are exact fractions."""
 
 
 def _bound(root: etree._Element, file: str) -> None:
     names = {"t": namespace(TASK_MODEL)}
     for holder, held, limit in MOST:
-        for element in root.xpath(f"/descendant::t:{holder}[t:{held}[{limit + 1}]]", namespaces=names):
-            count = len(element.findall(f"t:{held}", names))
-            refuse_more_than(limit, count, f"<{held}> in one <{holder}>", Location(file, line_of(element)))
+        for element in root.xpath(f"{holder}[t:{held}[{limit + 1}]]", namespaces=names):
+            count, name = len(element.findall(f"t:{held}", names)), holder.rpartition("t:")[2]
+            refuse_more_than(limit, count, f"<{held}> in one <{name}>", Location(file, line_of(element)))
 
 
 class _ModelBinder(Binder):
@@ -143,12 +157,12 @@ class _ModelBinder(Binder):
         parts = self.children(e)
         versions = tuple(map(self.version, parts.get("version", ())))
         values = {**common, **self.values(Task, e)}
-        return Task(**values, versions=versions, origin=self.origin(parts), at=self.at(e))
+        return new_task(**values, versions=versions, origin=self.origin(parts), at=self.at(e))
 
     def version(self, e: etree._Element) -> Version:
         parts = self.children(e)
         source = only(parts, "source")
-        return Version(
+        return new_version(
             **self.values(Version, e),
             **self.values(Version, only(parts, "units"), "units"),
             accesses=tuple(map(self.access, parts.get("access", ()))),
@@ -161,20 +175,22 @@ class _ModelBinder(Binder):
 
     def split(self, e: etree._Element) -> Split:
         """Read where jobs may be interrupted: points, or a word that says it."""
+        if SPLIT.isdisjoint(e.keys()):
+            return WHOLE
         stated = e.get("split", "none").strip()
         is_list = stated not in ("none", "anywhere")
         points = self.read(e, "split", stated, DURATIONS) if is_list else ()
-        return Split(**self.values(Split, e), points=points, anywhere=stated == "anywhere")
+        return new_split(**self.values(Split, e), points=points, anywhere=stated == "anywhere")
 
     def access(self, e: etree._Element) -> Access:
-        transfers = tuple(map(self.transfer, self.children(e).get("transfer", ())))
-        return Access(**self.values(Access, e), transfers=transfers, at=self.at(e))
+        transfers = tuple(map(self.transfer, self.children(e).get("transfer", ()))) if len(e) else ()
+        return new_access(**self.values(Access, e), transfers=transfers, at=self.at(e))
 
     def transfer(self, e: etree._Element) -> Transfer:
-        return Transfer(**self.values(Transfer, e), at=self.at(e))
+        return new_transfer(**self.values(Transfer, e), at=self.at(e))
 
     def precedence(self, e: etree._Element) -> Precedence:
-        return Precedence(**self.values(Precedence, e), origin=self.origin(self.children(e)), at=self.at(e))
+        return new_precedence(**self.values(Precedence, e), origin=self.origin(self.children(e)), at=self.at(e))
 
     def chain(self, e: etree._Element) -> Chain:
         return Chain(**self.values(Chain, e), origin=self.origin(self.children(e)), at=self.at(e))
@@ -185,7 +201,7 @@ class _ModelBinder(Binder):
         return Mode(**self.values(Mode, e), runs=runs, origin=self.origin(parts), at=self.at(e))
 
     def run(self, e: etree._Element) -> Run:
-        return Run(**self.values(Run, e), at=self.at(e))
+        return new_run(**self.values(Run, e), at=self.at(e))
 
     def transition(self, e: etree._Element) -> Transition:
         return Transition(**self.values(Transition, e), origin=self.origin(self.children(e)), at=self.at(e))

@@ -135,7 +135,7 @@ def _job_counts(mode: ActiveMode) -> dict[str, int]:
     hyperperiod = mode.hyperperiod
     periods = {name: active.task.period for name, active in mode.tasks.items() if active.is_periodic}
     if len(periods) < len(mode.tasks) or hyperperiod is None:
-        return mode.job_counts(min)
+        return mode.least_jobs
     return {name: hyperperiod // period for name, period in periods.items() if period is not None}
 
 

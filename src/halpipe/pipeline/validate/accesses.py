@@ -15,7 +15,7 @@ from halpipe.pipeline.validate.context import Check, place, version_path
 from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from halpipe.diagnostics import Diagnostic
     from halpipe.durations import Duration
@@ -30,7 +30,8 @@ def _path(task: Task, version: Version, access: Access) -> str:
 
 def _is_share(bound: Fraction) -> bool:
     """Tell whether 0 < bound <= 1; in integers, because a large model has many of them."""
-    return 0 < bound.numerator <= bound.denominator
+    share, whole = bound.as_integer_ratio()
+    return 0 < share <= whole
 
 
 def check_phases(context: Context) -> Iterator[Diagnostic]:
@@ -58,7 +59,8 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
     """Phases of one version that overlap on a resource have bounds that sum to at most 1, beside interrupts, too."""
     serving = {name for name, unit in context.units.items() if unit.interrupts}
     for task, version in context.versions_of_tasks:
-        if len(version.accesses) < 2:
+        is_served = bool(version.units) and serving.issuperset(version.units)
+        if not is_served and _are_apart(version.accesses):
             continue
         by_resource: dict[str, list[Access]] = {}
         for access in version.accesses:
@@ -68,11 +70,16 @@ def check_overlap(context: Context) -> Iterator[Diagnostic]:
             found = []
             if any(earlier.end.ns > later.start.ns for earlier, later in pairwise(accesses)):
                 found = list(_overload(task, version, [(a, a.start, a.end) for a in accesses]))
-            if not found and version.units and serving.issuperset(version.units):
+            if not found and is_served:
                 found = _stretched(
                     task, version, accesses, [service_of(context.units, [name]) for name in version.units]
                 )
             yield from found
+
+
+def _are_apart(accesses: Sequence[Access]) -> bool:
+    """Tell whether each phase ends before the next one starts, so that no two overlap: in most versions."""
+    return all(a.start.ns < a.end.ns <= b.start.ns for a, b in pairwise(accesses))
 
 
 def _stretched(

@@ -97,11 +97,20 @@ class ActiveMode:
                 return None
         return found or None
 
-    def job_counts(self, pick: Callable[[list[int]], int]) -> dict[str, int]:
+    @cached_property
+    def least_jobs(self) -> dict[str, int]:
+        """N of every task in a hyperperiod if each demanding job uses the version that demands least."""
+        return self._job_counts(min)
+
+    @cached_property
+    def most_jobs(self) -> dict[str, int]:
+        """N of every task in a hyperperiod if each demanding job uses the version that demands most."""
+        return self._job_counts(max)
+
+    def _job_counts(self, pick: Callable[[list[int]], int]) -> dict[str, int]:
         """Return N of every task in a hyperperiod (paper, section III); zeros where there is none.
 
-        Of the versions of a demanding task the one with `pick` (``min`` or ``max``) demands counts. Where the relation
-        has a cycle the counts are lower bounds.
+        Where the relation has a cycle the counts are lower bounds.
         """
         counts = dict.fromkeys(self.tasks, 0)
         on_demand = {name for name, active in self.tasks.items() if active.task.period is None}

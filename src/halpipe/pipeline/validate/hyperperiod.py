@@ -51,7 +51,7 @@ def check_jobs(context: Context) -> Iterator[Diagnostic]:
         hyperperiod = mode.hyperperiod
         if not any(active.is_periodic for active in mode.tasks.values()):
             continue
-        counts = mode.job_counts(max)
+        counts = mode.most_jobs
         jobs = None if hyperperiod is None else sum(counts.values())
         if jobs is not None and jobs <= MAX_JOBS:
             yield from _many_parts(mode, counts)

@@ -60,7 +60,7 @@ def check_units(context: Context) -> Iterator[Diagnostic]:
 
 def _unit_classes(context: Context, mode: ActiveMode) -> dict[frozenset[str], list[_Need]]:
     """Group the tasks of a mode by the units that any of their versions may use."""
-    jobs = mode.job_counts(min)
+    jobs = mode.least_jobs
     classes: dict[frozenset[str], list[_Need]] = {}
     for name, active in mode.tasks.items():
         units = frozenset().union(*(version.units for version in active.versions))
@@ -105,7 +105,7 @@ def check_resources(context: Context) -> Iterator[Diagnostic]:
     for mode in context.active:
         if mode.hyperperiod is None:
             continue
-        jobs = mode.job_counts(min)
+        jobs = mode.least_jobs
         totals: dict[str, dict[int, int | Fraction]] = {}
         for name, active in mode.tasks.items():
             for resource, (amount, parts) in _least_access(active).items():
@@ -133,14 +133,13 @@ def _access(version: Version) -> dict[str, tuple[int | Fraction, int]]:
     """Sum bound times length over the phases of a version, by resource, as nanoseconds and denominator."""
     sums: dict[str, tuple[int | Fraction, int]] = {}
     for access in version.accesses:
-        length, bound = access.end.ns - access.start.ns, access.bound
+        length, (bound, part) = access.end.ns - access.start.ns, access.bound.as_integer_ratio()
         if length > 0 and bound > 0:
-            amount, parts = sums.get(access.resource, (0, 1))
-            part = bound.denominator
+            amount, parts = sums.get(access.resource, (0, part))
             if part == parts:
-                sums[access.resource] = (amount + length * bound.numerator, parts)
+                sums[access.resource] = (amount + length * bound, parts)
             else:
-                sums[access.resource] = (amount * part + length * bound.numerator * parts, parts * part)
+                sums[access.resource] = (amount * part + length * bound * parts, parts * part)
     return sums
 
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
     from halpipe.diagnostics import Code, Diagnostic
+    from halpipe.models import TaskModel
     from halpipe.pipeline.validate.context import Context
 
 _NAME = re.compile(r"[A-Za-z0-9_./:~+@$%-]{1,1000}")
@@ -133,22 +134,28 @@ def check_resources(context: Context) -> Iterator[Diagnostic]:
 
 def check_tasks(context: Context) -> Iterator[Diagnostic]:
     """The tasks that precedence constraints, chains, modes and health rules name exist."""
-    for name, path, around in _named_tasks(context):
-        if name not in context.tasks:
-            yield _unknown(codes.UNKNOWN_TASK, context, "task", name, context.tasks, path, *around)
+    for name, path, around in _unknown_tasks(context.model, context.tasks.keys()):
+        yield _unknown(codes.UNKNOWN_TASK, context, "task", name, context.tasks, path, *around)
 
 
-def _named_tasks(context: Context) -> Iterator[tuple[str, str, tuple[Any, ...]]]:
-    """Yield every name of a task, the path of what names it, and the elements around it."""
-    for task, version in context.versions_of_tasks:
-        for constraint in version.precedences:
-            yield constraint.task, version_path(task, version), (constraint, version, task)
-    for chain in context.model.chains:
-        yield from ((name, about(chain=chain.name), (chain,)) for name in dict.fromkeys(chain.tasks))
-    for mode in context.model.modes:
-        path = about(mode=mode.name)
-        yield from ((run.task, path, (run, mode)) for run in mode.runs)
-    yield from ((rule.task, "health rule", (rule,)) for rule in context.model.health)
+def _unknown_tasks(model: TaskModel, known: Collection[str]) -> Iterator[tuple[str, str, tuple[Any, ...]]]:
+    """Yield every name that no task has, the path of what names it, and the elements around it."""
+    for task in model.tasks:
+        for version in task.versions:
+            for constraint in version.precedences:
+                if constraint.task not in known:
+                    yield constraint.task, version_path(task, version), (constraint, version, task)
+    for chain in model.chains:
+        for name in dict.fromkeys(chain.tasks):
+            if name not in known:
+                yield name, about(chain=chain.name), (chain,)
+    for mode in model.modes:
+        for run in mode.runs:
+            if run.task not in known:
+                yield run.task, about(mode=mode.name), (run, mode)
+    for rule in model.health:
+        if rule.task not in known:
+            yield rule.task, "health rule", (rule,)
 
 
 def _unknown(

@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from halpipe.durations import ZERO
-from halpipe.models import Binding
+from halpipe.models import WHOLE, Binding
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted, task_path, version_path
 
@@ -62,6 +62,8 @@ def check_limits(context: Context) -> Iterator[Diagnostic]:
     """`anywhere` says how many gaps there may be; what belongs to a split is stated for one, and leaves a gap."""
     for task, version in context.versions_of_tasks:
         split, wcet = version.split, version.wcet
+        if split == WHOLE:
+            continue
         at, path = place(version, task), version_path(task, version)
         if split.anywhere and split.max_gaps is None:
             help = 'state max-gaps, such as max-gaps="3"'

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.diagnostics import about
 from halpipe.durations import ZERO
+from halpipe.models import Chain, Interrupt, Task, Version
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, task_path, version_path
 from halpipe.pipeline.validate.sporadic import least_length
@@ -14,9 +15,8 @@ from halpipe.quantities import format_rational
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.diagnostics import Diagnostic, Path
     from halpipe.durations import Duration
-    from halpipe.models import Task, Version
     from halpipe.pipeline.validate.context import Context
 
 _STATE_WCET = "state it in the model, or in an overlay: tasks: {%s: {versions: {%s: {wcet: 1ms}}}}"
@@ -29,7 +29,8 @@ def check_tasks(context: Context) -> Iterator[Diagnostic]:
         if task.period == ZERO:
             help = "give a positive period, or none if the task runs only on demand"
             yield codes.ZERO_PERIOD("has the period zero", at=at, path=path, help=help)
-        if not 0 <= task.slack <= 1:
+        share, whole = task.slack.as_integer_ratio()  # comparisons of fractions take three times as long
+        if not 0 <= share <= whole:
             text = f"has the slack {format_rational(task.slack)}, which is not a number from 0 to 1"
             help = "state it as a share of the period, such as 0.1 for ten percent"
             yield codes.BAD_SLACK(text, at=at, path=path, help=help)
@@ -100,42 +101,52 @@ def check_gang(context: Context) -> Iterator[Diagnostic]:
 
 def check_negative(context: Context) -> Iterator[Diagnostic]:
     """No duration is negative, also in models that were never XML."""
-    for what, path, value, elements in _durations(context):
-        if value is not None and value < ZERO:
+    for what, value, elements in _durations(context):
+        if value is not None and value.ns < 0:
             text = f"has the negative {what} {value}"
+            path = _path(*elements)
             yield codes.NEGATIVE_TIME(text, at=place(*elements), path=path, help="durations are zero or more")
 
 
-def _durations(context: Context) -> Iterator[tuple[str, str, Duration | None, tuple[Any, ...]]]:
-    """Yield every duration of the model with what it is, its element's path, and the elements around it."""
+def _durations(context: Context) -> Iterator[tuple[str, Duration | None, tuple[Any, ...]]]:
+    """Yield every duration of the model with what it is, and the elements around it, innermost first."""
     for unit in context.model.units:
         for interrupt in unit.interrupts:
-            path = about(unit=unit.name, interrupt=interrupt.name)
-            yield "distance", path, interrupt.distance, (interrupt, unit)
-            yield "wcet", path, interrupt.wcet, (interrupt, unit)
+            yield "distance", interrupt.distance, (interrupt, unit)
+            yield "wcet", interrupt.wcet, (interrupt, unit)
     for task in context.model.tasks:
-        path = task_path(task)
-        yield "period", path, task.period, (task,)
-        if task.distance is not None:
-            yield "distance", path, task.distance, (task,)
-        if task.offset is not None or task.deadline is not None:
-            yield "offset", path, task.offset, (task,)
-            yield "deadline", path, task.deadline, (task,)
+        yield "period", task.period, (task,)
+        yield "distance", task.distance, (task,)
+        yield "offset", task.offset, (task,)
+        yield "deadline", task.deadline, (task,)
         for version in task.versions:
-            path = version_path(task, version)
-            yield "WCET", path, version.wcet, (version, task)
-            yield "resume", path, version.split.resume, (version, task)
-            yield "min-part", path, version.split.min_part, (version, task)
+            yield "WCET", version.wcet, (version, task)
+            yield "resume", version.split.resume, (version, task)
+            yield "min-part", version.split.min_part, (version, task)
             for access in version.accesses:
-                yield "access start", path, access.start, (access, version, task)
+                yield "access start", access.start, (access, version, task)
             for constraint in version.precedences:
-                yield "window minimum", path, constraint.min, (constraint, version, task)
+                yield "window minimum", constraint.min, (constraint, version, task)
     for chain in context.model.chains:
-        yield "limit of reaction time", about(chain=chain.name), chain.max_reaction, (chain,)
-        yield "limit of data age", about(chain=chain.name), chain.max_age, (chain,)
+        yield "limit of reaction time", chain.max_reaction, (chain,)
+        yield "limit of data age", chain.max_age, (chain,)
     for transition in context.model.transitions:
-        path = about(transition=(transition.source, transition.target))
-        yield "maximum length", path, transition.max_length, (transition,)
+        yield "maximum length", transition.max_length, (transition,)
+
+
+def _path(*elements: Any) -> Path:
+    """Return how messages name the innermost of elements that has a name."""
+    match elements:
+        case (Interrupt() as interrupt, unit):
+            return about(unit=unit.name, interrupt=interrupt.name)
+        case (*_, Version() as version, task):
+            return version_path(task, version)
+        case (Task() as task,):
+            return task_path(task)
+        case (Chain() as chain,):
+            return about(chain=chain.name)
+    (transition,) = elements
+    return about(transition=(transition.source, transition.target))
 
 
 CHECKS = (

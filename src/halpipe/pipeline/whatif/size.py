@@ -176,7 +176,7 @@ def _gang(active: ActiveTask) -> Fraction:
 
 def _most_at_once(mode: ActiveMode, need: Callable[[ActiveTask], Fraction]) -> Fraction:
     """Return what the jobs of a mode can need at one instant at most: a job runs between release and deadline."""
-    counts = mode.job_counts(max)
+    counts = mode.most_jobs
     total = Fraction(0)
     for name, active in mode.tasks.items():
         period, limit = active.task.period, time_limit(active.task)
