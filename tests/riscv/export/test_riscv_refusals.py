@@ -1,9 +1,12 @@
 """What keeps a bundle from being built is told with file, element and numbers, and nothing is written."""
 
+import shutil
+
 import pytest
 
 from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.riscv import codes
+from halpipe.exporters.riscv.toolchain import GCC, INSTALL_GCC
 from riscv_models import PHASES, SCALE, deployed, moving, single
 
 CALLS_ANOTHER = SCALE.replace("void scale", "uint32_t other(uint32_t x);\nvoid scale").replace("* 3", "* other(3)")
@@ -53,7 +56,17 @@ READS = {
     "pasting": '#define J(a, b) a##b\nJ(__as, m__)(".incb" "in \\"{file}\\"");',
     "macro": '__asm__(".macro m a b\\n.\\\\a\\\\b \\"{file}\\"\\n.endm\\nm inc bin");',
     "include": '__asm__(".include \\"{file}\\"");',
+    "line": '__as\\\nm__(".incbin \\"{file}\\"");',
+    "header of clang": '#include <stdint.h>\n__stdint_join3(__a, s, m__)(".incb" "in \\"{file}\\"");',
 }
+
+ATTRIBUTES = {
+    "section": '__attribute__((section(".rodata.x,\\"a\\"\\n.incbin \\"{file}\\"\\n#"))) const int leak = 1;',
+    "brackets": '[[gnu::section(".rodata.x,\\"a\\"\\n.incbin \\"{file}\\"\\n#")]] const int leak = 1;',
+    "weakref": 'static int f(void) __attribute__((weakref("x\\n.incbin \\"{file}\\"\\n#")));\n'
+    "int leak(void) {{ return f(); }}",
+}
+"""What GCC writes as it stands into the assembler text; clang quotes it."""
 
 
 @pytest.mark.parametrize("kind", READS)
@@ -64,6 +77,27 @@ def test_no_file_of_the_machine_gets_into_a_bundle(refusal, tmp_path, kind):
     assert found.code == codes.OUTSIDE_FILE.id
     assert found.at.file == str(tmp_path / "scale.c")
     assert "work" not in found.message
+
+
+@pytest.mark.parametrize("kind", ATTRIBUTES)
+@pytest.mark.skipif(shutil.which(GCC) is None, reason=f"{GCC} is not installed: {INSTALL_GCC}")
+def test_no_file_of_the_machine_gets_into_a_bundle_by_an_attribute(refusal, tmp_path, kind):
+    (tmp_path / "secret").write_text("years of work")
+    text = SCALE + ATTRIBUTES[kind].format(file=tmp_path / "secret")
+    found = refusal(*single(), scale_c=text, toolchain="gcc")
+    assert found.code == codes.OUTSIDE_FILE.id
+    assert "work" not in found.message
+
+
+DEFINITIONS = ['LEAK=__asm__(".incbin\\x20\\"{file}\\"");', 'LEAK=_Pragma("GCC/**/dependency\\"{file}\\"")']
+
+
+@pytest.mark.parametrize("define", DEFINITIONS)
+def test_no_file_of_the_machine_gets_into_a_bundle_by_a_definition(refusal, tmp_path, define):
+    (tmp_path / "secret").write_text("years of work")
+    version = deployed(defines=define.format(file=tmp_path / "secret"))
+    found = refusal(*single(version), scale_c=f"{SCALE}\nLEAK\n")
+    assert found.code == codes.OUTSIDE_FILE.id
 
 
 def test_assembler_sources_are_held_to_the_same(refusal):

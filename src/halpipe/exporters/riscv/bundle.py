@@ -96,7 +96,7 @@ def build(model: TaskModel, schedule: Schedule, options: RiscvOptions) -> dict[s
             "runtime/platform.h",
             render.platform(cores, slots.count, len(schedule.modes), site.memory, site.health, site.drivers),
         )
-        needs = compile_parts(shop, site.parts, tree)
+        needs = compile_parts(shop, site.parts, tree, render)
         measured = measure(shop, needs, profile, render)
         drivers = compile_drivers(shop, site.drivers, site.driver_sources, tree)
         monitors = _monitors(shop, render, site)

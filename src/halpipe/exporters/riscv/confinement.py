@@ -22,7 +22,6 @@ _READING = re.compile(
     re.DOTALL,
 )  # fmt: skip
 _DEPENDENCY = re.compile(rb"\bGCC\W+dependency\b")
-_HAS_ASSEMBLER = re.compile(rb"asm|##|%:%:")
 
 
 def outside_includes(name: str, content: bytes) -> Iterator[tuple[int, str]]:
@@ -60,11 +59,6 @@ def _leaves(path: str, folder: str) -> bool:
     if path.startswith("/") or "\\" in path or re.match(r"[A-Za-z]:", path):
         return True
     return posixpath.normpath(posixpath.join(folder, path)).split("/")[0] == ".."
-
-
-def has_assembler(content: bytes) -> bool:
-    """Return whether a C source may have instructions of its own: by the word, or by pasting it together."""
-    return _HAS_ASSEMBLER.search(content) is not None
 
 
 _READS = re.compile(rb"incbin|\.\s*include\b|\.\s*altmacro|\.\s*mri\b", re.IGNORECASE)

@@ -19,8 +19,9 @@ from halpipe.exporters.riscv.codes import (
     OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
-from halpipe.exporters.riscv.confinement import assembler_reads, has_assembler
+from halpipe.exporters.riscv.confinement import assembler_reads
 from halpipe.exporters.riscv.cores import LINE, aligned
+from halpipe.exporters.riscv.dummy import is_dummy
 from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.phases import functions_of, phases_of
 from halpipe.exporters.riscv.profile import MONITOR
@@ -31,7 +32,7 @@ from halpipe.quantities import format_size
 from halpipe.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Collection, Iterable, Sequence
 
     from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.elf import Elf, Segment
@@ -96,7 +97,9 @@ class Image:
         return self.elf.segments
 
 
-def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> dict[Part, tuple[str, ...]]:
+def compile_parts(
+    shop: Workshop, parts: Iterable[Part], tree: SourceTree, render: Renderer
+) -> dict[Part, tuple[str, ...]]:
     """Compile every source once for each set of definitions; return the objects of every part.
 
     Raise `HalpipeError` with everything that the compiler refuses.
@@ -109,32 +112,39 @@ def compile_parts(shop: Workshop, parts: Iterable[Part], tree: SourceTree) -> di
         needs[part] = (*(objects[source, part.defines][0] for source in part.sources), MINIMAL.target)
     steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
     findings = Findings()
-    compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings)
+    known = {step for step in steps if is_dummy(tree.files[step.source], step.defines, render)}
+    compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings, known)
     findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
     findings.stop_on_errors()
     return needs
 
 
 def compile_sources(
-    shop: Workshop, steps: list[Compile], owners: Sequence[str], tree: SourceTree, findings: Findings
+    shop: Workshop,
+    steps: list[Compile],
+    owners: Sequence[str],
+    tree: SourceTree,
+    findings: Findings,
+    known: Collection[Compile] = (),
 ) -> None:
     """Compile sources that others wrote, and collect what the compiler refuses; `owners` name them in messages.
 
-    Raise `HalpipeError` where one would read a file from elsewhere.
+    Raise `HalpipeError` where one, unless its text is `known`, would read a file from elsewhere.
     """
-    findings.extend(_reading(shop, steps, owners, tree))
+    strange = [(step, owner) for step, owner in zip(steps, owners, strict=True) if step not in known]
+    findings.extend(_reading(shop, strange, tree))
     findings.stop_on_errors()
     for failure in shop.compile(steps):
         findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
 
 
-def _reading(shop: Workshop, steps: list[Compile], owners: Sequence[str], tree: SourceTree) -> Iterable[Diagnostic]:
-    """Yield the sources whose assembler text, their own or that of their C, could read files."""
-    if not any(has_assembler(content) or not name.endswith((".c", ".h")) for name, content in tree.files.items()):
-        return
-    plain = [shop.read(step.source) if step.source.endswith(".s") else b"" for step in steps]
-    for step, path, text, own in zip(steps, owners, shop.translate(steps), plain, strict=True):
-        what = assembler_reads(own or text)
+def _reading(shop: Workshop, steps: list[tuple[Compile, str]], tree: SourceTree) -> Iterable[Diagnostic]:
+    """Yield the sources whose assembler text, their own or that of their C, could read files.
+
+    Their C need not look like it: attributes of GCC write any text, and words are put together by other headers.
+    """
+    for (step, path), text in zip(steps, shop.translate([step for step, _ in steps]), strict=True):
+        what = assembler_reads(shop.read(step.source) if step.source.endswith(".s") else text)
         if what:
             at = Location(str(tree.folder / step.source.removeprefix("src/")))
             help = "state the bytes in the source itself"

@@ -74,7 +74,7 @@ def prepare(model: TaskModel, options: RiscvOptions, *, dummy: bool = False) -> 
         for name, content in tree.files.items():
             shop.write(name, content)
         stage_runtime(shop)
-        measured = measure(shop, compile_parts(shop, parts, tree), profile, render)
+        measured = measure(shop, compile_parts(shop, parts, tree, render), profile, render)
     drivers = read_drivers(options.drivers)
     grown = {
         (part.task, part.version.name): _grow(part, elf, model, profile, drivers, findings)

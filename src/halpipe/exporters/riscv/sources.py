@@ -52,6 +52,8 @@ class SourceTree:
             if _DEFINE.fullmatch(define) is None:
                 help = "write NAME or NAME=value, without blanks and $"
                 self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
+            for _, what in outside_includes("", define.encode()):
+                self.findings.add(OUTSIDE_FILE(f'"{define[:60]}" {what}', at=source.at, path=path, help="remove it"))
         return self.take([Stated(name, source.at) for name in source.files], path)
 
     def take(self, files: Iterable[Stated[str]], path: str) -> list[str]:

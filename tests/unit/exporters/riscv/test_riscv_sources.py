@@ -4,7 +4,7 @@ import pytest
 
 from halpipe.diagnostics import Findings
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
-from halpipe.exporters.riscv.confinement import assembler_reads, has_assembler
+from halpipe.exporters.riscv.confinement import assembler_reads
 from halpipe.exporters.riscv.sources import SourceTree
 from riscv_models import deployed
 from support import version
@@ -120,11 +120,6 @@ ASSEMBLER = {
 @pytest.mark.parametrize("text", ASSEMBLER)
 def test_no_way_out_by_the_assembler(text):
     assert bool(assembler_reads(text.encode())) == ASSEMBLER[text]
-
-
-@pytest.mark.parametrize(("text", "may"), [("int x;", False), ("__asm__(x)", True), ("#define J(a, b) a##b", True)])
-def test_c_without_assembler_is_known(text, may):
-    assert has_assembler(text.encode()) == may
 
 
 def test_links_inside_are_fine(tree):
