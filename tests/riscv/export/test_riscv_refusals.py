@@ -4,11 +4,12 @@ import shutil
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.diagnostics import HalpipeError, Location
 from halpipe.exporters.riscv import codes
 from halpipe.exporters.riscv.toolchain import GCC, INSTALL_GCC
 from riscv_models import PHASES, SCALE, deployed, moving, single
 
+NEEDS_GCC = pytest.mark.skipif(shutil.which(GCC) is None, reason=f"{GCC} is not installed: {INSTALL_GCC}")
 CALLS_ANOTHER = SCALE.replace("void scale", "uint32_t other(uint32_t x);\nvoid scale").replace("* 3", "* other(3)")
 
 
@@ -79,8 +80,21 @@ def test_no_file_of_the_machine_gets_into_a_bundle(refusal, tmp_path, kind):
     assert "work" not in found.message
 
 
+@pytest.mark.parametrize("toolchain", ["zig", pytest.param("gcc", marks=NEEDS_GCC)])
+@pytest.mark.parametrize("directive", ['#line 1 "{file}"', '# 1 "{file}" 1', '#line 1 "src/../{file}"'])
+def test_a_message_quotes_no_other_file(refusal, tmp_path, directive, toolchain):
+    """`#line` says where a line is from, and compilers, as we do, show the line that stands there."""
+    (tmp_path / "secret").write_text("years of work")
+    text = f"{SCALE}\n{directive.format(file=tmp_path / 'secret')}\nint x = ;\n"
+    found = refusal(*single(), scale_c=text, toolchain=toolchain)
+    assert found.code == codes.COMPILE_FAILED.id
+    assert found.at == Location(str(tmp_path / "scale.c"))
+    assert "secret line 1" in found.message
+    assert "work" not in found.message
+
+
 @pytest.mark.parametrize("kind", ATTRIBUTES)
-@pytest.mark.skipif(shutil.which(GCC) is None, reason=f"{GCC} is not installed: {INSTALL_GCC}")
+@NEEDS_GCC
 def test_no_file_of_the_machine_gets_into_a_bundle_by_an_attribute(refusal, tmp_path, kind):
     (tmp_path / "secret").write_text("years of work")
     text = SCALE + ATTRIBUTES[kind].format(file=tmp_path / "secret")

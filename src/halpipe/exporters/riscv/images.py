@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import posixpath
 from typing import TYPE_CHECKING
 
 from halpipe.diagnostics import Diagnostic, Findings, Location, Path, version_of
@@ -157,14 +158,20 @@ def _broken(failure: Failure) -> Diagnostic:
 
 
 def _refused(failure: Failure, step: Compile, path: str, tree: SourceTree) -> Iterable[Diagnostic]:
+    """Yield what a compiler said, at lines of files that were taken: `#line` may name any other, to have it quoted."""
     found = compiler_errors(failure.said)
     help = "correct the source; it is compiled freestanding as C11, without a C library"
+    source = Location(str(tree.folder / step.source.removeprefix("src/")))
     for file, line, text in found:
-        name = str(tree.folder / file.removeprefix("src/")) if file.startswith("src/") else file
-        yield COMPILE_FAILED(text, at=Location(name, line), path=path, help=help)
+        staged = posixpath.normpath(file)
+        if staged in tree.files:
+            at = Location(str(tree.folder / staged.removeprefix("src/")), line)
+            yield COMPILE_FAILED(text, at=at, path=path, help=help)
+        else:
+            yield COMPILE_FAILED(f"{text} ({file} line {line})", at=source, path=path, help=help)
     if not found:
-        name = str(tree.folder / step.source.removeprefix("src/"))
-        yield COMPILE_FAILED(failure.said[-400:], at=Location(name), path=path, help=help)
+        said = [line for line in failure.said.splitlines() if not line.startswith(" ")]  # without lines of sources
+        yield COMPILE_FAILED("\n".join(said)[-400:], at=source, path=path, help=help)
 
 
 def measure(shop: Workshop, needs: dict[Part, tuple[str, ...]], profile: Profile, render: Renderer) -> dict[Part, Elf]:
