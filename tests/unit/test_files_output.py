@@ -15,7 +15,7 @@ import pytest
 
 from halpipe import files
 from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import SourceLines, find_inputs, read_bytes, sha256, write_output, write_outputs
+from halpipe.files import SourceLines, find_inputs, protecting_inputs, read_bytes, sha256, write_output, write_outputs
 
 
 def refusal(call, *arguments):
@@ -88,7 +88,11 @@ def test_the_digest_is_that_of_the_standard():
 def test_source_lines_are_had_for_messages(tmp_path):
     path = tmp_path / "m.xml"
     path.write_bytes(b"<a>\n  <b/>\xff  \n" + b"x" * 500)
-    line = SourceLines()
+    with protecting_inputs():
+        assert SourceLines()(Location(str(path), 2)) == ""  # a file that a model names, but nobody has read
+        read_bytes(path)
+        assert SourceLines()(Location(str(path), 2)) == "<b/>�"
+    line = SourceLines()  # failures are told at the end
     assert line(Location(str(path), 2)) == "<b/>�"
     assert line(Location(str(path), 3)) == "x" * 160
     assert line(Location(str(path), 4)) == line(Location(str(path))) == line(Location("", 1)) == ""

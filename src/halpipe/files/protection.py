@@ -1,4 +1,7 @@
-"""No output over an input: what a command has read, it does not write to, by whatever name or link."""
+"""No output over an input: what a command has read, it does not write to, by whatever name or link.
+
+Nor do messages show lines of other files: a model may say of a task that it stands in any file of the machine.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +30,8 @@ class _Inputs:
     """The files that the command at hand has read, by device and inode; None where nobody asked to keep them."""
 
     known: dict[tuple[int, int], str] | None = None
+    last: dict[tuple[int, int], str] | None = None
+    """Those of the command before, whose failure may still be told."""
 
 
 @contextmanager
@@ -36,7 +41,7 @@ def protecting_inputs() -> Iterator[None]:
     try:
         yield
     finally:
-        _Inputs.known = before
+        _Inputs.last, _Inputs.known = _Inputs.known, before
 
 
 def note_input(descriptor: int, name: str) -> None:
@@ -65,14 +70,23 @@ def is_input(target: str) -> bool:
     return bool(_name_of_input(target))
 
 
+def was_input(name: str) -> bool:
+    """Return whether the command at hand, or the one that just failed, has read a file."""
+    return bool(_found_in(_Inputs.last if _Inputs.known is None else _Inputs.known, name))
+
+
 def _name_of_input(target: str) -> str:
-    if not _Inputs.known or target == STDIO:
+    return _found_in(_Inputs.known, target)
+
+
+def _found_in(read: dict[tuple[int, int], str] | None, name: str) -> str:
+    if not read or name == STDIO:
         return ""
     try:
-        facts = os.stat(target)
+        facts = os.stat(name)
     except (OSError, ValueError):
         return ""
-    return _Inputs.known.get((facts.st_dev, facts.st_ino), "")
+    return read.get((facts.st_dev, facts.st_ino), "")
 
 
 def _input_at(target: str) -> Diagnostic | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from halpipe.diagnostics import HalpipeError, Location, error
-from halpipe.files.protection import STDIO, note_input
+from halpipe.files.protection import STDIO, note_input, was_input
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -116,7 +116,7 @@ def sha256(data: bytes) -> str:
 
 @dataclass(slots=True)
 class SourceLines:
-    """Gives the text of a line of an input file, for messages; empty where it cannot be had."""
+    """Gives the text of a line of an input file, for messages; empty where it cannot be had, or was not read before."""
 
     _cache: dict[str, list[bytes]]
 
@@ -137,7 +137,7 @@ class SourceLines:
     def _read(self, name: str) -> list[bytes]:
         """Read a file once more; a pipe has nothing left to give, and could be waited for without end."""
         try:
-            is_short = os.path.isfile(name) and os.path.getsize(name) <= _MAX_SHOWN_BYTES
+            is_short = was_input(name) and os.path.getsize(name) <= _MAX_SHOWN_BYTES
             return read_bytes(name).splitlines() if is_short else []
         except (HalpipeError, OSError, ValueError):
             return []
