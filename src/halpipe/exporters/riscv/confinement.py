@@ -14,44 +14,47 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_SPLICE = re.compile(rb"\\[ \t\f\v]*\r?\n")
-_BLANK = rb"(?:\s|/\*.*?\*/)*"
+_SPLICE = re.compile(rb"\\[ \t\f\v\0]*(?:\r?\n|\r)")
+# Compilers pass over more than blanks: NUL, carriage returns by themselves, blanks of Unicode. What could be a comment
+# in the head of a directive is refused: where one ends depends on all that is before it.
+_BLANK = rb"[^\w\"'\n/#%(<]*"
+_NAME = rb"(?P<name>\"[^\"\n]*\"|<[^>\n]*>)?"
 _READING = re.compile(
-    rb"(?:(?:#|%:)" + _BLANK + rb"(?:include_next|include|import|embed)\b|__has_(?:include_next|include|embed)" + _BLANK
-    + rb"\()" + _BLANK + rb"(?P<name>\"[^\"\n]*\"|<[^>\n]*>)?",
-    re.DOTALL,
+    rb"(?:#|%:)" + _BLANK + rb"(?:(?:include_next|include|import|embed)\b" + _BLANK + _NAME + rb"|/\*)"
+)
+_ASKING = re.compile(
+    rb"(?P<harmless>\b(?:ifn?def\b|defined\b" + _BLANK + rb"\(?)" + _BLANK + rb")?"
+    rb"__has_(?:include_next|include|embed)\b" + _BLANK + rb"\(?" + _BLANK + _NAME
 )  # fmt: skip
-_DEPENDENCY = re.compile(rb"\bGCC\W+dependency\b")
+_DEPENDENCY = re.compile(rb"\bGCC" + _BLANK + rb"(?:dependency\b|/\*)")
 
 
 def outside_includes(name: str, content: bytes) -> Iterator[tuple[int, str]]:
-    """Yield (line, what) for what would have the preprocessor read outside of the folder; `name` is relative to it."""
-    joined, lines = _spliced(content)
-    for found in _READING.finditer(joined):
-        stated = (found["name"] or b"").decode("utf-8", "replace")
-        if not stated:
-            yield lines(found.start()), "includes a file whose name is computed"
-        elif _leaves(stated[1:-1], "" if stated.startswith("<") else posixpath.dirname(name)):
-            yield lines(found.start()), f"includes {stated}"
-    for found in _DEPENDENCY.finditer(joined):
-        yield lines(found.start()), "has a pragma that reads another file"
+    """Yield (line, what) for what would have the preprocessor read outside of the folder; `name` is relative to it.
 
-
-def _spliced(content: bytes) -> tuple[bytes, _Lines]:
-    """Return a source with its continued lines joined, and what tells the line of a position in it."""
+    The line is 0 where lines are continued, since they are joined to look at them.
+    """
     joined = _SPLICE.sub(b"", content)
-    return joined, _Lines(joined, is_exact=joined == content)
+    asking = (found for found in _ASKING.finditer(joined) if found["harmless"] is None)
+    suspects = [*_READING.finditer(joined), *asking, *_DEPENDENCY.finditer(joined)]
+    line, counted = 1, 0
+    for found in sorted(suspects, key=lambda found: found.start()):
+        line, counted = line + joined.count(b"\n", counted, found.start()), found.start()
+        what = _reads(found, name)
+        if what:
+            yield (line if len(joined) == len(content) else 0), what
 
 
-class _Lines:
-    """Tells the line of a position, as far as no lines were joined before it."""
-
-    def __init__(self, text: bytes, *, is_exact: bool) -> None:
-        self._text = text
-        self._is_exact = is_exact
-
-    def __call__(self, position: int) -> int:
-        return self._text.count(b"\n", 0, position) + 1 if self._is_exact else 0
+def _reads(found: re.Match[bytes], name: str) -> str:
+    """Return what a suspect would have read from outside; empty if nothing."""
+    if found.re is _DEPENDENCY:
+        return "has a pragma that reads another file"
+    stated = (found["name"] or b"").decode("utf-8", "replace")
+    if not stated:
+        return "includes a file whose name is computed, or stands behind a comment"
+    if _leaves(stated[1:-1], "" if stated.startswith("<") else posixpath.dirname(name)):
+        return f"includes {stated}"
+    return ""
 
 
 def _leaves(path: str, folder: str) -> bool:
@@ -62,17 +65,18 @@ def _leaves(path: str, folder: str) -> bool:
 
 
 _READS = re.compile(rb"incbin|\.\s*include\b|\.\s*altmacro|\.\s*mri\b", re.IGNORECASE)
-_MACRO = re.compile(rb"\.\s*(?:macro|irpc?|rept)\b", re.IGNORECASE)
-_STATEMENT = re.compile(rb"(?:^|[;\n])(?:[ \t]*[\w.$\\@]+:)*[ \t]*([^\s;:]+)")
+_MACRO = re.compile(rb"\.\s*(?:macro|irp|irep|rep)", re.IGNORECASE)
 
 
 def assembler_reads(text: bytes) -> str:
-    """Return what in an assembler text, after the preprocessor, could read a file; empty if nothing does."""
+    """Return what in an assembler text, after the preprocessor, could read a file; empty if nothing does.
+
+    Of macros, a parameter may bring half a directive, a separator or a quote: nothing short of what an assembler does
+    tells what comes of it. So they have none.
+    """
     found = _READS.search(text)
     if found is not None:
         return f"has the directive {found[0].decode('ascii', 'replace')}"
-    if _MACRO.search(text) is not None:
-        for statement in _STATEMENT.finditer(text):
-            if b"\\" in statement[1]:
-                return "has a macro that puts the name of an instruction together"
+    if b"\\" in text and _MACRO.search(text) is not None:
+        return "has an assembler macro with parameters (or another backslash beside a macro)"
     return ""

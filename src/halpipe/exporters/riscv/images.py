@@ -148,7 +148,7 @@ def _reading(shop: Workshop, steps: list[tuple[Compile, str]], tree: SourceTree)
         what = assembler_reads(shop.read(step.source) if step.source.endswith(".s") else text)
         if what:
             at = Location(str(tree.folder / step.source.removeprefix("src/")))
-            help = "state the bytes in the source itself"
+            help = "state the bytes in the source itself; for parameters, use macros of the preprocessor"
             yield OUTSIDE_FILE(f"{what}, which may read files from elsewhere", at=at, path=path, help=help)
 
 
