@@ -65,7 +65,7 @@ def _leaves(path: str, folder: str) -> bool:
 
 
 _READS = re.compile(rb"incbin|\.\s*include\b|\.\s*altmacro|\.\s*mri\b", re.IGNORECASE)
-_MACRO = re.compile(rb"\.\s*(?:macro|irp|irep|rep)", re.IGNORECASE)
+_MACRO = re.compile(rb"(?<![\w.$])\.\s*(?:macro|irpc?|irepc?|rept?)\b", re.IGNORECASE)
 
 
 def assembler_reads(text: bytes) -> str:

@@ -155,10 +155,13 @@ ASSEMBLER = {
     '.irep a, inc\n.\\a\\()bin "/etc/passwd"\n.endr\n': True,
     '.irepc c, n\n.i\\c\\()cbin "/etc/passwd"\n.endr\n': True,
     '.rep 1\n.in\\()cbin "/etc/passwd"\n.endr\n': True,
+    '".macro" m a b\n.\\a\\b "/etc/passwd"\n.endm\nm inc bin': True,
+    "l:.macro m a b\n.\\a\\b\n.endm": True,
     ".altmacro": True,
     ".macro save r, at\nsd \\r, \\at(sp)\n.endm\nsave ra, 8": True,  # harmless, but nobody can tell
     ".macro wait\nwfi\n.endm\nwait\n.rept 4\nnop\n.endr": False,
     '.string "a\\n"': False,
+    '.section .text.report\n.section .text.rep\n.section .text.macro\n.string "a\\n"': False,  # names of functions
     "add a0, a1, a2\n.word 1 # \\": False,
     ".include_me: ret": False,
 }
