@@ -64,7 +64,7 @@ def _leaves(path: str, folder: str) -> bool:
     return posixpath.normpath(posixpath.join(folder, path)).split("/")[0] == ".."
 
 
-_READS = re.compile(rb"incbin|\.\s*include\b|\.\s*altmacro|\.\s*mri\b", re.IGNORECASE)
+_READS = re.compile(rb"incbin|(?<![\w.$])\.\s*(?:include|altmacro|mri)\b", re.IGNORECASE)
 _MACRO = re.compile(rb"(?<![\w.$])\.\s*(?:macro|irpc?|irepc?|rept?)\b", re.IGNORECASE)
 
 

@@ -161,7 +161,7 @@ ASSEMBLER = {
     ".macro save r, at\nsd \\r, \\at(sp)\n.endm\nsave ra, 8": True,  # harmless, but nobody can tell
     ".macro wait\nwfi\n.endm\nwait\n.rept 4\nnop\n.endr": False,
     '.string "a\\n"': False,
-    '.section .text.report\n.section .text.rep\n.section .text.macro\n.string "a\\n"': False,  # names of functions
+    '.section .text.report\n.section .text.rep\n.section .text.macro\n.section .text.include\n.string "a\\n"': False,  # names of functions
     "add a0, a1, a2\n.word 1 # \\": False,
     ".include_me: ret": False,
 }
