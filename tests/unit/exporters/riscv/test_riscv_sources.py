@@ -161,7 +161,9 @@ ASSEMBLER = {
     ".macro save r, at\nsd \\r, \\at(sp)\n.endm\nsave ra, 8": True,  # harmless, but nobody can tell
     ".macro wait\nwfi\n.endm\nwait\n.rept 4\nnop\n.endr": False,
     '.string "a\\n"': False,
-    '.section .text.report\n.section .text.rep\n.section .text.macro\n.section .text.include\n.string "a\\n"': False,  # names of functions
+    # Names of functions are no directives.
+    '.section .text.report\n.section .text.rep\n.string "a\\n"': False,
+    '.section .text.macro\n.section .text.include\n.string "a\\n"': False,
     "add a0, a1, a2\n.word 1 # \\": False,
     ".include_me: ret": False,
 }
