@@ -87,9 +87,9 @@ def check_splits(model: TaskModel, schedule: Schedule, findings: Findings) -> No
             findings.add(PHASE_ORDER(message, at=version.at, path=path, help=help))
     for unit in model.units:
         if unit.interrupts:
-            message = f'unit "{unit.name}" serves interrupts; the cores of a bundle have none'
+            message = "serves interrupts; the cores of a bundle have none"
             help = "leave the interrupts out of the model, or make tasks of them that poll"
-            findings.add(NEEDS_HOLD(message, at=model.at, path=about(unit=unit.name), help=help))
+            findings.add(NEEDS_HOLD(message, at=unit.at, path=about(unit=unit.name), help=help))
 
 
 @record
