@@ -97,6 +97,8 @@ def test_whichever_call_fails_outputs_are_whole(sources, tmp_path, verb, code):
         if run.returncode == 0:
             assert all(whole(after, output, good, good) for output in outputs), site
         left = {name for name in after if name.split("/")[0] not in {output.split("/")[0] for output in outputs}}
+        # An older output that could not be read may be the user's own: the new one stands beside it, by a number.
+        left -= {name for name in left if after[name] == good.get(name.replace("-2.", "."))}
         assert not left or "unlink" in site or "rmtree" in site or "former" in str(left), (site, left)
         assert {name: data for name, data in contents(place).items() if not name.startswith("out/")} == inputs, site
         shutil.rmtree(place)
