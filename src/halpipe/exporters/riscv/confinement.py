@@ -1,8 +1,8 @@
 """Sources reach no file but those that are staged with them, whatever C and assembler offer for it.
 
-What a compiler opens is decided by text: by directives of the preprocessor, and of the assembler, which C has by `asm`.
-Before anything is assembled, each is looked for, and what cannot be decided by looking at it is refused: a compiler's
-message would quote the other file, and the image would hold it.
+What a compiler opens is decided by text: by directives of the preprocessor, and of the assembler, to which C comes by
+`asm` and by attributes. Before anything is assembled, each is looked for, and what cannot be decided by looking at it
+is refused: a compiler's message would quote the other file, and the image would hold it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _READING = re.compile(
 _ASKING = re.compile(
     rb"(?P<harmless>\b(?:ifn?def\b|defined\b" + _BLANK + rb"\(?)" + _BLANK + rb")?"
     rb"__has_(?:include_next|include|embed)\b" + _BLANK + rb"\(?" + _BLANK + _NAME
-)  # fmt: skip
+)
 _DEPENDENCY = re.compile(rb"\bGCC" + _BLANK + rb"(?:dependency\b|/\*)")
 
 
