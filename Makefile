@@ -85,7 +85,7 @@ test-lowest: | $(BIN)/python
 	$(BIN)/python -m venv --clear build/lowest
 	build/lowest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints/lowest.txt . pytest pytest-timeout pytest-xdist hypothesis
 	build/lowest/bin/python -m pytest $(PARALLEL) -p no:cacheprovider -m "not slow" tests/cli tests/unit/importers tests/unit/exporters \
-	  tests/unit/test_files_xml.py tests/unit/test_files_yaml.py tests/unit/test_schemas.py
+	  tests/unit/core/test_files_xml.py tests/unit/core/test_files_yaml.py tests/unit/test_schemas.py
 
 # Each Python that is installed, in an environment of its own, with the wheel; the same files from all of them.
 test-pythons: $(VENV)/.test-ready

@@ -23,14 +23,14 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parent / "src"
 sys.path.insert(0, str(SOURCE))
 
-from halpipe.diagnostics import HalpipeError  # noqa: E402 - it is not installed yet
-from halpipe.libraries import fingerprint, library  # noqa: E402
+from halpipe.core.diagnostics import HalpipeError  # noqa: E402 - it is not installed yet
+from halpipe.core.libraries import fingerprint, library  # noqa: E402
 
 LIBRARIES = (
     "halpipe/pipeline/solve/kernel/native/kernel.c",
     "halpipe/pipeline/solve/packing/native/boards.c",
     "halpipe/pipeline/solve/edf/native/edf.c",
-    "halpipe/deploy/riscv/native/block.c",
+    "halpipe/deploy/riscv/board/native/block.c",
 )
 """The one file of each library that is compiled; it includes the others."""
 

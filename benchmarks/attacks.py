@@ -21,12 +21,12 @@ sys.path.insert(0, str(TESTS))
 sys.path.insert(0, str(TESTS / "riscv" / "cosim"))
 
 import conftest as case
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
-from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.files import write_directory
 from halpipe.flow import formats
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.health import with_reactions

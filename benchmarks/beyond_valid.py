@@ -27,7 +27,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import Chain, Mode, Run, Task, TaskModel, Unit, Version

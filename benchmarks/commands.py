@@ -166,7 +166,7 @@ def _bundle(folder: Path, toolchain: str) -> list[str]:
 def _trace(folder: Path) -> list[str]:
     import csv
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.native import read_schedule
 
     run(_table3(folder, 120), folder)

@@ -25,6 +25,7 @@ import test_regulator_devices as devices
 import regulator_bundles as bundles
 import regulator_mutants as mutants
 import regulator_systems as systems
+from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT
 from halpipe.deploy.regulator.engines import Icarus
@@ -33,7 +34,6 @@ from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import choose_engine, design_of, play
 from halpipe.deploy.regulator.stimuli import TRAFFIC, plan
-from halpipe.diagnostics import HalpipeError, render_text
 
 
 def stress(configurations: int, seeds: list[int], windows: int) -> dict[str, object]:

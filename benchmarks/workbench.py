@@ -145,7 +145,7 @@ def chromium() -> WebDriver:
 
 def grown(wcet: str) -> str:
     """Return a WCET that is 1 % longer."""
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
     return str(Duration.parse(wcet) * 101 / 100)
 

@@ -10,10 +10,10 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Findings, Location
-from halpipe.durations import Duration
-from halpipe.files import YamlMap
-from halpipe.settings import Fields, Words
+from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.durations import Duration
+from halpipe.core.files import YamlMap
+from halpipe.core.settings import Fields, Words
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -207,8 +207,8 @@ def _drivers() -> dict[str, Any]:
 
 
 def _pipeline() -> dict[str, Any]:
-    from halpipe.exporters.base import ExportOptions
-    from halpipe.exporters.choices import Form, choices, options_of
+    from halpipe.exporters.common.base import ExportOptions
+    from halpipe.exporters.common.choices import Form, choices, options_of
     from halpipe.flow import plan
     from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats
 
@@ -325,7 +325,7 @@ def _doctor() -> dict[str, Any]:
 
 
 def _findings() -> dict[str, Any]:
-    from halpipe.diagnostics import Severity
+    from halpipe.core.diagnostics import Severity
 
     line = {"type": "integer", "minimum": 0, "description": "0: the file as a whole."}
     place = {"file": TEXT, "line": line}

@@ -17,14 +17,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import halpipe
-from halpipe.diagnostics import REGISTER, Exit
+from halpipe.core.diagnostics import REGISTER, Exit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from lxml import etree
 
-    from halpipe.diagnostics import Code
+    from halpipe.core.diagnostics import Code
 
 REFERENCE = Path(__file__).parent / "reference"
 SCHEMAS = Path(halpipe.__file__).parent / "schemas"
@@ -175,7 +175,7 @@ def formats_page() -> str:
 
 
 def _matrix(formats: list[Any]) -> str:
-    from halpipe.extent import ASPECTS
+    from halpipe.core.extent import ASPECTS
 
     head = f"| | {' | '.join(f'`{format.name}`' for format in formats)} |"
     rows = (
@@ -186,7 +186,7 @@ def _matrix(formats: list[Any]) -> str:
 
 
 def _extent(verb: str, format: Any) -> tuple[str, ...]:
-    from halpipe.extent import ASPECTS
+    from halpipe.core.extent import ASPECTS
 
     rows = (
         f"| {ASPECTS[aspect]} | {_escaped(format.extent.carried[aspect])} |"
@@ -320,7 +320,7 @@ def schemas_page() -> str:
 
 
 def _schema(kind: str) -> str:
-    from halpipe.files import parse_xml
+    from halpipe.core.files import parse_xml
 
     name = f"{kind}-1.xsd"
     schema = parse_xml(resources.files("halpipe.schemas").joinpath(name).read_bytes(), name)

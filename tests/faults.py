@@ -70,7 +70,7 @@ def failing(faults):
     """Have calls made from halpipe's own modules fail; those of Python's library are its own affair."""
 
     def is_ours(frame):
-        return frame.f_globals.get("__name__", "").startswith("halpipe.files")
+        return frame.f_globals.get("__name__", "").startswith("halpipe.core.files")
 
     def counted(site, real):
         def call(*arguments, **options):

@@ -16,8 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 VERSIONS = ("3.11", "3.12", "3.13", "3.14")
 TESTS = (
-    *("tests/unit/importers", "tests/unit/pipeline", "tests/unit/exporters", "tests/unit/test_durations.py"),
-    *("tests/unit/test_files_xml.py", "tests/unit/test_files_yaml.py", "tests/unit/test_second_checker.py"),
+    *("tests/unit/importers", "tests/unit/pipeline", "tests/unit/exporters", "tests/unit/core/test_durations.py"),
+    *("tests/unit/core/test_files_xml.py", "tests/unit/core/test_files_yaml.py", "tests/unit/test_second_checker.py"),
 )
 
 

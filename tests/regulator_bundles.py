@@ -8,9 +8,9 @@ from __future__ import annotations
 import json
 from copy import deepcopy
 
-from halpipe.bundles import Bundle
+from halpipe.core.bundles import Bundle
+from halpipe.core.durations import Duration
 from halpipe.deploy.base import Target
-from halpipe.durations import Duration
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.models import AccessKind, Schedule, Status, TransitionTable

@@ -3,12 +3,12 @@
 import tempfile
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.regulator.formal import prove
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import design_of, play
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
-from halpipe.diagnostics import HalpipeError
 from one_fault import with_fault
 
 PARTS = {"gate": "_gate", "player": "_player", "unit": "_unit", "frame": "", "axil": "_axil"}

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.models import (
     Access,

@@ -66,7 +66,7 @@ def pytest_configure() -> None:
     import ctypes
     from functools import cache
 
-    from halpipe import libraries
+    from halpipe.core import libraries
 
     folder = Path(os.environ[FOLDER])
     libraries.library = cache(lambda _, name: ctypes.CDLL(str(folder / f"{name}{libraries.SUFFIX}")))

@@ -1,10 +1,10 @@
 """The options of a format as a pipeline file states them."""
 
-from halpipe.diagnostics import Findings
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.choices import choices, keys_of, options_of
-from halpipe.files import parse_yaml
-from halpipe.settings import Fields
+from halpipe.core.diagnostics import Findings
+from halpipe.core.files import parse_yaml
+from halpipe.core.settings import Fields
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.choices import choices, keys_of, options_of
 
 
 def stated(format, text, base=".", **common):

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 from hypothesis import strategies as st
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.models import (
     WHOLE,
     Access,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.models import (
     Access,
     Anchor,

@@ -18,25 +18,25 @@ from track import circuit
 from world import Lap, Opponent, World
 
 import halpipe
+from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.durations import seconds
 from halpipe.deploy.riscv import Board, CoSimulation, Plant
-from halpipe.deploy.riscv.check import Outcome, judge, tolerance_of
-from halpipe.deploy.riscv.cosimulation import read_images
-from halpipe.deploy.riscv.expectation import Expectation, PlannedJob
-from halpipe.deploy.riscv.health import Course, course_of
-from halpipe.deploy.riscv.injection import Injection, Stuck
-from halpipe.deploy.riscv.sequence import Played, played_tables
-from halpipe.deploy.riscv.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.check import Outcome, judge, tolerance_of
+from halpipe.deploy.riscv.judge.health import Course, course_of
+from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.run.cosimulation import read_images
+from halpipe.deploy.riscv.run.expectation import Expectation, PlannedJob
+from halpipe.deploy.riscv.run.injection import Injection, Stuck
+from halpipe.deploy.riscv.run.sequence import Played, played_tables
 from halpipe.deploy.riscv.target import read_site
-from halpipe.diagnostics import HalpipeError, render_text
-from halpipe.durations import seconds
 from halpipe.flow.formats import open_target
 from halpipe.importers.native import read_model, read_schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from halpipe.core.durations import Duration
     from halpipe.deploy.base import Target
-    from halpipe.durations import Duration
     from halpipe.models import Schedule, TaskModel
 
 HERE = Path(__file__).parent

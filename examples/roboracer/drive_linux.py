@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 from drive import HERE, a_drive, written
 from report import summary
 
+from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.deploy.linux.judging import judge, read_recording
-from halpipe.diagnostics import HalpipeError, render_text
 from halpipe.flow.formats import open_target
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """halpipe: from vehicle software models to verified time-triggered schedules and what hardware loads.
 
-The whole tool in a few functions; each raises `halpipe.diagnostics.HalpipeError` with every finding when it cannot
+The whole tool in a few functions; each raises `halpipe.core.diagnostics.HalpipeError` with every finding when it cannot
 go on. What they take and return are the frozen values of `halpipe.models`. See docs/how-to/use-from-python.md.
 
     model = halpipe.load("model.xml")

@@ -1,6 +1,6 @@
 """The whole tool from Python, for notebooks and servers: what the command line does, on values instead of files.
 
-Each function raises `halpipe.diagnostics.HalpipeError` with every finding when it cannot go on. What they take and
+Each function raises `halpipe.core.diagnostics.HalpipeError` with every finding when it cannot go on. What they take and
 return are the frozen values of `halpipe.models`, whose fields take ``"5ms"`` for a duration and lists for tuples.
 Everything is imported where it is used, so that ``import halpipe`` costs nothing.
 """
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.files import YamlMap
-    from halpipe.importers.base import Imported
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.files import YamlMap
+    from halpipe.importers.common.base import Imported
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
     from halpipe.pipeline.diff import Change, ScheduleDiff
@@ -36,7 +36,7 @@ def import_model(format: str, *paths: str, overlay: str | Sequence[str] = (), **
     that importers do not have.
     """
     from halpipe.flow.formats import import_model as read
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
 
     known = {field.name for field in fields(ImportOptions)} - {"overlay"}
     _refuse_unknown("import_model", options, known)
@@ -63,8 +63,8 @@ def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
 
     Schedule the model that is returned: then the schedule says which file it belongs to.
     """
+    from halpipe.core.files import write_output
     from halpipe.exporters.native import format_model, format_schedule
-    from halpipe.files import write_output
     from halpipe.importers.native import parse_model, parse_schedule
     from halpipe.models import Schedule
 
@@ -84,12 +84,12 @@ def export(
 
     `options` are the settings that a pipeline file has for the format: ``platform="regulators.yaml"``.
     """
-    from halpipe.diagnostics import Findings
-    from halpipe.exporters.base import ExportOptions
-    from halpipe.exporters.choices import keys_of, options_of
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.settings import Fields
+    from halpipe.exporters.common.base import ExportOptions
+    from halpipe.exporters.common.choices import keys_of, options_of
     from halpipe.flow.formats import export as write
     from halpipe.flow.formats import exporter
-    from halpipe.settings import Fields
 
     writer = exporter(format)
     chosen = ExportOptions(title=title, mode=mode)
@@ -103,7 +103,7 @@ def export(
 
 def _as_stated(values: dict[str, Any]) -> YamlMap:
     """Return values as a settings file would state them."""
-    from halpipe.files import YamlMap
+    from halpipe.core.files import YamlMap
 
     stated = YamlMap(0)
     for name, value in values.items():
@@ -150,8 +150,8 @@ def schedule(
     what is found depends on the machine. Raise `HalpipeError` if no schedule is found, with what the best placement
     still breaks.
     """
-    from halpipe.diagnostics import Exit, HalpipeError
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Exit, HalpipeError
+    from halpipe.core.durations import Duration
     from halpipe.pipeline.checked import explain_failure, schedule_model
     from halpipe.pipeline.solve.goals import Quality, objectives_of
     from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, SearchOptions
@@ -245,7 +245,7 @@ def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Cha
 
 def compare(schedule: Schedule, trace: str, *, mode: str = "", tolerance: str = "0ms") -> list[Comparison]:
     """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line."""
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.traces import read_traces
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.compare import compare as compare_line
@@ -282,7 +282,7 @@ def latencies(schedule: Schedule) -> list[dict[str, Any]]:
 
 
 def _refuse_unknown(function: str, options: dict[str, Any], known: set[str]) -> None:
-    from halpipe.suggest import did_you_mean
+    from halpipe.core.suggest import did_you_mean
 
     for name in options:
         if name not in known:

@@ -10,8 +10,8 @@ import time
 import pytest
 
 from command_line import run_here
+from halpipe.core.files import write_output
 from halpipe.exporters.native import format_model
-from halpipe.files import write_output
 from support import model, task, version
 
 

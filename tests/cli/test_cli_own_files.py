@@ -11,7 +11,7 @@ import typer
 from test_cli_regulator import PLATFORM
 
 from halpipe.cli.app import VERBS, build
-from halpipe.files import FOREIGN_FILE, FOREIGN_FOLDER, OUTPUT_IS_INPUT
+from halpipe.core.files import FOREIGN_FILE, FOREIGN_FOLDER, OUTPUT_IS_INPUT
 
 OVERLAY = "halpipe-overlay: 1\n"
 PIPELINE = """\

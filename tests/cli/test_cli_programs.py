@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import run_here
-from halpipe import programs
+from halpipe.core import programs
 
 ROOT = Path(__file__).parents[2]
 FAILURES = [(1, errno.EAGAIN), (1, errno.ENOENT), (2, errno.EACCES), (3, errno.ENOMEM)]

@@ -5,9 +5,9 @@ import json
 import pytest
 
 import regulator_bundles as bundles
-from halpipe.bundles import seal
 from halpipe.cli import invoke
-from halpipe.files import write_directory
+from halpipe.core.bundles import seal
+from halpipe.core.files import write_directory
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 import halpipe.cli
 from halpipe.cli import invoke, main, output
 from halpipe.cli.failures import OUT_OF_MEMORY
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 
 PYTHON = f"{sys.executable} -m halpipe"
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.bundles import open_bundle
+from halpipe.core.bundles import open_bundle
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import milliseconds
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions, Target
 from halpipe.deploy.linux import DEPLOYMENT
 from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import Ran, judge, read_recording
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import milliseconds
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
 from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.unrealised import unrealised
-from halpipe.files import write_directory
 from halpipe.models import (
     HealthAction,
     HealthEvent,

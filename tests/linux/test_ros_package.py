@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from ctf_writer import ros_trace
-from halpipe.bundles import seal
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.packaging import Binding

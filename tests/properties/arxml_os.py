@@ -10,7 +10,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 
 from arxml_reading import containers, parameters, special, tables
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 
 
 @dataclass

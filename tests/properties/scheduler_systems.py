@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from hypothesis import assume
 
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Precedence, Resource, Task, TaskModel, Unit
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.problem import build_problem

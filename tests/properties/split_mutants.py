@@ -7,7 +7,7 @@ from dataclasses import replace
 from verify_mutants import change_jobs, change_switch, change_task, change_versions
 from verify_systems import TICK, UNITS, at
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.models import Binding, Interrupt, Part, Split
 
 OPERATORS = {}

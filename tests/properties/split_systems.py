@@ -13,7 +13,7 @@ import split_oracle
 import verify_oracle as oracle
 from verify_systems import UNITS, Builder, one_mode, turned
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.models import Binding, Interrupt, Job, Part, Resource, Split, TaskModel, Unit
 from support import access, mode, task, version
 

@@ -12,13 +12,13 @@ from lxml import etree
 from verify_systems import switching_system, valid_system
 
 import strategies
-from halpipe.diagnostics import NOWHERE, HalpipeError, Severity
+from halpipe.core.diagnostics import NOWHERE, HalpipeError, Severity
 from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.exporters.native import format_model
 from halpipe.importers.amalthea import FORMAT as IN
 from halpipe.importers.amalthea import codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from profiles import examples
 

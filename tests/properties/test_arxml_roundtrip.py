@@ -11,13 +11,13 @@ from lxml import etree
 from verify_systems import switching_system, valid_system
 
 import strategies
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import ZERO
 from halpipe.exporters.arxml import FORMAT as OUT
 from halpipe.exporters.arxml import PARTS, RELEASES, ArxmlOptions
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import FORMAT as IN
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from profiles import examples
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from verify_systems import switching_system, valid_system
 
 from arxml_reading import NS, by_path, containers, name_of, seconds_per_tick, special, tables, text, write
-from halpipe.durations import seconds
+from halpipe.core.durations import seconds
 from halpipe.exporters.arxml import RELEASES
 from profiles import examples
 

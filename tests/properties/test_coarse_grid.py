@@ -9,8 +9,8 @@ import verify_systems as systems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Status
 from halpipe.pipeline.explain import coarse, codes
 from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder

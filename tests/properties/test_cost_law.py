@@ -11,8 +11,8 @@ import pytest
 
 from command_line import run_here
 from growth import TRIES, growth, half_way, seconds
+from halpipe.core.suggest import COMPARISONS, bounded_suggestions, nearest
 from halpipe.exporters.native import format_model
-from halpipe.suggest import COMPARISONS, bounded_suggestions, nearest
 from support import model, task, version
 from worst_inputs import BESIDE, READERS, WORST
 

@@ -8,7 +8,7 @@ import verify_mutants as mutants
 import verify_oracle as oracle
 import verify_systems as systems
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.models import Status
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report

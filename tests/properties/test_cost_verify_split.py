@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from test_cost_verify import OPERATORS as OF_WHOLE_JOBS
 from test_cost_verify import reported
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.verify import codes, verify
 from halpipe.pipeline.whatif.growth import common_tick
 from halpipe.pipeline.whatif.sensitivity import grown, sensitivities

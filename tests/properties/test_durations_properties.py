@@ -8,8 +8,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import strategies
-from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
-from halpipe.quantities import (
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple
+from halpipe.core.quantities import (
     format_bandwidth,
     format_rational,
     format_size,

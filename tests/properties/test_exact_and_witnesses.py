@@ -6,7 +6,7 @@ from explain_systems import random_system
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.models import Status
 from halpipe.pipeline.explain.invalid import ABOUT_A_MODE
 from halpipe.pipeline.explain.witnesses import find_witnesses

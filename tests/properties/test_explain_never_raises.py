@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_validate_soundness import MODELS
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.explain.explanation import Verdict, explain
 from profiles import examples
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.models import Status
 from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 from halpipe.pipeline.validate import validate

@@ -4,7 +4,7 @@ import verify_systems as systems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.growth import common_tick
 from halpipe.pipeline.whatif.sensitivity import grown, sensitivities

@@ -12,7 +12,7 @@ import verify_systems as systems
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.durations import greatest_common_divisor, milliseconds
+from halpipe.core.durations import greatest_common_divisor, milliseconds
 from halpipe.models import Chain, Split
 from halpipe.pipeline.checked import validate_model, verify_schedule
 from halpipe.pipeline.jobs import expand, natural_tick

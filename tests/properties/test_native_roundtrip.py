@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 import strategies
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.models.system import Element

@@ -7,7 +7,7 @@ from math import ceil, floor
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, grid_of
 from halpipe.exporters.regulator.rounding import Overload, controlled, promises, whole
 from halpipe.models import ModeSchedule, Schedule, Status

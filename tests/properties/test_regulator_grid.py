@@ -6,8 +6,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scheduler_systems import random_model
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, grid_of
 from halpipe.exporters.regulator.rounding import charged, promises, totals, whole
 from halpipe.pipeline.checked import schedule_model, validate_model

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from profiles import examples
 from support import access, job, mode, model, schedule, task, version

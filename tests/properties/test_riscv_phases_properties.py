@@ -9,7 +9,7 @@ from itertools import pairwise
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.riscv.backlog import find_backlog
 from halpipe.exporters.riscv.growth import grow
 from halpipe.exporters.riscv.operations import COPY, DONE, RUN, Operation, Program, Release, Table

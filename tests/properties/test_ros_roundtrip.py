@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from verify_systems import switching_system, valid_system
 
 import strategies
-from halpipe.diagnostics import NOWHERE, HalpipeError
+from halpipe.core.diagnostics import NOWHERE, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.exporters.ros import FORMAT as OUT
 from halpipe.exporters.ros import RosOptions
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT as IN
 from halpipe.models import HealthAction, HealthEvent, HealthRule

@@ -8,8 +8,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scheduler_systems import random_model
 
-from halpipe.diagnostics import HalpipeError, render_text
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.durations import milliseconds
 from halpipe.exporters.native import format_schedule
 from halpipe.importers.native import parse_schedule
 from halpipe.models import Status

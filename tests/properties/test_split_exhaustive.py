@@ -9,8 +9,8 @@ import pytest
 import verify_oracle as oracle
 from split_exhaustive import TooManyError, first_schedule
 
-from halpipe.diagnostics import HalpipeError, render_text
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.durations import milliseconds
 from halpipe.models import Interrupt, Split, Unit
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model

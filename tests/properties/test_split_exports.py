@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 from test_arxml_runs import Trial
 
-from halpipe.diagnostics import HalpipeError, Severity
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import HalpipeError, Severity
+from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT as BTF
 from halpipe.exporters.btf import BtfOptions
 from halpipe.exporters.report import FORMAT as REPORT

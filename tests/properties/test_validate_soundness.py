@@ -6,8 +6,8 @@ import verify_systems as systems
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import render_text
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import render_text
+from halpipe.core.durations import Duration
 from halpipe.models import (
     Access,
     Chain,

@@ -10,7 +10,7 @@ import verify_systems as systems
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import render_text
+from halpipe.core.diagnostics import render_text
 from halpipe.pipeline.verify import codes, verify
 from profiles import examples
 

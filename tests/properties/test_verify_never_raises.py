@@ -8,8 +8,8 @@ from fractions import Fraction
 import pytest
 import verify_systems as systems
 
-from halpipe.diagnostics import Diagnostic
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Diagnostic
+from halpipe.core.durations import Duration
 from halpipe.models import ModeSchedule, Schedule
 from halpipe.pipeline.verify import verify
 

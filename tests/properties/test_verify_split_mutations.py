@@ -14,8 +14,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from test_verify_mutations import RULE_OF as OF_WHOLE_JOBS
 
-from halpipe.diagnostics import render_text
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import render_text
+from halpipe.core.durations import milliseconds
 from halpipe.models import Binding
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.parts import reserved_length

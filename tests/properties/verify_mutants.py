@@ -8,7 +8,7 @@ from fractions import Fraction
 import verify_oracle as oracle
 from verify_systems import TICK, UNITS, at, make_job
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.models import (
     Anchor,
     Status,

@@ -11,7 +11,7 @@ from fractions import Fraction
 
 import verify_oracle as oracle
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.models import (
     Anchor,
     Job,

@@ -10,13 +10,13 @@ import pytest
 from lxml import etree
 
 from arxml_reading import NS, name_of, parameters, q, references
-from halpipe.diagnostics import Findings, HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.files.special import data_of
 from halpipe.importers.arxml.system.reading import read_tree
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.models import Origin
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions

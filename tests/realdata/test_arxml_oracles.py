@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import Findings
+from halpipe.core.diagnostics import Findings
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
@@ -15,7 +15,7 @@ from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.grouping import group
 from halpipe.importers.arxml.tasks.periods import decide_periods
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 PROJECTS = SHARED / "arxml_projects"

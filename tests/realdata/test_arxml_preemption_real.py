@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.models import WHOLE, Binding
 from halpipe.pipeline.checked import schedule_model, verify_schedule

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import FORMAT, codes
 from halpipe.importers.arxml.files.numbers import parse_seconds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "arxml"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration, least_common_multiple
-from halpipe.importers.base import ImportOptions
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration, least_common_multiple
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.loops import components
 from halpipe.importers.traces import read_traces

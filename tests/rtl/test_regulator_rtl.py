@@ -250,7 +250,7 @@ def test_the_check_reports_every_run(files):
 @icarus
 def test_what_is_played_is_the_verilog_of_the_bundle(files):
     broken = {**files, PLAYER: files[PLAYER].replace(b"endmodule", b"")}
-    with pytest.raises(halpipe.diagnostics.HalpipeError) as refused:
+    with pytest.raises(halpipe.core.diagnostics.HalpipeError) as refused:
         list(
             simulate(
                 bundles.target(broken).bundle, read_tables(bundles.target(broken).bundle), Icarus(), seed=1, cycles=0
@@ -439,7 +439,7 @@ def test_the_proof_says_which_images_were_followed(files, tables, monkeypatch):
 
 def test_what_is_missing_for_a_proof_is_named(files, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
-    with pytest.raises(halpipe.diagnostics.HalpipeError) as refused:
+    with pytest.raises(halpipe.core.diagnostics.HalpipeError) as refused:
         DEPLOYMENT.check(bundles.target(files), CheckOptions(engine="formal"))
     (found,) = refused.value.diagnostics
     assert found.code == codes.NO_ENGINE.id

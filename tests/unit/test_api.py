@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 
 import halpipe
-from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.models import Binding, Resource, Task, Transfer, Version
 from halpipe.pipeline.generate import SetParameters, generate

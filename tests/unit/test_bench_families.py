@@ -6,7 +6,7 @@ import pytest
 
 from halpipe.bench import jobshop
 from halpipe.bench.families import FINE, FullSlack, ManyVersions, PerfectFit, Rectangles, RigidChains
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import SearchOptions

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from halpipe import libraries
-from halpipe.libraries import fingerprint
+from halpipe.core import libraries
+from halpipe.core.libraries import fingerprint
 
 ROOT = Path(__file__).parents[2]
 SUFFIXES = {"linux": ".so", "macos": ".dylib", "windows": ".dll"}

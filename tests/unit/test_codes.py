@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import halpipe
-from halpipe.diagnostics import REGISTER
+from halpipe.core.diagnostics import REGISTER
 
 TESTS = Path(__file__).parents[1]
 SOURCE = Path(halpipe.__file__).parent

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import halpipe
-from halpipe.diagnostics import REGISTER, Exit
+from halpipe.core.diagnostics import REGISTER, Exit
 
 SCRIPT = Path(__file__).parents[2] / "docs" / "generate.py"
 

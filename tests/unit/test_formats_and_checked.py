@@ -5,12 +5,12 @@ from dataclasses import replace
 import pytest
 
 import halpipe.cli
-from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.codes import NEEDS_SCHEDULE
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.codes import NEEDS_SCHEDULE
 from halpipe.exporters.native import format_model
 from halpipe.flow import formats
-from halpipe.importers.base import Coverage, Imported, ImportOptions
+from halpipe.importers.common.base import Coverage, Imported, ImportOptions
 from halpipe.models import Status
 from halpipe.pipeline import checked
 from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import halpipe
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model, format_schedule
 
 ROOT = Path(__file__).parents[2]

@@ -26,7 +26,7 @@ TARGETS = {
     "windows-x86_64": (["win_amd64"], ".dll", (PE, 0x8664)),
 }
 LIBRARIES = (
-    "halpipe/deploy/riscv/native/block",
+    "halpipe/deploy/riscv/board/native/block",
     "halpipe/pipeline/solve/kernel/native/kernel",
     "halpipe/pipeline/solve/packing/native/boards",
     "halpipe/pipeline/solve/edf/native/edf",
@@ -109,7 +109,7 @@ def test_a_wheel_is_what_its_name_says(wheel):
 
 @pytest.mark.slow
 def test_libraries_are_of_the_sources_beside_them_and_need_no_other_library(wheel, tmp_path):
-    from halpipe.libraries import fingerprint
+    from halpipe.core.libraries import fingerprint
 
     target, path = wheel
     with zipfile.ZipFile(path) as archive:

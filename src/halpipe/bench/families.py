@@ -11,9 +11,9 @@ from itertools import pairwise
 from random import Random
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.durations import Duration, milliseconds
+from halpipe.core.records import record
 from halpipe.models import Access, Mode, Precedence, Resource, Run, Task, TaskModel, Unit, Version
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -13,11 +13,12 @@ from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
 from halpipe.bench import jobshop
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.core.files import sha256, write_output
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.records import record
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.files import sha256, write_output
-from halpipe.files.scratch import scratch_folder
 from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
@@ -25,7 +26,6 @@ from halpipe.pipeline.measure.circle import Instants
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.exactunits import alike

@@ -15,7 +15,8 @@ from itertools import accumulate
 from random import Random
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, milliseconds
+from halpipe.core.durations import ZERO, Duration, milliseconds
+from halpipe.core.records import record
 from halpipe.models import (
     Anchor,
     Binding,
@@ -30,7 +31,6 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

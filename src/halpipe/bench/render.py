@@ -7,7 +7,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from halpipe.bench.real import PUBLISHED, Waters2019
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,8 +8,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from halpipe.bench.instance import FAULT, VALID, Instance
-from halpipe.files import sha256
-from halpipe.records import record
+from halpipe.core.files import sha256
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from halpipe.bench.families import FINE, FullSlack, ManyVersions, PerfectFit, Rectangles, RigidChains
 from halpipe.bench.real import Engine, EngineControl, Waters2019
-from halpipe.durations import Duration, milliseconds, seconds
+from halpipe.core.durations import Duration, milliseconds, seconds
+from halpipe.core.records import record
 from halpipe.importers.native import read_model
 from halpipe.models import Binding
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
 from halpipe.pipeline.solve.goals import Quality
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

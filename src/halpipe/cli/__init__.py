@@ -85,8 +85,8 @@ def invoke(arguments: list[str]) -> int:
 
 def _invoke(arguments: list[str]) -> int:
     from halpipe.cli.app import app_for
-    from halpipe.files import protecting_inputs
-    from halpipe.suggest import bounded_suggestions
+    from halpipe.core.files import protecting_inputs
+    from halpipe.core.suggest import bounded_suggestions
 
     try:
         with protecting_inputs(), bounded_suggestions():

@@ -42,7 +42,7 @@ def print_json(value: Any) -> None:
 
 def parse_step(text: str) -> Fraction:
     """Read the grid of an answer: a share above 0 and up to 1."""
-    from halpipe.quantities import parse_share
+    from halpipe.core.quantities import parse_share
 
     try:
         step = parse_share(text)
@@ -55,7 +55,7 @@ def parse_step(text: str) -> Fraction:
 
 def check_name(name: str, known: Collection[str], kind: str, option: str) -> None:
     """Refuse a name that the model does not have."""
-    from halpipe.suggest import did_you_mean
+    from halpipe.core.suggest import did_you_mean
 
     if name not in known:
         hint = did_you_mean(name, known, f"the model has: {', '.join(sorted(known)) or 'none'}")

@@ -14,8 +14,8 @@ from halpipe import __version__
 from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
 from halpipe.cli.processors import processor_count
-from halpipe.diagnostics import Exit
-from halpipe.suggest import did_you_mean
+from halpipe.core.diagnostics import Exit
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +61,7 @@ def bench(
     """
     from halpipe.bench.render import outputs
     from halpipe.bench.results import instances
-    from halpipe.files import write_outputs
+    from halpipe.core.files import write_outputs
 
     output.choose(format, quiet=quiet, verbose=verbose)
     rows = _rows(suite, row or [], model or [])
@@ -90,7 +90,7 @@ def bench(
 def _refuse_foreign(folder: Path) -> None:
     """Stop before anything is measured if the results would replace what no benchmark wrote."""
     from halpipe.bench.render import NAMES, RESULTS
-    from halpipe.files import refuse_foreign
+    from halpipe.core.files import refuse_foreign
 
     refuse_foreign(str(folder / RESULTS), lambda content: b'"results_sha256"' in content)
     for name in NAMES if not (folder / RESULTS).exists() else ():

@@ -10,10 +10,10 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.pipeline.compare import Comparison
 
 COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest", "WCET")
@@ -66,8 +66,8 @@ USAGE = ("table", "unit", "direction", "samples", "promised", "granted", "used")
 
 def _counters(bundle: str, file: str, mode: str) -> int:
     """Hold counters of bytes against a bundle of regulators."""
+    from halpipe.core.files import read_bytes
     from halpipe.deploy.regulator.counters import compare_counters
-    from halpipe.files import read_bytes
     from halpipe.flow.formats import open_target
 
     counted = compare_counters(open_target(bundle), read_bytes(file).decode("utf-8-sig", "replace"), file, mode)
@@ -97,7 +97,7 @@ def _text(span: Duration | None) -> str:
 
 
 def _duration(text: str, option: str) -> Duration:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
     try:
         return Duration.parse(text)

@@ -30,8 +30,8 @@ def _is_xml(value: object) -> bool:
 
 
 def _modes_of(file: str) -> list[str]:
-    from halpipe.diagnostics import HalpipeError
-    from halpipe.files import parse_xml, read_bytes
+    from halpipe.core.diagnostics import HalpipeError
+    from halpipe.core.files import parse_xml, read_bytes
 
     try:
         root = parse_xml(read_bytes(file), file)

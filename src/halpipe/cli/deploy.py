@@ -9,8 +9,8 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.groups import Group
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
-from halpipe.diagnostics import Exit
-from halpipe.exporters.choices import DRIVERS, SOURCES
+from halpipe.core.diagnostics import Exit
+from halpipe.exporters.common.choices import DRIVERS, SOURCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -43,9 +43,9 @@ def prepare(
     """Compile the tasks, and give each version a load phase, and memory phases long enough, for a RISC-V target."""
     from pathlib import Path
 
+    from halpipe.core.files import STDIO, begins_like, refuse_foreign, refuse_inputs, write_output, write_outputs
     from halpipe.exporters.native import format_model
     from halpipe.exporters.riscv import RiscvOptions
-    from halpipe.files import STDIO, begins_like, refuse_foreign, refuse_inputs, write_output, write_outputs
     from halpipe.flow.formats import prepare_model
     from halpipe.importers.native import read_model
 
@@ -141,9 +141,9 @@ def trace(
     verbose: Verbose = False,
 ) -> int:
     """Read what the runtime of a RISC-V bundle recorded on a board, and write the jobs as a trace for `compare`."""
-    from halpipe.bundles import open_bundle
-    from halpipe.deploy.riscv.dump import board_csv, read_board, told
-    from halpipe.files import read_bytes, write_output
+    from halpipe.core.bundles import open_bundle
+    from halpipe.core.files import read_bytes, write_output
+    from halpipe.deploy.riscv.run.dump import board_csv, read_board, told
 
     output.choose(None, quiet=quiet, verbose=verbose)
     target = open_bundle(bundle)
@@ -179,7 +179,7 @@ def _phases(bundle: str, files: Mapping[str, bytes]) -> bytes:
 
 def _write(contents: Mapping[str, bytes], named: set[str]) -> None:
     """Write further results; those that nobody has named must not replace files of other kinds."""
-    from halpipe.files import begins_like, refuse_foreign, write_outputs
+    from halpipe.core.files import begins_like, refuse_foreign, write_outputs
 
     for name, content in contents.items():
         if name not in named:

@@ -10,7 +10,7 @@ import typer
 from halpipe.cli import answers, output
 from halpipe.cli.answers import AnswerFormat, Answers
 from halpipe.cli.parameters import Quiet, Verbose
-from halpipe.diagnostics import Exit, HalpipeError, Location
+from halpipe.core.diagnostics import Exit, HalpipeError, Location
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,7 +49,7 @@ def diff(
 
 def _read(path: str) -> Schedule | TaskModel:
     """Read a file of either kind, by its root element."""
-    from halpipe.files import parse_xml, read_bytes
+    from halpipe.core.files import parse_xml, read_bytes
     from halpipe.importers.native import parse_model, parse_schedule
     from halpipe.schemas import SCHEDULE, namespace
 

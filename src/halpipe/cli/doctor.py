@@ -8,7 +8,7 @@ import shutil
 from halpipe import __version__
 from halpipe.cli import output
 from halpipe.cli.answers import AnswerFormat, Answers, print_json
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 PACKAGES = ("lxml", "xmlschema", "pyyaml", "jinja2", "typer", "rich", "graphviz")
 EXTRAS = {

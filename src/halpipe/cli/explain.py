@@ -11,8 +11,8 @@ from halpipe.cli import output
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed
 from halpipe.cli.stopping import Stop
-from halpipe.diagnostics import REGISTER, Exit
-from halpipe.suggest import did_you_mean
+from halpipe.core.diagnostics import REGISTER, Exit
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from halpipe.models import TaskModel

@@ -6,7 +6,7 @@ import errno
 import io
 
 from halpipe.cli import output
-from halpipe.diagnostics import Exit, HalpipeError, error
+from halpipe.core.diagnostics import Exit, HalpipeError, error
 
 OUT_OF_MEMORY = error(
     "HAL0007",

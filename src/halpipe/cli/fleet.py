@@ -12,8 +12,8 @@ import typer
 
 from halpipe.cli import output, streams
 from halpipe.cli.stopping import Stop
-from halpipe.diagnostics import Exit
-from halpipe.files import STDIO, make_folder, read_bytes, refuse_inputs
+from halpipe.core.diagnostics import Exit
+from halpipe.core.files import STDIO, make_folder, read_bytes, refuse_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -5,10 +5,10 @@ from __future__ import annotations
 from string import ascii_letters, digits
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import printable
+from halpipe.core.diagnostics import printable
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TransitionTable
 
 LETTERS = ascii_letters[26:] + ascii_letters[:26] + digits

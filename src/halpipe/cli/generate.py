@@ -9,7 +9,7 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, Output, Quiet, Seed, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,9 +55,9 @@ def generate(
 
     Shares are written as 0.7, 7/10 or 70%.
     """
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
+    from halpipe.core.files import refuse_inputs, sha256, write_output
     from halpipe.exporters.native import format_model, format_schedule
-    from halpipe.files import refuse_inputs, sha256, write_output
     from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -102,7 +102,7 @@ def _percent(share: Fraction) -> str:
 
 
 def _share(option: str, text: str) -> Fraction:
-    from halpipe.quantities import parse_share
+    from halpipe.core.quantities import parse_share
 
     return _read(option, text, parse_share)
 

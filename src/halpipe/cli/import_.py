@@ -11,12 +11,12 @@ import typer
 
 from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Output, Quiet, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.importers.base import Coverage, Imported
+    from halpipe.importers.common.base import Coverage, Imported
 
 T = TypeVar("T")
 _LARGE = 32 * 2**20
@@ -78,13 +78,13 @@ def import_(
     verbose: Verbose = False,
 ) -> int:
     """Read AMALTHEA, AUTOSAR ARXML or ROS graphs into a task model. Nothing is dropped silently: see the counts."""
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
+    from halpipe.core.files import refuse_inputs, write_output
+    from halpipe.core.quantities import parse_share
     from halpipe.exporters.native import format_model
-    from halpipe.files import refuse_inputs, write_output
     from halpipe.flow.formats import import_model
-    from halpipe.importers.account import format_account
-    from halpipe.importers.base import ImportOptions, group_rule, quantile_of
-    from halpipe.quantities import parse_share
+    from halpipe.importers.common.base import ImportOptions, group_rule, quantile_of
+    from halpipe.importers.common.coverage import format_account
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if calibrate and source != "ros":

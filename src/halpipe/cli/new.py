@@ -8,7 +8,7 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 
 def new(
@@ -21,10 +21,10 @@ def new(
     verbose: Verbose = False,
 ) -> int:
     """Make a folder with a first model to read and change, overlay, pipeline and schemas for editors; or an example."""
-    from halpipe.files import write_new_folder
+    from halpipe.core.files import write_new_folder
+    from halpipe.core.suggest import did_you_mean
     from halpipe.starters import EXAMPLES, first_model
     from halpipe.starters import example as files_of
-    from halpipe.suggest import did_you_mean
 
     output.choose(format, quiet=quiet, verbose=verbose)
     if example and example not in EXAMPLES:

@@ -12,12 +12,12 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, TextIO
 
 from halpipe.cli import streams
-from halpipe.diagnostics import Severity, printable, render_json, render_sarif, render_text
+from halpipe.core.diagnostics import Severity, printable, render_json, render_sarif, render_text
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 SHOWN_PER_CODE = {Severity.ERROR: 20, Severity.WARNING: 4, Severity.NOTE: 0}
 """Diagnostics of one code shown in text before the rest is only counted; JSON, SARIF and --verbose have all."""
@@ -129,7 +129,7 @@ def report(diagnostics: Sequence[Diagnostic], *, as_result: bool = False) -> Non
 
 
 def _text(diagnostics: Sequence[Diagnostic], colour: bool) -> list[str]:
-    from halpipe.files import SourceLines
+    from halpipe.core.files import SourceLines
 
     source = SourceLines()
     lines: list[str] = []

@@ -9,7 +9,7 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 
 def run(
@@ -26,8 +26,8 @@ def run(
     from halpipe.cli.export.writing import write_export
     from halpipe.cli.import_ import summarise
     from halpipe.cli.searching import find_schedule, workers_of
+    from halpipe.core.files import refuse_inputs, write_output
     from halpipe.exporters.native import format_model
-    from halpipe.files import refuse_inputs, write_output
     from halpipe.flow import formats
     from halpipe.flow.onto import export_onto
     from halpipe.flow.plan import read_plan

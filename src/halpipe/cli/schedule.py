@@ -13,13 +13,13 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Seed, Verbose, WorkerCount
-from halpipe.suggest import did_you_mean
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.measure.objectives import Objective
     from halpipe.pipeline.solve.away import Away
@@ -161,7 +161,7 @@ def _on_cluster(address: str) -> Iterator[Away | None]:
 
 def parse_tick(text: str) -> Duration | None:
     """Read the option --tick; None where it is not given."""
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
     if not text:
         return None
@@ -175,7 +175,7 @@ def parse_tick(text: str) -> Duration | None:
 
 
 def _parse_target(text: str) -> Fraction | None:
-    from halpipe.quantities import parse_rational
+    from halpipe.core.quantities import parse_rational
 
     if not text:
         return None

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from halpipe import __version__
 from halpipe.cli import output, streams
 from halpipe.cli.stopping import Stop
-from halpipe.diagnostics import Exit, HalpipeError, printable
-from halpipe.files import STDIO, is_input, read_own, refuse_inputs, write_output
+from halpipe.core.diagnostics import Exit, HalpipeError, printable
+from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, write_output
 
 if TYPE_CHECKING:
     from rich.progress import Progress

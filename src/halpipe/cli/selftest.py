@@ -8,7 +8,7 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.parameters import Quiet, Seed
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 _SHOWN = 20
 
@@ -27,7 +27,7 @@ def selftest(
     output.choose(None, quiet=quiet, verbose=False)
     outcome = run(mutants, seed)
     if evidence:
-        from halpipe.files import write_directory
+        from halpipe.core.files import write_directory
         from halpipe.selftest.evidence import folder
 
         write_directory(evidence, folder(outcome, mutants, seed))

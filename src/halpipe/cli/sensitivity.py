@@ -9,13 +9,13 @@ import typer
 from halpipe.cli import answers, output
 from halpipe.cli.answers import BUDGET, AnswerFormat, Answers, Budget, Step
 from halpipe.cli.parameters import ModelFile, Quiet, ScheduleFile, Seed, Verbose
-from halpipe.diagnostics import Exit, Findings
+from halpipe.core.diagnostics import Exit, Findings
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.whatif.sensitivity import Searched, Sensitivity
 

@@ -8,7 +8,7 @@ import typer
 
 from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
-from halpipe.diagnostics import Exit, HalpipeError, error
+from halpipe.core.diagnostics import Exit, HalpipeError, error
 
 if TYPE_CHECKING:
     from socket import socket

@@ -11,12 +11,12 @@ import typer
 from halpipe.cli import output, streams
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import Quiet, ScheduleFile, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Schedule
 
 MOST_JOBS = 200

@@ -11,7 +11,7 @@ from halpipe.cli import answers, output
 from halpipe.cli.answers import BUDGET, AnswerFormat, Answers, Budget, Step
 from halpipe.cli.completing import modes
 from halpipe.cli.parameters import ModelFile, Quiet, Seed, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -95,7 +95,7 @@ def _options(seed: int, budget: int, tick: str) -> Any:
 
 
 def _text(value: Fraction | None) -> str | None:
-    from halpipe.quantities import format_rational
+    from halpipe.core.quantities import format_rational
 
     return None if value is None else format_rational(value)
 
@@ -125,7 +125,7 @@ def _show(answer: Answer, system: TaskModel, resource: str) -> None:
     )
     peak = next((r.bandwidth for r in system.resources if r.name == resource), None)
     if answer.found is not None and peak is not None:
-        from halpipe.quantities import format_bandwidth
+        from halpipe.core.quantities import format_bandwidth
 
         output.result(f"  that is {format_bandwidth(math.ceil(peak * answer.found))} of {format_bandwidth(peak)}")
     for witness in answer.witness[:3]:

@@ -11,7 +11,7 @@ import os
 import sys
 from typing import Any, TextIO
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 
 
 def prepare() -> None:
@@ -83,7 +83,7 @@ def _open(stream: TextIO | None) -> Any:
 
 @contextlib.contextmanager
 def _refusals_told() -> Any:
-    from halpipe.files.writing import cannot_write
+    from halpipe.core.files.writing import cannot_write
 
     try:
         yield

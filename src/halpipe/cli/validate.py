@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Quiet, Verbose
-from halpipe.diagnostics import Exit, sort_diagnostics
+from halpipe.core.diagnostics import Exit, sort_diagnostics
 
 
 def validate(model: ModelFile, format: DiagnosticFormat = None, quiet: Quiet = False, verbose: Verbose = False) -> int:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from halpipe.cli import output
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Quiet, ScheduleFile, Verbose
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 NAMED = 3
 """Further findings of a task that are named; --verbose shows all of them."""

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
-from halpipe.diagnostics import Diagnostic, Exit, HalpipeError
-from halpipe.files import read_own, refuse_foreign, sha256, write_output
-from halpipe.records import record
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError
+from halpipe.core.files import read_own, refuse_foreign, sha256, write_output
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -14,20 +14,20 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.pipeline.checked import refuse_invalid, validate_model
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from importlib.metadata import EntryPoint
 
     from halpipe.deploy.base import Checked, CheckOptions, Deployment, Target
-    from halpipe.exporters.base import Exporter, ExportOptions
+    from halpipe.exporters.common.base import Exporter, ExportOptions
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.prepare import Prepared
-    from halpipe.importers.base import Imported, Importer, ImportOptions
+    from halpipe.importers.common.base import Imported, Importer, ImportOptions
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.solve.quantise import BurstGrid
 
@@ -165,7 +165,7 @@ class Exported:
 
 
 def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> Exported:
-    """Verify, then write; see `halpipe.exporters.base.Exporter`."""
+    """Verify, then write; see `halpipe.exporters.common.base.Exporter`."""
     writer = exporter(format)
     if schedule is not None:
         refuse_invalid(model, schedule)
@@ -175,7 +175,7 @@ def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None
 
 def open_target(path: str) -> Target:
     """Open a bundle with the model and the schedule that it carries, which must verify."""
-    from halpipe.bundles import MODEL, SCHEDULE, open_bundle
+    from halpipe.core.bundles import MODEL, SCHEDULE, open_bundle
     from halpipe.deploy.base import Target
     from halpipe.importers.native import parse_model, parse_schedule
 

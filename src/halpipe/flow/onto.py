@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
-from halpipe.files import find_inputs, read_bytes
+from halpipe.core.diagnostics import Findings
+from halpipe.core.files import find_inputs, read_bytes
 from halpipe.pipeline.checked import refuse_invalid
 
 if TYPE_CHECKING:
     from halpipe.exporters.arxml.onto import Onto
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Schedule, TaskModel
 
 
@@ -23,7 +23,7 @@ def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: I
     from dataclasses import replace
 
     from halpipe.exporters.arxml.onto.export import put_onto
-    from halpipe.exporters.selection import refuse_early_phases, select
+    from halpipe.exporters.common.selection import refuse_early_phases, select
     from halpipe.importers.arxml.project import read_project
 
     refuse_invalid(model, schedule)

@@ -10,17 +10,17 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
-from halpipe.durations import Duration
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.choices import keys_of, options_of
-from halpipe.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
+from halpipe.core.durations import Duration
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.quantities import parse_share, whole
+from halpipe.core.records import record
+from halpipe.core.settings import Fields
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.choices import keys_of, options_of
 from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
-from halpipe.importers.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
+from halpipe.importers.common.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
 from halpipe.pipeline.solve.schedule import SearchOptions
-from halpipe.quantities import parse_share, whole
-from halpipe.records import record
-from halpipe.settings import Fields
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -8,12 +8,12 @@ import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.quantities import format_rational
+from halpipe.core.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule
 
 Row = dict[str, Any]

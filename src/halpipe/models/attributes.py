@@ -14,8 +14,8 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO, Duration
-from halpipe.quantities import (
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import (
     format_bandwidth,
     format_rational,
     format_size,
@@ -23,7 +23,7 @@ from halpipe.quantities import (
     parse_rational,
     parse_size,
 )
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

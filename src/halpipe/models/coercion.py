@@ -11,9 +11,9 @@ from fractions import Fraction
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import parse_rational
 from halpipe.models.attributes import BANDWIDTH, SIZE, codec_of
-from halpipe.quantities import parse_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable

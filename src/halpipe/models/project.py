@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Location
+    from halpipe.core.durations import Duration
 
 
 @record

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, Location
+from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.records import record
 from halpipe.models.attributes import DIGEST, DURATION, INDEX, NAME, NAMES, NUMBER, TEXT, TIMES, attribute, word
 from halpipe.models.system import HealthAction, HealthEvent, Word
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
 
 class Status(Word):

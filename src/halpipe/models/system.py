@@ -11,8 +11,9 @@ from enum import StrEnum
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.models.attributes import (
     BANDWIDTH,
     BOUND,
@@ -34,7 +35,6 @@ from halpipe.models.attributes import (
     word,
 )
 from halpipe.models.coercion import Coercion
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

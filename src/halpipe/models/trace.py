@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, Location
-from halpipe.records import record
+from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
 
 @record(kw_only=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
+from halpipe.core.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,14 +8,14 @@ from enum import Enum
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.models import Access, Precedence, Schedule, Split, TaskModel
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TransitionTable
 
 ADDED, REMOVED, CHANGED = "added", "removed", "changed"

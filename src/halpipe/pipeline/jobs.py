@@ -11,13 +11,13 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, greatest_common_divisor, least_common_multiple
-from halpipe.records import record
+from halpipe.core.durations import ZERO, greatest_common_divisor, least_common_multiple
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Binding, Job, Part
 
 if TYPE_CHECKING:

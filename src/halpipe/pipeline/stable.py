@@ -12,15 +12,15 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, about, note
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import HalpipeError, about, note
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.parts import reserved_length, service_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Access, Job, Schedule, Task, TaskModel, Unit
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
 

@@ -14,8 +14,8 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Diagnostic, Location, error
-from halpipe.suggest import did_you_mean
+from halpipe.core.diagnostics import Diagnostic, Location, error
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

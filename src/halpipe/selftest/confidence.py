@@ -7,7 +7,7 @@ row only.
 
 from __future__ import annotations
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 LEVELS = {("TI1", degree): "TCL1" for degree in ("TD1", "TD2", "TD3")}
 LEVELS |= {("TI2", "TD1"): "TCL1", ("TI2", "TD2"): "TCL2", ("TI2", "TD3"): "TCL3"}

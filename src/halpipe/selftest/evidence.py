@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
-from halpipe.bundles import seal
-from halpipe.diagnostics import REGISTER
-from halpipe.files import sha256
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import REGISTER
+from halpipe.core.files import sha256
 from halpipe.selftest import confidence, second
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from copy import deepcopy
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable

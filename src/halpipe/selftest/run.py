@@ -10,10 +10,10 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import parse_xml
+from halpipe.core.files.scratch import scratch_folder
 from halpipe.exporters.native import format_model, format_schedule
-from halpipe.files import parse_xml
-from halpipe.files.scratch import scratch_folder
 from halpipe.importers.native import parse_model, read_model, read_schedule
 from halpipe.pipeline.checked import schedule_model, verify_schedule
 from halpipe.pipeline.generate import SetParameters, generate_with_witness

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, error
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
+from halpipe.core.diagnostics import HalpipeError, error
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, about, error
+from halpipe.core.diagnostics import HalpipeError, about, error
 from halpipe.models.attributes import attributes, texts
 from halpipe.workbench.edits import TASK_FIELDS, VERSION_FIELDS
 

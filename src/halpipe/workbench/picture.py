@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.exporters.report.scene import scene
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.workbench.session import Session
 
 Plain = dict[str, Any]

@@ -11,8 +11,8 @@ from functools import partial
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, error
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError, error
+from halpipe.core.durations import Duration
 from halpipe.exporters.report.scene import scene
 from halpipe.workbench.edits import Edit
 from halpipe.workbench.picture import picture, plain

@@ -8,21 +8,21 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostics
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, error, sort_diagnostics
+from halpipe.core.files import read_bytes, sha256, write_output
+from halpipe.core.records import record
 from halpipe.exporters.native import format_model
-from halpipe.files import read_bytes, sha256, write_output
 from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.records import record
 from halpipe.workbench.edits import edited
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.native import parse_model
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import job, ms
@@ -48,9 +48,9 @@ def export(tmp_path_factory):
     """Export the bundle; sources may be replaced by their names, the profile and the model's text changed."""
     pytest.importorskip("unicorn", reason="pip install unicorn")
     pytest.importorskip("ziglang", reason="pip install ziglang")
+    from halpipe.core.files import write_directory
     from halpipe.exporters.native import paired
     from halpipe.exporters.riscv import RiscvOptions
-    from halpipe.files import write_directory
     from halpipe.flow import formats
     from halpipe.importers.native import parse_schedule
     from halpipe.pipeline.health import with_reactions
@@ -88,8 +88,8 @@ def sound(export):
 @pytest.fixture
 def play():
     """Play all tours of a bundle, and return the outcomes."""
-    from halpipe.deploy.riscv.check import CYCLES, simulate
-    from halpipe.deploy.riscv.sequence import tours
+    from halpipe.deploy.riscv.judge.check import CYCLES, simulate
+    from halpipe.deploy.riscv.run.sequence import tours
 
     def run(target, **options):
         return [simulate(target, tour, **options) for tour in tours(target.schedule, CYCLES)]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from elftools.elf.elffile import ELFFile
 
-from halpipe.bundles import open_bundle, seal
+from halpipe.core.bundles import open_bundle, seal
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import Target
-from halpipe.files import write_directory
 
 COPY, DONE, RUN, STOP = 1, 2, 3, 4
 OPERATION = 48  # bytes; see hp_operation in the runtime's halpipe.h

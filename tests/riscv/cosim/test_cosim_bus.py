@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.deploy.riscv.bus import Bus, Opening
-from halpipe.deploy.riscv.dma import Transfer
-from halpipe.deploy.riscv.hart import NEVER
+from halpipe.deploy.riscv.board.bus import Bus, Opening
+from halpipe.deploy.riscv.board.dma import Transfer
+from halpipe.deploy.riscv.board.hart import NEVER
 from halpipe.exporters import regulator
 
 GATE = Path(regulator.__file__).parent / "rtl/halpipe_regulator_gate.v"

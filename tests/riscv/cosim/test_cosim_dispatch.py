@@ -4,10 +4,11 @@ from fractions import Fraction
 
 import pytest
 
+from halpipe.core.durations import Duration
 from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.riscv import check, codes, dispatch
-from halpipe.deploy.riscv.sequence import tours
-from halpipe.durations import Duration
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.judge import check, dispatch
+from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv.profile import FOLDER
 
 

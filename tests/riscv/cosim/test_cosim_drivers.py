@@ -6,10 +6,10 @@ import pytest
 from tampering import resealed, tampered
 
 from halpipe.cli import invoke
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation, Plant
-from halpipe.deploy.riscv.check import static_findings
-from halpipe.diagnostics import HalpipeError
+from halpipe.deploy.riscv.judge.check import static_findings
 from halpipe.exporters.riscv import bundle
 from one_fault import with_fault
 from support import ms

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from halpipe import cli
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv import CoSimulation, codes
-from halpipe.deploy.riscv.cosimulation import Word
-from halpipe.deploy.riscv.dump import board_csv, read_board
-from halpipe.diagnostics import HalpipeError
+from halpipe.deploy.riscv.run.cosimulation import Word
+from halpipe.deploy.riscv.run.dump import board_csv, read_board
 
 
 @pytest.fixture(scope="module")

@@ -6,13 +6,13 @@ from dataclasses import replace
 import pytest
 from tampering import COPY, RUN, STOP, resealed, tampered
 
-from halpipe.bundles import open_bundle
+from halpipe.core.bundles import open_bundle
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import CoSimulation
 from halpipe.deploy.riscv import codes as declared
-from halpipe.deploy.riscv.check import check_by_simulation
-from halpipe.deploy.riscv.conditions import tells_the_truth
-from halpipe.deploy.riscv.recording import Flag
+from halpipe.deploy.riscv.judge.check import check_by_simulation
+from halpipe.deploy.riscv.judge.conditions import tells_the_truth
+from halpipe.deploy.riscv.run.recording import Flag
 from support import ms
 
 

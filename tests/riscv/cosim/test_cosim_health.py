@@ -6,8 +6,9 @@ import pytest
 from tampering import tampered
 
 from halpipe.deploy.base import CheckOptions, Target
-from halpipe.deploy.riscv import check, codes, health
-from halpipe.deploy.riscv.injection import Kind
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.judge import check, health
+from halpipe.deploy.riscv.run.injection import Kind
 from halpipe.pipeline.health import with_reactions
 
 RULES = """  <transition from="full" to="halt"/>

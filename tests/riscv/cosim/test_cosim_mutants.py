@@ -8,10 +8,11 @@ import pytest
 from tampering import COPY, RUN, STOP, resealed, tampered
 
 from halpipe.deploy.base import CheckOptions
-from halpipe.deploy.riscv import DEPLOYMENT, check
+from halpipe.deploy.riscv import DEPLOYMENT
 from halpipe.deploy.riscv import codes as declared
-from halpipe.deploy.riscv.machine import Timing
-from halpipe.deploy.riscv.sequence import tours
+from halpipe.deploy.riscv.board.machine import Timing
+from halpipe.deploy.riscv.judge import check
+from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.riscv import bundle
 from one_fault import with_fault
 

@@ -7,7 +7,7 @@ import pytest
 
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, codes
-from halpipe.deploy.riscv.qemu import EMULATOR
+from halpipe.deploy.riscv.judge.qemu import EMULATOR
 
 pytestmark = [
     pytest.mark.skipif(shutil.which(EMULATOR) is None, reason="apt-get install qemu-system-misc"),

@@ -7,12 +7,12 @@ from fractions import Fraction
 import pytest
 
 from halpipe.cli import invoke
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, CoSimulation, Plant
 from halpipe.deploy.riscv.codes import ENGINE_ABSENT
-from halpipe.deploy.riscv.observation import Outcome
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.deploy.riscv.run.observation import Outcome
 from support import ms
 
 

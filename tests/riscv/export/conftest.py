@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("ziglang", reason="needs a compiler for RISC-V: pip install 'halpipe[riscv]'")
 pytest.importorskip("elftools", reason="needs pyelftools: pip install 'halpipe[riscv]'")
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.flow.formats import export
 from riscv_models import on_disk, single

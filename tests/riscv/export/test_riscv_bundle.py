@@ -9,7 +9,7 @@ import sys
 import pytest
 from elftools.elf.elffile import ELFFile
 
-from halpipe.files import sha256, write_directory
+from halpipe.core.files import sha256, write_directory
 from riscv_models import single
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from command_line import run_here
-from halpipe.bundles import open_bundle
+from halpipe.core.bundles import open_bundle
 from halpipe.exporters.riscv.dummy import FILE
 from halpipe.models import Status, TransitionTable
 from riscv_models import deployed, on_disk, several, single

@@ -6,11 +6,11 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT, codes
-from halpipe.deploy.riscv.emulator import EMULATOR
+from halpipe.deploy.riscv.run.emulator import EMULATOR
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.files import write_directory
 from halpipe.flow.formats import export, open_target
 from riscv_models import deployed, on_disk, single
 

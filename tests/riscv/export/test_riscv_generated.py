@@ -7,11 +7,11 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
-from halpipe.deploy.riscv.check import CYCLES, simulate
-from halpipe.deploy.riscv.sequence import tours
+from halpipe.core.files import write_directory
+from halpipe.deploy.riscv.judge.check import CYCLES, simulate
+from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.exporters.native import format_model, paired
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.files import write_directory
 from halpipe.flow.formats import export, open_target, prepare_model
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.checked import schedule_model

@@ -7,11 +7,11 @@ import pytest
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
 
-from halpipe.deploy.riscv.check import simulate
-from halpipe.deploy.riscv.sequence import Tour
+from halpipe.core.files import write_directory
+from halpipe.deploy.riscv.judge.check import simulate
+from halpipe.deploy.riscv.run.sequence import Tour
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.exporters.riscv.profile import FOLDER
-from halpipe.files import write_directory
 from halpipe.flow.formats import export, open_target
 from halpipe.models import ModeSchedule, Schedule, Status
 from riscv_models import deployed, moving, on_disk, several

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from halpipe.core.files import write_directory
 from halpipe.exporters.riscv import RiscvOptions
-from halpipe.files import write_directory
 from halpipe.flow.formats import export
 from riscv_models import on_disk, single
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.riscv import RiscvOptions, codes
 from halpipe.exporters.riscv.dummy import FILE
 from halpipe.exporters.riscv.profile import FOLDER

@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.exporters.riscv import codes
 from halpipe.exporters.riscv.toolchain import GCC, INSTALL_GCC
 from riscv_models import PHASES, SCALE, deployed, moving, single

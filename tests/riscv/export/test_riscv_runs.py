@@ -10,13 +10,13 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
-from halpipe.deploy.riscv.check import CYCLES, simulate
-from halpipe.deploy.riscv.cosimulation import CoSimulation
-from halpipe.deploy.riscv.recording import Flag, Kind
-from halpipe.deploy.riscv.sequence import tours
-from halpipe.files import write_directory
+from halpipe.deploy.riscv.judge.check import CYCLES, simulate
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
+from halpipe.deploy.riscv.run.recording import Flag, Kind
+from halpipe.deploy.riscv.run.sequence import tours
 from halpipe.flow.formats import open_target
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from riscv_models import PHASES, SCALE, deployed, moving, several, single

@@ -7,12 +7,12 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
-from halpipe.deploy.riscv.cosimulation import CoSimulation
-from halpipe.deploy.riscv.recording import Kind
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.core.files import write_directory
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
+from halpipe.deploy.riscv.run.recording import Kind
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.exporters.riscv.profile import FOLDER, read_profile
-from halpipe.files import write_directory
 from halpipe.flow.formats import export, open_target
 from halpipe.models import ModeSchedule, Schedule, Status
 from riscv_models import deployed, moving, on_disk, several

@@ -7,16 +7,16 @@ import pytest
 
 pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
 
+from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
-from halpipe.deploy.riscv.cosimulation import CoSimulation
-from halpipe.deploy.riscv.qemu import EMULATOR
-from halpipe.diagnostics import Findings, HalpipeError
-from halpipe.exporters.codes import NEEDS_HOLD
+from halpipe.deploy.riscv.judge.qemu import EMULATOR
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
+from halpipe.exporters.common.codes import NEEDS_HOLD
 from halpipe.exporters.riscv import codes
 from halpipe.exporters.riscv.phases import executions, spans
 from halpipe.exporters.riscv.splitting import check_splits
-from halpipe.files import write_directory
 from halpipe.flow.formats import open_target
 from halpipe.models import Binding, Interrupt, ModeSchedule, Part, Schedule, Split, Status
 from halpipe.pipeline.verify import verify

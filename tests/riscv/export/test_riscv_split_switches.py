@@ -10,14 +10,14 @@ pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe
 from test_riscv_split import LONG, SHORT
 
 import split_switches
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.riscv import DEPLOYMENT
-from halpipe.deploy.riscv.cosimulation import CoSimulation
-from halpipe.deploy.riscv.qemu import EMULATOR
+from halpipe.deploy.riscv.judge.qemu import EMULATOR
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv import RiscvOptions
 from halpipe.exporters.riscv.dummy import FILE
-from halpipe.files import write_directory
 from halpipe.flow.formats import export, open_target, prepare_model
 from halpipe.importers.native import parse_model
 from halpipe.models import Schedule, Split

@@ -2,11 +2,11 @@
 
 import pytest
 
-from halpipe.bundles import seal
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import write_directory
 from halpipe.deploy.base import Checked, CheckOptions
-from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.native import paired
-from halpipe.files import write_directory
 from halpipe.flow import formats
 from halpipe.flow.formats import UNKNOWN_FORMAT, check_bundle
 from halpipe.importers.native import parse_model, parse_schedule

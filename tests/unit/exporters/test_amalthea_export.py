@@ -7,11 +7,11 @@ from exporter_samples import roboracer
 from golden_file import assert_golden
 from lxml import etree
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.amalthea import FORMAT, RELEASES, AmaltheaOptions
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.codes import FOREIGN_SCHEDULE, UNKNOWN_MODE
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, UNKNOWN_MODE
 from halpipe.models import ModeSchedule, Status
 from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version

@@ -19,7 +19,7 @@ from arxml_reading import (
     text,
     write,
 )
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml.codes import (
     ACTIVATED_TWICE,
     BAD_COUNTER,

@@ -6,12 +6,12 @@ import pytest
 from exporter_samples import split
 
 from arxml_reading import containers, parameters, references, special, tables, write
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml.codes import TOO_MANY_EVENTS
-from halpipe.exporters.codes import PRIORITY_CYCLE
-from halpipe.exporters.priorities import levels_of, relation_of
+from halpipe.exporters.common.codes import PRIORITY_CYCLE
+from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.models import Binding, Interrupt, ModeSchedule, Schedule, Split, Status, TransitionTable
 from halpipe.pipeline.parts import job_of
 from support import access, job, mode, model, ms, task, version

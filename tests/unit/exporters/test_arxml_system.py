@@ -8,11 +8,11 @@ from golden_file import assert_golden
 from lxml import etree
 
 from arxml_reading import NS, all_of, by_path, name_of, q, special, text, texts, write
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml import FORMAT, RELEASES, ArxmlOptions
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.layout import ShortNames
-from halpipe.exporters.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNKNOWN_MODE
+from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_SCHEDULE, UNKNOWN_MODE
 from halpipe.models import ChainLatency, ModeSchedule, Status
 from stated_options import stated
 from support import access, after, chain, job, mode, model, ms, schedule, task, version

@@ -7,11 +7,11 @@ import pytest
 from exporter_samples import many, roboracer, thirds, two_modes
 from golden_file import assert_golden
 
-from halpipe.diagnostics import Severity
-from halpipe.durations import ZERO
-from halpipe.exporters.base import ExportOptions
+from halpipe.core.diagnostics import Severity
+from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT, BtfOptions
 from halpipe.exporters.btf.events import tour
+from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable

@@ -7,8 +7,8 @@ from html.parser import HTMLParser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.graph import FORMAT as GRAPH
 from halpipe.exporters.graph import GraphOptions
 from halpipe.exporters.report import FORMAT as REPORT

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model, format_schedule
 from halpipe.exporters.native.document import UNWRITABLE
 from halpipe.importers.native import parse_model, parse_schedule

@@ -7,15 +7,15 @@ from dataclasses import replace
 import pytest
 from exporter_samples import split
 
-from halpipe.diagnostics import HalpipeError, Severity
-from halpipe.durations import ZERO, Duration
-from halpipe.exporters.base import ExportOptions
+from halpipe.core.diagnostics import HalpipeError, Severity
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.btf import FORMAT as BTF
 from halpipe.exporters.btf import BtfOptions
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.selection import select
+from halpipe.exporters.common.timeline import PhaseTimes, Window, resource_steps, unroll
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.report import ReportOptions
-from halpipe.exporters.selection import select
-from halpipe.exporters.timeline import PhaseTimes, Window, resource_steps, unroll
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import Status

@@ -11,13 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from halpipe.durations import Duration
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.palette import FILLS, INK
+from halpipe.core.durations import Duration
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.palette import FILLS, INK
+from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report import FORMAT
 from halpipe.exporters.report.axis import MAX_TICKS, ticks
 from halpipe.exporters.report.numbers import approximate, percent
-from halpipe.exporters.timeline import Window
 from halpipe.models import Schedule, Status
 from support import access, job, model, ms, schedule, task, version
 
@@ -243,7 +243,7 @@ def test_transitions_are_listed_and_drawn():
 
 
 def test_a_transition_without_anything_to_draw_says_so(monkeypatch):
-    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 0)
+    monkeypatch.setattr("halpipe.exporters.common.timeline.CONTEXT_JOBS", 0)
     assert "begins at once" in write(*two_modes())
 
 

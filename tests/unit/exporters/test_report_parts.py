@@ -10,15 +10,15 @@ from exporter_samples import many, roboracer, two_modes
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import ZERO, Duration
-from halpipe.exporters.codes import NO_IMPORT_REPORT
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import ZERO, Duration
+from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report import FORMAT, ReportOptions
 from halpipe.exporters.report.account import build_account
 from halpipe.exporters.report.chains import worst_age, worst_reaction
 from halpipe.exporters.report.modegraph import MOST_MODES, NODE_HEIGHT, NODE_WIDTH, WIDTH, build_mode_graph
-from halpipe.importers.account import format_account
-from halpipe.importers.base import Coverage, Imported
+from halpipe.importers.common.base import Coverage, Imported
+from halpipe.importers.common.coverage import format_account
 from halpipe.models import Chain, Job, Mode, ModeSchedule, Origin, Schedule, Status, TransitionTable
 from halpipe.pipeline.measure import latency
 from stated_options import stated

@@ -8,8 +8,8 @@ import yaml
 from exporter_samples import roboracer, thirds, two_modes
 from golden_file import assert_golden
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.exporters.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.common.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.models import Interrupt, Part, Split

@@ -4,11 +4,11 @@ from fractions import Fraction
 import pytest
 from exporter_samples import roboracer, two_modes
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.exporters.base import ExportOptions
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.selection import select
 from halpipe.exporters.graph import FORMAT as GRAPH
 from halpipe.exporters.report import FORMAT as REPORT
-from halpipe.exporters.selection import select
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.models import ChainLatency, ResourceLoad, Status, TransitionTable, UnitLoad
 from support import ms

@@ -5,15 +5,15 @@ from dataclasses import replace
 import pytest
 
 import split_switches
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.amalthea import FORMAT as AMALTHEA
 from halpipe.exporters.amalthea import AmaltheaOptions
-from halpipe.exporters.codes import NEEDS_HOLD
+from halpipe.exporters.common.codes import NEEDS_HOLD
 from halpipe.exporters.riscv.splitting import check_splits
 from halpipe.exporters.ros import FORMAT as ROS
 from halpipe.exporters.ros import RosOptions
 from halpipe.importers.amalthea import FORMAT as IMPORTER
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.models import Split
 from halpipe.pipeline.verify import verify
 from support import job, version

@@ -6,14 +6,14 @@ from dataclasses import replace
 import pytest
 
 import split_switches
-from halpipe.diagnostics import Severity
-from halpipe.durations import ZERO
-from halpipe.exporters.base import ExportOptions
+from halpipe.core.diagnostics import Severity
+from halpipe.core.durations import ZERO
 from halpipe.exporters.btf import FORMAT as BTF
 from halpipe.exporters.btf import BtfOptions
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.timeline import cycles_after, shows_context, unroll_switch
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.report import ReportOptions
-from halpipe.exporters.timeline import cycles_after, shows_context, unroll_switch
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.importers.traces.read import parse_traces
 from halpipe.models import ModeSchedule, Schedule, Split, Status
@@ -98,9 +98,9 @@ def test_jobs_of_the_table_are_drawn_to_their_ends():
 
 def test_all_cycles_count_for_what_is_too_much_to_draw(monkeypatch):
     _, plan = long_gaps()
-    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 9)  # one of "one", eight of "two"
+    monkeypatch.setattr("halpipe.exporters.common.timeline.CONTEXT_JOBS", 9)  # one of "one", eight of "two"
     assert shows_context(plan)
-    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 8)
+    monkeypatch.setattr("halpipe.exporters.common.timeline.CONTEXT_JOBS", 8)
     assert not shows_context(plan)
 
 

@@ -6,8 +6,8 @@ from exporter_samples import roboracer, thirds, two_modes
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import ZERO
-from halpipe.exporters.timeline import Window, links, resource_steps, shows_context, unroll, unroll_switch
+from halpipe.core.durations import ZERO
+from halpipe.exporters.common.timeline import Window, links, resource_steps, shows_context, unroll, unroll_switch
 from support import access, after, job, model, ms, schedule, task, version
 
 
@@ -129,9 +129,9 @@ def test_the_new_mode_begins_after_the_table():
 def test_context_is_dropped_when_it_would_be_large(monkeypatch):
     _, planned = two_modes()
     assert shows_context(planned)
-    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 13)
+    monkeypatch.setattr("halpipe.exporters.common.timeline.CONTEXT_JOBS", 13)
     assert not shows_context(planned)  # twice 4 + 3 jobs
-    monkeypatch.setattr("halpipe.exporters.timeline.CONTEXT_JOBS", 14)
+    monkeypatch.setattr("halpipe.exporters.common.timeline.CONTEXT_JOBS", 14)
     assert shows_context(planned)
 
 

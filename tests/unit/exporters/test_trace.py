@@ -7,7 +7,7 @@ import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
 from golden_file import assert_golden
 
-from halpipe.exporters.base import ExportOptions
+from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.trace import FORMAT
 from support import after, job, model, schedule, task, version
 

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 
 FIXTURES = Path(__file__).parent / "arxml_fixtures"
 NAMESPACE = "http://autosar.org/schema/r4.0"

@@ -6,8 +6,8 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.importers.base import Coverage
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from support import after, chain, model, task, version
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
-from halpipe.importers.base import ImportOptions
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT
 
 FIXTURES = Path(__file__).parent / "ros_fixtures"

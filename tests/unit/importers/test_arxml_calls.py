@@ -27,9 +27,9 @@ from arxml_case import (
     write,
 )
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml import FORMAT, codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 
 

@@ -5,10 +5,10 @@ from arxml_case import Overlay
 from lxml import etree
 
 from arxml_reading import NS, all_of, by_path, q, write
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.own.codes import BESIDE_MODEL, EDITED, SECOND_MODEL
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from support import access, after, chain, mode, model, ms, task, version
 
 PUMP = task(

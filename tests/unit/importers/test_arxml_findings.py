@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from arxml_case import FIXTURES, read, refusal
 
-from halpipe.diagnostics import Code, HalpipeError, Severity
+from halpipe.core.diagnostics import Code, HalpipeError, Severity
 from halpipe.importers.arxml import codes
 
 CASES = sorted((FIXTURES / "findings").iterdir())

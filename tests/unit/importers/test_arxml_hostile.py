@@ -5,10 +5,10 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from lxml import etree
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.files.tree import NS
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from profiles import examples
 
 SOURCES = [

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml.files.numbers import is_symbolic, parse_cse, parse_double, parse_number, parse_seconds
 
 

@@ -22,7 +22,7 @@ from arxml_case import (
 from test_arxml_ecus import BOTH, VEHICLE
 
 from command_line import run_here
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.native import format_model, format_schedule
@@ -32,7 +32,7 @@ from halpipe.importers.arxml import codes as arxml_codes
 from halpipe.importers.arxml import project_codes, selection_codes
 from halpipe.importers.arxml.files import sniff
 from halpipe.importers.arxml.project import read_project
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from support import job, schedule
 
 TICK = "0.001"

@@ -18,11 +18,11 @@ from arxml_case import (
     write,
 )
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.models import Part
 from halpipe.pipeline.verify import verify
 from support import job, ms, schedule

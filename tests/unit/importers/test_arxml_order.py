@@ -33,8 +33,8 @@ from arxml_case import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import Findings, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.values import Place
 from halpipe.importers.arxml.tasks.precedence import Edge, without_cycles

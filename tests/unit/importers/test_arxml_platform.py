@@ -25,7 +25,7 @@ from arxml_case import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import Findings
+from halpipe.core.diagnostics import Findings
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.reading import read_tree

@@ -16,11 +16,11 @@ from arxml_case import (
     write,
 )
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
-from halpipe.files import TOO_MUCH
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.core.files import TOO_MUCH
 from halpipe.importers.arxml import FORMAT, codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.models import WHOLE, Binding, Split
 

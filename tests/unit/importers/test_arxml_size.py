@@ -8,13 +8,13 @@ from arxml_case import assembly, component, composition, every, in_port, out_por
 
 from growth import growth, half_way
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 
 # The peak is read from /proc: getrusage would count that of the process which started this one, too.
 _IMPORT = """
 import re, sys
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 imported = FORMAT.read([sys.argv[1]], ImportOptions())
 peak = re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1]
 print(len(imported.model.tasks), peak)

@@ -21,9 +21,9 @@ from arxml_case import (
     write,
 )
 
-from halpipe.files import BROKEN_XML, HAS_DOCTYPE, xml
-from halpipe.importers.account import format_account
+from halpipe.core.files import BROKEN_XML, HAS_DOCTYPE, xml
 from halpipe.importers.arxml.files import sniff
+from halpipe.importers.common.coverage import format_account
 
 PUMP = component(
     "Pump",

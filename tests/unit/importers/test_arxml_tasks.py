@@ -28,8 +28,8 @@ from arxml_case import (
     write,
 )
 
-from halpipe.diagnostics import Exit
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Exit
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml import codes
 
 TWO_RATES = component("Pump", every("0.01", "Fast", "Pump/Step"), every("0.02", "Slow", "Pump/Step"), runnables="Step")

@@ -36,7 +36,7 @@ from arxml_case import (
     write,
 )
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml import codes
 from halpipe.models import Anchor
 

@@ -16,8 +16,8 @@ from arxml_case import (
     write,
 )
 
-from halpipe.diagnostics import Exit, Findings
-from halpipe.files import BROKEN_XML, CANNOT_READ
+from halpipe.core.diagnostics import Exit, Findings
+from halpipe.core.files import BROKEN_XML, CANNOT_READ
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.sniff import load
 from halpipe.importers.arxml.system.reading import read_tree

@@ -3,11 +3,11 @@
 import pytest
 from arxml_case import component, composition, every, found, orders, package, periods, read, refusal, write
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from support import job, schedule
 
 HEAD = """<?xml version='1.0'?>

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ctf_writer import MS, ROS, Trace, ros_trace
-from halpipe.diagnostics import Findings, HalpipeError
+from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.importers.traces import codes, read_traces
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 from halpipe.importers.traces.ctf.metadata import MAGIC, parse, text_of

@@ -2,8 +2,8 @@
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.files import TOO_MUCH
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import TOO_MUCH
 from halpipe.importers.native import model as models
 from halpipe.importers.native import schedule as schedules
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from halpipe.diagnostics import HalpipeError, render_text
-from halpipe.durations import Duration
-from halpipe.files import sha256
+from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.core.durations import Duration
+from halpipe.core.files import sha256
 from halpipe.importers.native import parse_model, read_model
 from halpipe.models import (
     Access,

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.importers.native import parse_schedule, read_schedule
 from halpipe.models import (
     ChainLatency,

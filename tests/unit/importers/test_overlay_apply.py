@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from overlay_case import applied, apply, imported, overlay
 
-from halpipe.importers.base import Coverage
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import OverlayUse, codes
 from halpipe.models import AccessKind, HealthAction, HealthEvent, Mode, Origin, Run, Source, Transfer
 from support import access, mode, model, ms, task, version

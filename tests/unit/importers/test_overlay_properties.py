@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from overlay_case import apply, overlay, refusal
 
 from growth import growth, half_way
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
+from halpipe.core.settings import Stated
 from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry, merge
-from halpipe.settings import Stated
 from profiles import examples
 from support import after, model, ms, task, version
 

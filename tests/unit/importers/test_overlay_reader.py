@@ -5,10 +5,10 @@ from fractions import Fraction
 import pytest
 from overlay_case import FIXTURES, apply, imported, marks, overlay, refusal
 
-from halpipe.diagnostics import REGISTER
-from halpipe.importers.base import Coverage
+from halpipe.core.diagnostics import REGISTER
+from halpipe.core.quantities import parse_bandwidth
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import OverlayUse, codes, read_overlays
-from halpipe.quantities import parse_bandwidth
 from support import ms
 
 OVERLAY_CODES = ("HAL07", "HAL0021", "HAL0022", "HAL0023", "HAL0024")

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from overlay_case import bare
 
-from halpipe.files import parse_yaml, read_bytes
-from halpipe.importers.base import ImportOptions
+from halpipe.core.files import parse_yaml, read_bytes
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native.model import read_model
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.importers.ros import FORMAT

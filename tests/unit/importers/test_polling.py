@@ -2,8 +2,8 @@
 
 import pytest
 
-from halpipe.durations import Duration
-from halpipe.importers.polling import polling_period
+from halpipe.core.durations import Duration
+from halpipe.importers.common.polling import polling_period
 
 
 def ms(text):

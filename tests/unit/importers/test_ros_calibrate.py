@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ros_case import FIXTURES, Overlay, found, write
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, Severity
-from halpipe.durations import Duration
-from halpipe.importers.base import ImportOptions, quantile_of
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity
+from halpipe.core.durations import Duration
+from halpipe.importers.common.base import ImportOptions, quantile_of
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.calibrate import estimate
 from halpipe.importers.ros.measured import Measurements, Sample, read_measured

@@ -3,8 +3,8 @@
 import pytest
 from ros_case import FIXTURES, found, periods, places, predecessors, read, reasons, refusal, rows, write
 
-from halpipe.diagnostics import Severity
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Severity
+from halpipe.core.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.models import Anchor
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from ros_case import found, periods, predecessors, read, reasons, refusal, rows
 
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import codes

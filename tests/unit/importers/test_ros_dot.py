@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.files import TOO_MUCH
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import TOO_MUCH
 from halpipe.importers.ros import codes, dot
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 from ros_case import Overlay, found, reasons, rows
 
-from halpipe.diagnostics import Severity
-from halpipe.importers.base import RESOURCES, ImportOptions, group_rule
+from halpipe.core.diagnostics import Severity
+from halpipe.importers.common.base import RESOURCES, ImportOptions, group_rule
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.models import Job, ModeSchedule, Schedule, Status, Unit
 from halpipe.pipeline.verify import verify

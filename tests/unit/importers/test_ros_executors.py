@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from ros_case import FIXTURES, found, read, reasons, refusal, rows
 
-from halpipe.durations import Duration
-from halpipe.importers.base import ImportOptions
+from halpipe.core.durations import Duration
+from halpipe.core.settings import BAD_VALUE, MISSING_KEY, UNKNOWN_KEY
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.models import Origin, Transition
-from halpipe.settings import BAD_VALUE, MISSING_KEY, UNKNOWN_KEY
 from support import after, chain, mode, model, ms, task, version
 
 TEXT = (FIXTURES / "executors.yaml").read_text()

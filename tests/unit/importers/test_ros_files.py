@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from ros_case import FIXTURES, found, periods, places, predecessors, read, reasons, refusal, rows, write
 
-from halpipe.diagnostics import Exit, HalpipeError, render_text
+from halpipe.core.diagnostics import Exit, HalpipeError, render_text
 from halpipe.exporters.native import format_model
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT, codes

@@ -2,9 +2,9 @@
 
 import pytest
 
-from halpipe.diagnostics import Findings, HalpipeError
-from halpipe.files import TOO_MUCH, parse_yaml
-from halpipe.importers.base import Coverage
+from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.files import TOO_MUCH, parse_yaml
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import patterns, reader
 from halpipe.importers.ros import caret, nodes
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.durations import Duration, seconds
+from halpipe.core.durations import Duration, seconds
 from halpipe.importers.ros.periods import MEASURED, STATED, snap
 
 

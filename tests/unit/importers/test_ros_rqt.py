@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ros_case import found, periods, places, predecessors, read, reasons, refusal, rows, write
 
-from halpipe.diagnostics import Findings, Severity
+from halpipe.core.diagnostics import Findings, Severity
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate
 from halpipe.importers.ros.dataflow import order_by_data

@@ -4,8 +4,8 @@ import pytest
 from ros_case import Overlay, found, periods, predecessors, rows
 
 from ctf_writer import ros_trace
-from halpipe.diagnostics import HalpipeError
-from halpipe.importers.base import ImportOptions
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
 
 GRAPH = """\

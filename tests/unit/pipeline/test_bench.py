@@ -15,8 +15,8 @@ from halpipe.bench import SUITES, Instance, Row, given_rows, measure, report
 from halpipe.bench.instance import VALID, _forward
 from halpipe.bench.render import duration_text, outputs
 from halpipe.bench.results import Ratio, Spread, instances
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import milliseconds
 from halpipe.importers.native import read_schedule
 from halpipe.pipeline.generate import TABLE_III, SetParameters
 from halpipe.pipeline.solve import exact

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.diagnostics import HalpipeError, Severity
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import HalpipeError, Severity
+from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from edf_reference_jobs import Resources
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.importers.native import read_model
 from halpipe.models import Binding, Interrupt, Split, Unit
 from halpipe.pipeline.checked import schedule_model

@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 
 from halpipe.bench.families import Rectangles
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.pipeline import checked
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve import codes, exact, exactunits
@@ -259,7 +259,7 @@ def test_an_unknown_answer_is_not_called_infeasible(monkeypatch, stopped, code, 
 
 
 def test_a_tick_is_refused():
-    from halpipe.durations import milliseconds
+    from halpipe.core.durations import milliseconds
 
     with pytest.raises(HalpipeError) as failure:
         schedule_model(hard(), SearchOptions(engine="exact", tick=milliseconds(1)), lambda *_: True)

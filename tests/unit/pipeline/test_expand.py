@@ -1,6 +1,6 @@
 """Jobs of a mode: hyperperiods, periodic jobs and demands (paper, section III)."""
 
-from halpipe.durations import ZERO, Duration, milliseconds
+from halpipe.core.durations import ZERO, Duration, milliseconds
 from halpipe.pipeline.jobs import Demand, expand
 from support import after, mode, model, ms, task, version
 

@@ -5,8 +5,8 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.diagnostics import Subject
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.diagnostics import Subject
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Chain, Mode, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict

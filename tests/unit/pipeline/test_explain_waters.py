@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.models import Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.explanation import Verdict, explain

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.files import write_output
+from halpipe.core.files import write_output
 from halpipe.importers.native import read_model
 from halpipe.models import Interrupt, Status
 from halpipe.pipeline.explain import codes

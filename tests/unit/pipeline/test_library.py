@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.libraries import library
+from halpipe.core.libraries import library
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.solve.integers import Table, filled, ints
 from halpipe.pipeline.solve.kernel import library as border

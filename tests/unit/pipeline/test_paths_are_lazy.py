@@ -2,7 +2,7 @@
 
 import pytest
 
-from halpipe.diagnostics import Path
+from halpipe.core.diagnostics import Path
 from halpipe.pipeline.validate import names
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify

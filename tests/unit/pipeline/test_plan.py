@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.flow.plan import NOT_A_PIPELINE, read_plan
 from halpipe.pipeline.solve.schedule import SearchOptions
 from support import ms

@@ -2,8 +2,8 @@
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import milliseconds
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve import codes, lanes
 from halpipe.pipeline.solve.problem import NO_TICK, build_problem

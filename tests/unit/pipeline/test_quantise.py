@@ -6,8 +6,8 @@ from math import ceil
 
 import pytest
 
-from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.durations import Duration, divisors
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.durations import Duration, divisors
 from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.tables import TableBuilder

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.pipeline.solve import run
 from halpipe.pipeline.solve.run import Journal, map_tasks, on_cluster
 

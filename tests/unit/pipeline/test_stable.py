@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import SearchOptions

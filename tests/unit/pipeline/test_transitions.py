@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.durations import Duration, milliseconds
+from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Transition
 from halpipe.pipeline.checked import _is_sound_switch, schedule_model, verify_schedule
 from halpipe.pipeline.solve.schedule import SearchOptions

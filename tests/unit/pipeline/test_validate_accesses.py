@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from validate_cases import alone, found, the
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
 from halpipe.models import Interrupt, Split, Transfer
 from halpipe.pipeline.validate import codes, validate
 from support import access, model, ms, task, version

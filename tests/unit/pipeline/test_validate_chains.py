@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from validate_cases import codes_of, found, the
 
-from halpipe.diagnostics import Severity
+from halpipe.core.diagnostics import Severity
 from halpipe.models import AccessKind, Transfer
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.verify import verify

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from halpipe.diagnostics import REGISTER
+from halpipe.core.diagnostics import REGISTER
 from halpipe.importers.native.model import read_model
 from halpipe.pipeline.validate import CHECKS, codes, validate
 

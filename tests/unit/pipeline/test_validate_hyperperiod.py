@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from validate_cases import found, the
 
-from halpipe.durations import Duration, least_common_multiple, milliseconds, seconds
+from halpipe.core.durations import Duration, least_common_multiple, milliseconds, seconds
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.hyperperiod import (

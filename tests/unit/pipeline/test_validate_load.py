@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from validate_cases import alone, codes_of, found, the
 
-from halpipe.diagnostics import Severity
+from halpipe.core.diagnostics import Severity
 from halpipe.models import Mode, Run
 from halpipe.pipeline.validate import codes, validate
 from support import access, after, mode, model, task, version

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from validate_cases import alone, codes_of, found, the
 
-from halpipe.diagnostics import Location, Subject, about
+from halpipe.core.diagnostics import Location, Subject, about
 from halpipe.models import Mode, Run, Transfer, Unit
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.context import task_path, version_path

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from validate_cases import codes_of, found, the
 
-from halpipe.diagnostics import Location, Severity
+from halpipe.core.diagnostics import Location, Severity
 from halpipe.models import Mode, Run
 from halpipe.pipeline.validate import codes, validate
 from halpipe.pipeline.validate.precedence import MAX_CYCLES

@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 from validate_cases import alone, codes_of, found, the
 
-from halpipe.diagnostics import Location, Severity, render_text
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Location, Severity, render_text
+from halpipe.core.durations import Duration
 from halpipe.models import Origin
 from halpipe.pipeline.validate import codes, validate
 from support import access, after, chain, mode, model, task, version

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 from verify_helpers import codes_found, errors, messages, only, plan_of, switch, table
 
-from halpipe.diagnostics import Location
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Location
+from halpipe.core.durations import Duration
 from halpipe.models import Run, Schedule, Status
 from halpipe.pipeline.verify import RULES, codes, tables, verify
 from support import access, after, chain, job, mode, model, ms, schedule, task, version

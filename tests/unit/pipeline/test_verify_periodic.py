@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 from verify_helpers import codes_found, errors, messages, only
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.pipeline.verify import codes, verify
 from support import after, job, model, schedule, task, version
 

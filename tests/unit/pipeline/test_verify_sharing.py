@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_helpers import codes_found, errors, messages, only
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
 from halpipe.pipeline.verify import codes, verify
 from halpipe.pipeline.verify.sweep import excesses_on_circle
 from halpipe.pipeline.verify.tables import Placed

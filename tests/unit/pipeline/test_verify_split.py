@@ -7,7 +7,7 @@ import pytest
 from split_helpers import interrupts, parted, points, split
 from verify_helpers import codes_found, errors, messages, only, plan_of, table
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.models import Job, Split, UnitLoad
 from halpipe.pipeline.verify import codes, verify

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from fractions import Fraction
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.models import Interrupt, Part, Split
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.whatif.sensitivity import searched, sensitivities

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from halpipe.diagnostics import render_text
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import render_text
+from halpipe.core.durations import ZERO
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.verify import verify
 from support import ms

@@ -3,9 +3,9 @@
 import pytest
 from lxml import etree
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.native import format_model
-from halpipe.importers.base import Coverage
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.native import parse_model
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.starters import first_model

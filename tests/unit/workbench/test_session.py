@@ -2,8 +2,8 @@
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.native import format_model
 from halpipe.exporters.report import scene as drawing
 from halpipe.exporters.report.scene import scene

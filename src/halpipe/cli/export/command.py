@@ -12,12 +12,12 @@ from halpipe.cli.export import callbacks, onto
 from halpipe.cli.export.request import Request, parameter
 from halpipe.cli.export.writing import Folder, ModeName, OptionalSchedule, Title, export_files
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, ScheduleFile, Verbose
-from halpipe.exporters.choices import Choice, Form, choices
+from halpipe.exporters.common.choices import Choice, Form, choices
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.exporters.base import Exporter
+    from halpipe.exporters.common.base import Exporter
 
 
 def command_of(exporter: Exporter) -> Callable[..., int]:

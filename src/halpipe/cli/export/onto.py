@@ -9,12 +9,12 @@ import typer
 from halpipe.cli import output
 from halpipe.cli.export.request import parameter
 from halpipe.cli.export.writing import export_files
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from halpipe.cli.export.request import Request
     from halpipe.exporters.arxml.onto import Onto
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
 
 Project = Annotated[
     str,
@@ -39,7 +39,7 @@ PARAMETERS = [
 
 def export(request: Request) -> int:
     """Write files of their own, or put the schedule onto a project."""
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
 
     given = request.given
     if not given["onto"]:
@@ -62,8 +62,8 @@ def _put_onto(model: str, schedule: str, project: str, target: str, options: Imp
 
 def write_onto(onto: Onto, target: str) -> None:
     """Write the folder, and show the list of changes."""
+    from halpipe.core.files import write_directory
     from halpipe.exporters.arxml.onto import CHANGES
-    from halpipe.files import write_directory
 
     write_directory(target, onto.files)
     output.report(onto.findings)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.exporters.base import Exporter, ExportOptions
+    from halpipe.exporters.common.base import Exporter, ExportOptions
 
 
 @record

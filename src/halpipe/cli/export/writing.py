@@ -10,14 +10,14 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.completing import modes
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from halpipe.cli.export.request import Request
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.exporters.base import ExportOptions
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.exporters.common.base import ExportOptions
 
 OptionalSchedule = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
 Title = Annotated[str, typer.Option(help="Title; otherwise the model's name.")]
@@ -41,7 +41,7 @@ def export_files(request: Request) -> int:
 
 
 def _paths(options: ExportOptions) -> list[str]:
-    from halpipe.exporters.choices import choices
+    from halpipe.exporters.common.choices import choices
 
     stated = ((each, getattr(options, each.attribute)) for each in choices(type(options)))
     return [value for each, value in stated if isinstance(value, str) and each.is_path(value)]
@@ -58,7 +58,7 @@ def write_export(contents: dict[str, bytes], target: str) -> None:
 
     DOT is drawn where SVG is asked for.
     """
-    from halpipe.files import (
+    from halpipe.core.files import (
         STDIO,
         begins_like,
         refuse_foreign,

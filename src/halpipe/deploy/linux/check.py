@@ -8,12 +8,12 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.programs import TimeoutExpired, run
 from halpipe.deploy.base import Checked
 from halpipe.deploy.linux import codes
 from halpipe.deploy.linux.judging import Judgement, judge, read_recording
-from halpipe.diagnostics import Exit, HalpipeError
-from halpipe.files.scratch import scratch_folder
-from halpipe.programs import TimeoutExpired, run
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import CheckOptions, Target

@@ -1,6 +1,6 @@
 """The diagnostics of checking Linux bundles: HAL1080 to HAL1088."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 NO_COMPILER = error("HAL1080", "No C compiler", "A Linux bundle is built with make and a C compiler before it is run.")
 NOT_BUILT = error(

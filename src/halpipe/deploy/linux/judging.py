@@ -9,14 +9,14 @@ from collections import Counter, defaultdict
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
+from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.records import record
 from halpipe.deploy.linux import codes
-from halpipe.diagnostics import Findings, HalpipeError, about
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.diagnostics import Code, Diagnostic
+    from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.models import Job, Schedule, TaskModel
 
 _COLUMNS = ("task", "job", "mode", "cycle", "start", "end", "units", "busy", "planned")

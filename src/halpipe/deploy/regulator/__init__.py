@@ -8,12 +8,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.base import Checked, CheckOptions, Target
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.facts import Facts
     from halpipe.deploy.regulator.reading import Tables
     from halpipe.deploy.regulator.simulate import Played
-    from halpipe.diagnostics import Diagnostic
 
 ARITHMETIC, FORMAL = "arithmetic", "formal"
 
@@ -27,12 +27,12 @@ class RegulatorDeployment:
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
+        from halpipe.core.diagnostics import sort_diagnostics
         from halpipe.deploy.base import Checked
         from halpipe.deploy.regulator.arithmetic import Arithmetic
         from halpipe.deploy.regulator.facts import compare_facts, read_facts
         from halpipe.deploy.regulator.forms import check_forms
         from halpipe.deploy.regulator.reading import read_tables
-        from halpipe.diagnostics import sort_diagnostics
 
         _refuse_unknown(options.engine)
         tables, facts = read_tables(target.bundle), read_facts(target.bundle)
@@ -61,9 +61,9 @@ class RegulatorDeployment:
 
 
 def _refuse_unknown(engine: str) -> None:
+    from halpipe.core.diagnostics import Exit, HalpipeError
+    from halpipe.core.suggest import did_you_mean
     from halpipe.deploy.regulator.codes import NO_ENGINE
-    from halpipe.diagnostics import Exit, HalpipeError
-    from halpipe.suggest import did_you_mean
 
     known = RegulatorDeployment.engines
     if engine not in known:
@@ -75,9 +75,9 @@ def _execute(
     target: Target, tables: Tables, facts: Facts, planned: list[Planned]
 ) -> tuple[list[Diagnostic], list[str]]:
     """Execute what is loaded on a model of the device."""
+    from halpipe.core.diagnostics import HalpipeError
     from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
     from halpipe.deploy.regulator.devices import Case, device
-    from halpipe.diagnostics import HalpipeError
 
     run = device(tables.backend)
     if run is None:
@@ -109,7 +109,7 @@ def _prove(target: Target, tables: Tables) -> tuple[list[Diagnostic], list[str]]
 
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
-    from halpipe.caches import why_no_cache
+    from halpipe.core.caches import why_no_cache
     from halpipe.deploy.regulator.engines import CACHE
     from halpipe.deploy.regulator.simulate import choose_engine, simulate
 

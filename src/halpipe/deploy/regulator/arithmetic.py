@@ -6,20 +6,20 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.core.files import sha256
+from halpipe.core.records import record
 from halpipe.deploy.regulator import codes, promise
 from halpipe.deploy.regulator.reading import TABLES
-from halpipe.diagnostics import about
-from halpipe.files import sha256
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
+    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.deploy.base import Target
     from halpipe.deploy.regulator.promise import Phase, Row, Timeline
     from halpipe.deploy.regulator.reading import Table, Tables, Unit
-    from halpipe.diagnostics import Code, Diagnostic, Location
     from halpipe.models import ModeSchedule, TransitionTable
 
 _AGAIN = "export the bundle again; if it stays so, the exporter is wrong: report it"

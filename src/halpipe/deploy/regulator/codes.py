@@ -1,6 +1,6 @@
 """The diagnostics of the check of regulator bundles: HAL1010 to HAL1029, and HAL1060 to HAL1079."""
 
-from halpipe.diagnostics import error
+from halpipe.core.diagnostics import error
 
 UNUSABLE_TABLES = error(
     "HAL1010",

@@ -12,17 +12,17 @@ from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.caches import cache_folder, is_ours, keep
+from halpipe.core.caches import cache_folder, is_ours, keep
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import sha256
+from halpipe.core.programs import TimeoutExpired, run
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import ENGINE_FAILED
-from halpipe.diagnostics import HalpipeError
-from halpipe.files import sha256
-from halpipe.programs import TimeoutExpired, run
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 CACHE = "regulator"
 """What compiled benches are kept under."""

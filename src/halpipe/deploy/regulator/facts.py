@@ -9,19 +9,19 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
+from halpipe.core.files import parse_yaml
+from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES, WRONG_FACTS
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
-from halpipe.files import parse_yaml
-from halpipe.quantities import parse_bandwidth, parse_rational, parse_size
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.regulator.reading import Tables, Unit
-    from halpipe.diagnostics import Diagnostic
 
 PLATFORM = "platform.yaml"
 DIRECTIONS = ("read", "write")

@@ -7,15 +7,15 @@ import struct
 import zlib
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import FORMS_DIFFER, OTHER_SCHEDULE, TOO_DEEP
-from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.regulator.reading import Tables, Unit
-    from halpipe.diagnostics import Diagnostic
 
 FOLDER = "table"
 BINARY = f"{FOLDER}/bw_tables.bin"

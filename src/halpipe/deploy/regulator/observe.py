@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.deploy.regulator import codes
 from halpipe.deploy.regulator.reading import DIRECTIONS
-from halpipe.diagnostics import about
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.deploy.regulator.reading import Table, Tables
     from halpipe.deploy.regulator.stimuli import Expected, Run
-    from halpipe.diagnostics import Code, Diagnostic, Location
 
 FIELDS = 13
 UNKNOWN = 2**32 - 2

@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import ceil, floor, lcm
 from typing import TYPE_CHECKING
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -6,15 +6,15 @@ import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.quantities import parse_rational
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
-from halpipe.diagnostics import HalpipeError
-from halpipe.quantities import parse_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
 
 TABLES = "tables.json"
 DIRECTIONS = ("read", "write")

@@ -6,19 +6,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.records import record
 from halpipe.deploy.regulator import stimuli
 from halpipe.deploy.regulator.codes import NO_ENGINE
 from halpipe.deploy.regulator.engines import ENGINES, Design
 from halpipe.deploy.regulator.forms import FOLDER, image_names
 from halpipe.deploy.regulator.observe import judge
-from halpipe.diagnostics import HalpipeError
-from halpipe.files.scratch import scratch_folder
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
     from halpipe.deploy.regulator.engines import Engine, Player
     from halpipe.deploy.regulator.observe import Verdict
     from halpipe.deploy.regulator.reading import Tables

@@ -9,9 +9,9 @@ import hashlib
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.deploy.regulator.forms import MOST_HEADERS, header_lines
 from halpipe.deploy.regulator.reading import DIRECTIONS
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

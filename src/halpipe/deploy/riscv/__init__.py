@@ -6,8 +6,8 @@ from importlib.util import find_spec
 from shutil import which
 from typing import TYPE_CHECKING
 
-from halpipe.deploy.riscv.cosimulation import CoSimulation, Run
-from halpipe.deploy.riscv.plant import Board, Plant
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation, Run
+from halpipe.deploy.riscv.run.plant import Board, Plant
 
 if TYPE_CHECKING:
     from halpipe.deploy.base import Checked, CheckOptions, Target
@@ -22,21 +22,21 @@ class RiscvDeployment:
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""
-        from halpipe.deploy.riscv import check
-        from halpipe.deploy.riscv.regulated import with_tables
+        from halpipe.deploy.riscv.judge import check
+        from halpipe.deploy.riscv.judge.regulated import with_tables
 
         engine = self._best(target) if options.engine == "auto" else options.engine
         if engine == "cosim":
             return with_tables(target, check.check_by_simulation(target, options))
         if engine == "qemu":
-            from halpipe.deploy.riscv.qemu import check_by_qemu
+            from halpipe.deploy.riscv.judge.qemu import check_by_qemu
 
             return with_tables(target, check_by_qemu(target, options))
         raise check.unknown_engine(options.engine, ("auto", *self.engines))
 
     def _best(self, target: Target) -> str:
         """Return the co-simulation, and QEMU only where it alone is installed and can play the bundle."""
-        from halpipe.deploy.riscv.qemu import EMULATOR
+        from halpipe.deploy.riscv.judge.qemu import EMULATOR
         from halpipe.deploy.riscv.target import read_site
 
         if find_spec("unicorn") is None and read_site(target.bundle).qemu and which(EMULATOR):

@@ -7,16 +7,16 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.diagnostics import Findings, HalpipeError
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import parse_rational
+from halpipe.core.records import record
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
-from halpipe.diagnostics import Findings, HalpipeError
-from halpipe.durations import ZERO, Duration
-from halpipe.quantities import parse_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
 
 NAME = "target.json"
 MAX_MEMORY = 1 << 31

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.extent import Extent
 from halpipe.exporters.amalthea.options import RELEASES, AmaltheaOptions
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.extent import Extent
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -48,7 +48,7 @@ class AmaltheaExporter(PlainExporter):
     options = AmaltheaOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the model as one document; see `halpipe.exporters.base.Exporter`."""
+        """Return the model as one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.amalthea.model import format_amalthea
 
         return {"": format_amalthea(model, schedule, specific(AmaltheaOptions, options))}

@@ -1,6 +1,6 @@
 """The diagnostics of the AMALTHEA export: HAL0890 to HAL0896."""
 
-from halpipe.diagnostics import error
+from halpipe.core.diagnostics import error
 
 UNKNOWN_RELEASE = error(
     "HAL0890",

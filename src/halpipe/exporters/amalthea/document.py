@@ -11,7 +11,7 @@ from lxml import etree
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
 XSI = "http://www.w3.org/2001/XMLSchema-instance"
 XMI = "http://www.omg.org/XMI"

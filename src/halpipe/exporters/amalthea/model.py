@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about
+from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
 from halpipe.exporters.amalthea.constraints import Events, write_constraints
 from halpipe.exporters.amalthea.document import NONE, add, add_property, add_structure, document, serialise
@@ -12,9 +13,8 @@ from halpipe.exporters.amalthea.options import RELEASES
 from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
-from halpipe.exporters.selection import require_mode, select
+from halpipe.exporters.common.selection import require_mode, select
 from halpipe.models.attributes import texts
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.choices import choice
-from halpipe.records import record
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.choices import choice
 
 RELEASES = ("1.2.0", "2.0.0", "2.1.0", "2.2.0", "3.0.0", "3.1.0", "3.2.0", "3.3.0")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.quantities import format_rational
 from halpipe.exporters.amalthea.document import (
     NONE,
     Unique,
@@ -17,14 +18,13 @@ from halpipe.exporters.amalthea.document import (
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
 from halpipe.models import WHOLE, AccessKind
 from halpipe.models.attributes import texts
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.exporters.amalthea.stimuli import Stimulus
     from halpipe.models import Access, Split, Task, TaskModel, Version
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, named, ref
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lxml import etree
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule, Task, TaskModel
 
 MODE_LABEL = "mode"

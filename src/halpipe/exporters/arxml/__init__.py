@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.extent import Extent
 from halpipe.exporters.arxml.options import PARTS, RELEASES, ArxmlOptions
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.extent import Extent
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -55,7 +55,7 @@ class ArxmlExporter(PlainExporter):
     options = ArxmlOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return everything as one document; see `halpipe.exporters.base.Exporter`."""
+        """Return everything as one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.arxml.export import format_arxml
 
         return {"": format_arxml(model, schedule, specific(ArxmlOptions, options))}

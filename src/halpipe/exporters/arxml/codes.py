@@ -1,6 +1,6 @@
 """The diagnostics of the ARXML export: HAL0870 to HAL0889."""
 
-from halpipe.diagnostics import error
+from halpipe.core.diagnostics import error
 
 UNKNOWN_RELEASE = error(
     "HAL0870",

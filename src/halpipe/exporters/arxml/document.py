@@ -14,7 +14,7 @@ from halpipe.exporters.arxml.options import RELEASES
 from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Origin
 
 NAMESPACE = "http://autosar.org/schema/r4.0"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about, version_of
+from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
 from halpipe.exporters.arxml.document import (
     add,
@@ -31,9 +32,8 @@ from halpipe.exporters.arxml.software import write_software
 from halpipe.exporters.arxml.tables import make_plan
 from halpipe.exporters.arxml.ticks import choose_counter
 from halpipe.exporters.arxml.timing import write_demands
-from halpipe.exporters.codes import NEEDS_SCHEDULE
-from halpipe.exporters.selection import require_mode, select
-from halpipe.suggest import did_you_mean
+from halpipe.exporters.common.codes import NEEDS_SCHEDULE
+from halpipe.exporters.common.selection import require_mode, select
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable

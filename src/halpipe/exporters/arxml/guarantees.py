@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.exporters.arxml.timing import Descriptions
     from halpipe.models import Job, ModeSchedule, Schedule, Task, TaskModel
 

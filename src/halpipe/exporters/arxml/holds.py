@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
-from halpipe.exporters.timeline import PhaseTimes
-from halpipe.records import record
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.exporters.common.timeline import PhaseTimes
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule, TaskModel
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions
-from halpipe.exporters.choices import choice, positive_duration
-from halpipe.quantities import whole
-from halpipe.records import record
+from halpipe.core.quantities import whole
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.choices import choice, positive_duration
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
 RELEASES = {
     "4.0.3": "AUTOSAR_4-0-3.xsd",

@@ -10,18 +10,18 @@ from collections import Counter as Counts
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Findings, Path, about, named
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import Findings, Path, about, named
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import ACTIVATED_TWICE, COUNTER_RANGE, MIN_CYCLE, TOO_MANY_EVENTS, TOO_MANY_POINTS
 from halpipe.exporters.arxml.layout import ShortNames
-from halpipe.exporters.priorities import levels_of, relation_of
+from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.models import Binding
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.exporters.arxml.holds import Hold, Holds
     from halpipe.exporters.arxml.layout import Layout
     from halpipe.exporters.arxml.ticks import Counter

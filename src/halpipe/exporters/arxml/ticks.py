@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about
-from halpipe.durations import ZERO, Duration, greatest_common_divisor, seconds
+from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, seconds
+from halpipe.core.records import record
 from halpipe.exporters.arxml.codes import BAD_COUNTER, NOT_ON_TICK
 from halpipe.exporters.arxml.document import seconds_text
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

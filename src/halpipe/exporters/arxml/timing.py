@@ -24,7 +24,7 @@ from halpipe.models import Anchor
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.exporters.arxml.layout import Layout
     from halpipe.models import Chain, Precedence, Task, TaskModel
 

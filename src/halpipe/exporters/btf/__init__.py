@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import choice
-from halpipe.extent import Extent
-from halpipe.quantities import whole
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.quantities import whole
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import choice
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -47,9 +47,9 @@ class BtfExporter(PlainExporter):
     titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the trace as one document; see `halpipe.exporters.base.Exporter`."""
+        """Return the trace as one document; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.btf.events import format_btf
-        from halpipe.exporters.selection import select
+        from halpipe.exporters.common.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         return {"": format_btf(model, chosen, specific(BtfOptions, options)).encode()}

@@ -10,8 +10,8 @@ from collections import Counter, deque
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
-from halpipe.records import record
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from halpipe.exporters.btf import BtfOptions

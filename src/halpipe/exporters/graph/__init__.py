@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import Form, choice
-from halpipe.extent import Extent
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import Form, choice
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -42,9 +42,9 @@ class GraphExporter(PlainExporter):
     titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the graph as one DOT document; see `halpipe.exporters.base.Exporter`."""
+        """Return the graph as one DOT document; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import require_mode, select
         from halpipe.exporters.graph.dot import format_graph
-        from halpipe.exporters.selection import require_mode, select
 
         if options.mode:
             require_mode(options.mode, (mode.name for mode in model.modes))
@@ -64,9 +64,9 @@ def render_svg(dot: str) -> bytes:
 
     import graphviz
 
-    from halpipe.diagnostics import HalpipeError
-    from halpipe.exporters.codes import DOT_FAILED, DOT_MISSING
-    from halpipe.programs import not_started
+    from halpipe.core.diagnostics import HalpipeError
+    from halpipe.core.programs import not_started
+    from halpipe.exporters.common.codes import DOT_FAILED, DOT_MISSING
 
     try:
         drawn: bytes = graphviz.pipe("dot", "svg", dot.encode(), quiet=True)

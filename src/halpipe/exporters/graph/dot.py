@@ -6,8 +6,8 @@ from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
-from halpipe.records import record
+from halpipe.core.records import record
+from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import CPUS, SOURCES, Form, choice, cpu_number
-from halpipe.extent import Extent
-from halpipe.quantities import whole
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.quantities import whole
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import CPUS, SOURCES, Form, choice, cpu_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 PRIORITY = 50
@@ -75,9 +75,9 @@ class LinuxExporter(PlainExporter):
     options = LinuxOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
+        """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.linux.bundle import build
-        from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
@@ -87,9 +87,9 @@ class LinuxExporter(PlainExporter):
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> list[Diagnostic]:
-        """Return what the target leaves open; see `halpipe.exporters.base.Exporter`."""
+        """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.linux.unrealised import unrealised
-        from halpipe.exporters.selection import select
 
         chosen = specific(LinuxOptions, options)
         return unrealised(model, select(model, schedule, options.mode, self.name), chosen)

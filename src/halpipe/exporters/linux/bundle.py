@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
-from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, about, version_of
-from halpipe.durations import ZERO
-from halpipe.exporters.cpus import placed
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import Findings, about, version_of
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
 from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.tables import tables_of
@@ -22,7 +23,6 @@ from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.codes import NO_SOURCE
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.models import AccessKind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -1,6 +1,6 @@
 """The diagnostics of the Linux export: HAL0811 to HAL0815, and HAL0818."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 NOT_A_CPU = error(
     "HAL0811",

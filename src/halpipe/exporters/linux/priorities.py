@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.common.priorities import relation_of
 from halpipe.exporters.linux.codes import NO_ORDER
-from halpipe.exporters.priorities import relation_of
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel

@@ -6,18 +6,18 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import version_of
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import version_of
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.exporters.common.timeline import PhaseTimes
 from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
-from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import HealthAction, HealthEvent
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
 
 

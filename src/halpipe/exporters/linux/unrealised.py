@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.exporters.linux.codes import UNREALISED
 from halpipe.exporters.linux.tables import is_followed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.linux import LinuxOptions
     from halpipe.models import Schedule, TaskModel
 

@@ -16,7 +16,7 @@ __all__ = ["format_model", "format_schedule", "paired"]
 
 def paired(model: TaskModel, schedule: Schedule) -> dict[str, bytes]:
     """Return ``model.xml`` and ``schedule.xml``, tied to each other by hash, for a folder that stands alone."""
-    from halpipe.files import sha256
+    from halpipe.core.files import sha256
 
     written = format_model(model)
     return {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
-from halpipe.diagnostics import HalpipeError, error
+from halpipe.core.diagnostics import HalpipeError, error
 from halpipe.models.attributes import attributes, texts
 from halpipe.schemas import check, namespace
 

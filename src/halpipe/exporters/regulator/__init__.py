@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import choice, file_name
+from halpipe.core.extent import Extent
+from halpipe.core.records import record
+from halpipe.core.settings import Words
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import choice, file_name
 from halpipe.exporters.regulator.words import AUTO, BACKENDS, RULES
-from halpipe.extent import Extent
-from halpipe.records import record
-from halpipe.settings import Words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 KIND = "regulator"
@@ -66,8 +66,8 @@ class RegulatorExporter(PlainExporter):
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return a bundle: the tables, what the back-end loads, the report, and the model and schedule themselves."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.regulator.export import export_tables
-        from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         return export_tables(model, chosen, specific(RegulatorOptions, options))

@@ -1,6 +1,6 @@
 """The diagnostics of the regulator export: HAL0820 to HAL0839."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 NOT_A_PLATFORM = error(
     "HAL0820",

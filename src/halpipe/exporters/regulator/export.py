@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.bundles import seal
-from halpipe.diagnostics import HalpipeError, sort_diagnostics
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import HalpipeError, sort_diagnostics
+from halpipe.core.files import sha256
 from halpipe.exporters.native import paired
 from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.codes import NOT_A_PLATFORM
@@ -15,7 +16,6 @@ from halpipe.exporters.regulator.picture import draw
 from halpipe.exporters.regulator.platform import read_platform
 from halpipe.exporters.regulator.report import describe_export, describe_tables, format_json, summarise
 from halpipe.exporters.regulator.tables import TableBuilder
-from halpipe.files import sha256
 
 if TYPE_CHECKING:
     from halpipe.exporters.regulator import RegulatorOptions

@@ -11,16 +11,16 @@ from collections import defaultdict
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import NOWHERE, Location, Path, named
+from halpipe.core.diagnostics import NOWHERE, Location, Path, named
+from halpipe.core.records import record
+from halpipe.exporters.common.timeline import PhaseTimes
 from halpipe.exporters.regulator.platform import READ, WRITE
-from halpipe.exporters.timeline import PhaseTimes
 from halpipe.models import AccessKind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Access, Job, ModeSchedule, Schedule, TaskModel, TransitionTable
 
 MODE, TRANSITION = "mode", "transition"

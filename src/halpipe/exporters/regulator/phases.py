@@ -7,16 +7,16 @@ from itertools import accumulate
 from math import ceil
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.exporters.regulator.codes import BELOW_BURST, OFF_GRID, SHORT_PHASE
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.frames import Phase
     from halpipe.exporters.regulator.tables import Table, Tables
     from halpipe.models import TaskModel

@@ -12,16 +12,16 @@ from importlib import resources
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, seconds
-from halpipe.exporters.palette import FILLS, INK
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.quantities import format_bandwidth, format_rational
+from halpipe.core.records import record
+from halpipe.exporters.common.palette import FILLS, INK
+from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.regulator.backends.rates import segments
 from halpipe.exporters.regulator.frames import Framer, Grid, Row, grid_of
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
 from halpipe.exporters.regulator.tables import run_starts
 from halpipe.exporters.report.axis import ticks
-from halpipe.exporters.timeline import Window
-from halpipe.quantities import format_bandwidth, format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -114,7 +114,7 @@ def draw(tables: Tables) -> str:
 def draw_bounds(model: TaskModel, schedule: Schedule) -> dict[str, str]:
     """Return for every resource with a bandwidth the bounds of a schedule as SVG; none where nothing uses it.
 
-    Reports may embed the pictures as they are. `schedule` must fit `model`, see `halpipe.exporters.selection.select`.
+    Reports may embed the pictures as they are. `schedule` must fit `model`, see `selection.select`.
     """
     pictures = {}
     grid = grid_of(model, schedule, seconds(1))

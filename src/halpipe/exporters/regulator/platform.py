@@ -8,8 +8,21 @@ from fractions import Fraction
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, sort_diagnostics
-from halpipe.durations import Duration, seconds
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, sort_diagnostics
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.quantities import (
+    format_bandwidth,
+    format_size,
+    parse_bandwidth,
+    parse_rational,
+    parse_size,
+    quoted,
+    whole,
+)
+from halpipe.core.records import record
+from halpipe.core.settings import Fields, Words
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.regulator.codes import (
     NO_RESOURCE,
     NOT_A_PLATFORM,
@@ -18,11 +31,6 @@ from halpipe.exporters.regulator.codes import (
 )
 from halpipe.exporters.regulator.owners import Free, outward
 from halpipe.exporters.regulator.words import BACKENDS
-from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.quantities import format_bandwidth, format_size, parse_bandwidth, parse_rational, parse_size, quoted, whole
-from halpipe.records import record
-from halpipe.settings import Fields, Words
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -7,11 +7,11 @@ from fractions import Fraction
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Diagnostic, Location, Severity
+from halpipe.core.diagnostics import Diagnostic, Location, Severity
+from halpipe.core.quantities import format_bandwidth, format_rational
 from halpipe.exporters.regulator.frames import TRANSITION
 from halpipe.exporters.regulator.phases import served
 from halpipe.exporters.regulator.windows import cut
-from halpipe.quantities import format_bandwidth, format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -18,8 +18,8 @@ from fractions import Fraction
 from itertools import accumulate, pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.exporters.regulator.frames import MODE
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence

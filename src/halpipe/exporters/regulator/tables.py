@@ -10,7 +10,10 @@ from math import ceil
 from operator import ne
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, about
+from halpipe.core.diagnostics import Findings, about
+from halpipe.core.quantities import format_bandwidth, format_size
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.regulator.codes import (
     ABOVE_RESOURCE,
     DOES_NOT_FIT,
@@ -33,14 +36,11 @@ from halpipe.exporters.regulator.rounding import (
 )
 from halpipe.exporters.regulator.windows import check_windows
 from halpipe.exporters.regulator.words import CONTROLLED, WHOLE
-from halpipe.quantities import format_bandwidth, format_size
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.backends.base import Backend
     from halpipe.exporters.regulator.frames import Frame
     from halpipe.exporters.regulator.platform import Platform

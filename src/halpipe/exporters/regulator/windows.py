@@ -5,15 +5,15 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import Duration, divisors, greatest_common_divisor, seconds
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import Duration, divisors, greatest_common_divisor, seconds
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, WINDOW_DOES_NOT_DIVIDE
 from halpipe.exporters.regulator.platform import LEAST_CYCLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Diagnostic, Location
+    from halpipe.core.diagnostics import Diagnostic, Location
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.models import Schedule
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import choice
-from halpipe.extent import Extent
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import choice
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel
@@ -50,9 +50,9 @@ class ReportExporter(PlainExporter):
     titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the page; see `halpipe.exporters.base.Exporter`."""
+        """Return the page; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.report.page import format_page
-        from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         return {"": format_page(model, chosen, specific(ReportOptions, options)).encode()}

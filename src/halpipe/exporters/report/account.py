@@ -7,11 +7,11 @@ from collections import Counter
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.exporters.codes import NO_IMPORT_REPORT
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import read_bytes
+from halpipe.core.records import record
+from halpipe.exporters.common.codes import NO_IMPORT_REPORT
 from halpipe.exporters.report.numbers import percent
-from halpipe.files import read_bytes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

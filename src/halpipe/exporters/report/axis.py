@@ -5,13 +5,13 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.exporters.report.numbers import position
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
-    from halpipe.exporters.timeline import Window
+    from halpipe.exporters.common.timeline import Window
 
 MAX_TICKS = 10
 # Into how many parts a step of 1, 2 or 5 is divided to reach the next finer round step.

@@ -9,17 +9,17 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
-from halpipe.exporters.palette import tone
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.exporters.common.palette import tone
+from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, position
-from halpipe.exporters.timeline import Window
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, Job, ModeSchedule, TaskModel
 
 ROW_HEIGHT = 24

@@ -10,17 +10,17 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.palette import RESOURCES, tone
+from halpipe.core.records import record
+from halpipe.exporters.common.palette import RESOURCES, tone
+from halpipe.exporters.common.timeline import PhaseTimes, resource_steps
 from halpipe.exporters.report.axis import Tick, ticks
 from halpipe.exporters.report.numbers import decimal, percent, position
-from halpipe.exporters.timeline import PhaseTimes, resource_steps
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.durations import Duration
-    from halpipe.exporters.timeline import Placement, Steps, Window
+    from halpipe.core.durations import Duration
+    from halpipe.exporters.common.timeline import Placement, Steps, Window
     from halpipe.models import TaskModel
 
 GRID = 100_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from halpipe.quantities import format_rational
+from halpipe.core.quantities import format_rational
 
 
 def decimal(value: Fraction, digits: int) -> str:

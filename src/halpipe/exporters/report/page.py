@@ -8,8 +8,11 @@ from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
-from halpipe.exporters.palette import FILLS, INK, RESOURCES, tone
+from halpipe.core.durations import ZERO
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
+from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.account import build_account
 from halpipe.exporters.report.chains import path_chart, worst_age, worst_reaction
@@ -28,18 +31,15 @@ from halpipe.exporters.report.chart import (
 from halpipe.exporters.report.modegraph import build_mode_graph
 from halpipe.exporters.report.numbers import approximate, decimal, percent
 from halpipe.exporters.report.scene import embedded, figures, jobs_by_task, scene
-from halpipe.exporters.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.models import Anchor, Status
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     import jinja2
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
+    from halpipe.exporters.common.timeline import Link
     from halpipe.exporters.report import ReportOptions
     from halpipe.exporters.report.chains import PathChart
-    from halpipe.exporters.timeline import Link
     from halpipe.models import (
         Chain,
         ChainLatency,

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO
-from halpipe.exporters.palette import FILLS, tone
-from halpipe.exporters.timeline import Window, resource_steps, unroll
+from halpipe.core.durations import ZERO
+from halpipe.exporters.common.palette import FILLS, tone
+from halpipe.exporters.common.timeline import Window, resource_steps, unroll
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, Job, ModeSchedule, Schedule, Task, TaskModel
 
 Plain = dict[str, Any]

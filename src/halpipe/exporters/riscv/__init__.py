@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import DRIVERS, SOURCES, choice
-from halpipe.extent import Extent
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import DRIVERS, SOURCES, choice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 DEFAULT_PROFILE = "vcu118"
@@ -70,9 +70,9 @@ class RiscvExporter(PlainExporter):
     options = RiscvOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the bundle as a folder; see `halpipe.exporters.base.Exporter`."""
+        """Return the bundle as a folder; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.riscv.bundle import build
-        from halpipe.exporters.selection import select
 
         chosen = select(model, schedule, options.mode, self.name)
         if options.mode:  # the bundle is a system of its own, that knows no other mode
@@ -89,7 +89,7 @@ class RiscvExporter(PlainExporter):
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> Sequence[Diagnostic]:
         """Return what one member of a gang writes alone, and what the report of the regulators says."""
-        from halpipe.diagnostics import version_of
+        from halpipe.core.diagnostics import version_of
         from halpipe.exporters.regulator.report import findings_of
         from halpipe.exporters.riscv.phases import written_alone
         from halpipe.exporters.riscv.regulated import FOLDER

@@ -10,15 +10,15 @@ import math
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import PHASE_TOO_SHORT
 from halpipe.exporters.riscv.render import DECISION
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.riscv.images import Part
     from halpipe.exporters.riscv.operations import Operation, Program, Table
     from halpipe.exporters.riscv.profile import Profile

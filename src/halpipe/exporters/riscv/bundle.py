@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, HalpipeError, version_of
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import Findings, HalpipeError, version_of
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.records import record
 from halpipe.exporters.native import paired
 from halpipe.exporters.riscv.backlog import Backlog, find_backlog, too_short
 from halpipe.exporters.riscv.codes import COMPILE_FAILED, LINK_FAILED
@@ -34,8 +36,6 @@ from halpipe.exporters.riscv.splitting import check_splits, gapped_versions, pla
 from halpipe.exporters.riscv.target import operations_json, target_json
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Compile, Link, Workshop
-from halpipe.files.scratch import scratch_folder
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.exporters.riscv import RiscvOptions

@@ -1,6 +1,6 @@
 """The diagnostics of RISC-V bundles: HAL0840 to HAL0869, HAL0892 and HAL0893."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 UNKNOWN_PROFILE = error(
     "HAL0840",

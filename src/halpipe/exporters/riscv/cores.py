@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import format_size
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import MAIN_MEMORY_FULL, OUTSIDE_BUFFER, TOO_MANY_RESOURCES, TOO_MANY_UNITS
 from halpipe.exporters.riscv.phases import moves_data
 from halpipe.exporters.riscv.profile import MAILBOX, RESERVED, Region
 from halpipe.models import AccessKind
-from halpipe.quantities import format_size
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import Job, Schedule, TaskModel, Transfer, Version
 

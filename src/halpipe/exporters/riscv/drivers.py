@@ -11,17 +11,17 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.records import record
+from halpipe.core.settings import Fields, Stated
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.riscv.codes import BAD_DRIVERS, IDLE_DRIVER, MISSING_ENTRY
 from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.images import compile_sources
 from halpipe.exporters.riscv.workshop import Compile
-from halpipe.files import YamlMap, parse_yaml, read_bytes
 from halpipe.models import AccessKind
-from halpipe.records import record
-from halpipe.settings import Fields, Stated
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -10,7 +10,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.riscv.phases import functions_of, spans
 from halpipe.models import Access, AccessKind, Source, Transfer
 

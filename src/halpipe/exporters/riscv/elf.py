@@ -6,7 +6,7 @@ import io
 from collections import Counter
 from typing import Any
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 
 @record

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.riscv.phases import load_of, shares
 from halpipe.models import Access, AccessKind
 

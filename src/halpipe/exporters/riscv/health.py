@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.models import HealthAction, HealthEvent
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel

@@ -5,8 +5,10 @@ from __future__ import annotations
 import posixpath
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Findings, Location, Path, version_of
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import Diagnostic, Findings, Location, Path, version_of
+from halpipe.core.durations import ZERO
+from halpipe.core.quantities import format_size
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import (
     COMPILE_FAILED,
     IMAGE_TOO_LARGE,
@@ -29,8 +31,6 @@ from halpipe.exporters.riscv.profile import MONITOR
 from halpipe.exporters.riscv.toolchain import compiler_errors
 from halpipe.exporters.riscv.workshop import Compile, Link
 from halpipe.models import AccessKind
-from halpipe.quantities import format_size
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence

@@ -5,19 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
 from halpipe.exporters.riscv.drivers import NONE, Drivers
 from halpipe.exporters.riscv.phases import Clock, executions, functions_of, phases_of, shares, stretches
 from halpipe.exporters.riscv.splitting import Shape, Slots, shape_of
 from halpipe.models import AccessKind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Findings, Location
     from halpipe.exporters.riscv.cores import MainMemory
     from halpipe.exporters.riscv.images import Image, Part
     from halpipe.models import Access, Job, Schedule

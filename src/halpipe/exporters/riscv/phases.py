@@ -11,7 +11,8 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, seconds
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import (
     FIRST_ALONE,
     KINDLESS_PHASE,
@@ -21,12 +22,11 @@ from halpipe.exporters.riscv.codes import (
     UNDIVIDED,
 )
 from halpipe.models import AccessKind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.profile import Profile
     from halpipe.models import Access, TaskModel, Version
 

@@ -10,8 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, version_of
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Findings, version_of
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.records import record
 from halpipe.exporters.riscv.bundle import stage_runtime
 from halpipe.exporters.riscv.codes import GREW, IDLE_PHASE, WINDOW_FROM_START
 from halpipe.exporters.riscv.cores import Core
@@ -25,14 +27,12 @@ from halpipe.exporters.riscv.render import Renderer
 from halpipe.exporters.riscv.sources import SourceTree
 from halpipe.exporters.riscv.toolchain import find_toolchain
 from halpipe.exporters.riscv.workshop import Workshop
-from halpipe.files.scratch import scratch_folder
 from halpipe.models import Anchor, Resource
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.exporters.riscv.drivers import Drivers
     from halpipe.exporters.riscv.elf import Elf

@@ -13,14 +13,14 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.durations import Duration, seconds
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes
+from halpipe.core.quantities import parse_bandwidth, parse_rational, parse_size, whole
+from halpipe.core.records import record
+from halpipe.core.settings import Fields, Words
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
-from halpipe.files import YamlMap, parse_yaml, read_bytes
-from halpipe.quantities import parse_bandwidth, parse_rational, parse_size, whole
-from halpipe.records import record
-from halpipe.settings import Fields, Words
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

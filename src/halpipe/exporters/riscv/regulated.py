@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from halpipe.bundles import MODEL, SCHEDULE, seal
+from halpipe.core.bundles import MODEL, SCHEDULE, seal
+from halpipe.core.files import MANIFEST
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
-from halpipe.files import MANIFEST
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,17 +7,17 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import read_bytes
+from halpipe.core.settings import Stated
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
 from halpipe.exporters.riscv.confinement import outside_includes
-from halpipe.files import read_bytes
-from halpipe.settings import Stated
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.models import Version
 
 COMPILED = (".c", ".S", ".s")

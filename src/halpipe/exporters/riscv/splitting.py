@@ -10,20 +10,20 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about, version_of
-from halpipe.durations import ZERO, Duration, seconds
-from halpipe.exporters.codes import NEEDS_HOLD
+from halpipe.core.diagnostics import about, version_of
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.quantities import format_size
+from halpipe.core.records import record
+from halpipe.exporters.common.codes import NEEDS_HOLD
 from halpipe.exporters.riscv.codes import IMAGE_TOO_LARGE, PHASE_ORDER
 from halpipe.exporters.riscv.cores import LINE, aligned, jobs_of
 from halpipe.exporters.riscv.phases import functions_of, spans
 from halpipe.exporters.riscv.profile import MONITOR
-from halpipe.quantities import format_size
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.elf import Elf
     from halpipe.exporters.riscv.images import Part

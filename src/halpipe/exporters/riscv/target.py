@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.quantities import format_rational
 from halpipe.exporters.riscv.cores import FAULT_RECORD, FAULT_RECORDS, TRACE_RECORD, TRACE_RECORDS
 from halpipe.exporters.riscv.operations import COPY, DONE, INPUT, OUTPUT, RUN
 from halpipe.exporters.riscv.render import DECISION, margin
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,10 +14,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.programs import run as program
+from halpipe.core.records import record
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
-from halpipe.programs import run as program
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

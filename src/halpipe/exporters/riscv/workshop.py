@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.exporters.riscv.toolchain import run_all
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from pathlib import Path

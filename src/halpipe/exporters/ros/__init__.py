@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.choices import CPUS, Form, choice, cpu_number
-from halpipe.extent import Extent
-from halpipe.quantities import quoted, whole
-from halpipe.records import record
+from halpipe.core.extent import Extent
+from halpipe.core.quantities import quoted, whole
+from halpipe.core.records import record
+from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.choices import CPUS, Form, choice, cpu_number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.ros.packaging import Binding
     from halpipe.models import Schedule, TaskModel
 
@@ -87,9 +87,9 @@ class RosExporter(PlainExporter):
     options = RosOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return one document; see `halpipe.exporters.base.Exporter`."""
+        """Return one document; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import refuse_early_phases, refuse_gaps, select
         from halpipe.exporters.ros.document import format_executors
-        from halpipe.exporters.selection import refuse_early_phases, refuse_gaps, select
 
         chosen = select(model, schedule, options.mode, self.name)
         own = specific(RosOptions, options)
@@ -106,9 +106,9 @@ class RosExporter(PlainExporter):
     def remarks(
         self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
     ) -> list[Diagnostic]:
-        """Return what the target leaves open; see `halpipe.exporters.base.Exporter`."""
+        """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.ros.unrealised import unrealised
-        from halpipe.exporters.selection import select
 
         chosen = specific(RosOptions, options)
         if chosen.package:

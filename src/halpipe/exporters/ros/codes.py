@@ -1,6 +1,6 @@
 """The diagnostics of the ROS export: HAL0897 to HAL0899, HAL0816 and HAL0817."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 UNREALISED = warning(
     "HAL0897",

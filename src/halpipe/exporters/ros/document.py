@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.exporters.cpus import placed
+from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.ros.timers import Timer, cycle_of, timers_of
 from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.models.attributes import texts

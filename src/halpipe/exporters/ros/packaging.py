@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from halpipe import __version__
-from halpipe.bundles import seal
-from halpipe.diagnostics import Findings, about, version_of
+from halpipe.core.bundles import seal
+from halpipe.core.diagnostics import Findings, about, version_of
+from halpipe.core.records import record
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
@@ -16,7 +17,6 @@ from halpipe.exporters.linux.priorities import levels_of
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.native import paired
 from halpipe.exporters.ros.codes import SPLIT_CALLBACK, UNBOUND
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, about
+from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.records import record
 from halpipe.exporters.ros.codes import TOO_FINE
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, Task, TaskModel
 
 MOST_TIMERS = 100_000

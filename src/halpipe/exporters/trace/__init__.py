@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.base import PlainExporter
-from halpipe.extent import Extent
+from halpipe.core.extent import Extent
+from halpipe.exporters.common.base import PlainExporter
 
 if TYPE_CHECKING:
-    from halpipe.exporters.base import ExportOptions
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
@@ -33,8 +33,8 @@ class TraceExporter(PlainExporter):
     titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
-        """Return the trace as one JSON document; see `halpipe.exporters.base.Exporter`."""
-        from halpipe.exporters.selection import select
+        """Return the trace as one JSON document; see `halpipe.exporters.common.base.Exporter`."""
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.trace.events import format_trace
 
         chosen = select(model, schedule, options.mode, self.name)

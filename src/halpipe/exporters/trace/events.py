@@ -10,8 +10,9 @@ import json
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO
-from halpipe.exporters.timeline import (
+from halpipe.core.durations import ZERO
+from halpipe.core.quantities import format_rational
+from halpipe.exporters.common.timeline import (
     Link,
     Placement,
     Window,
@@ -21,12 +22,11 @@ from halpipe.exporters.timeline import (
     unroll,
     unroll_switch,
 )
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import ModeSchedule, Schedule, TaskModel
 
 # Constraints that reach back further than this are left out of the flows, so that the trace stays small.

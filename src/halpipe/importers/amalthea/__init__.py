@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.extent import Extent
+from halpipe.core.extent import Extent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.importers.base import Imported, ImportOptions
+    from halpipe.importers.common.base import Imported, ImportOptions
 
 
 class AmaltheaFormat:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.memory import Memories
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.base import Coverage
+    from halpipe.importers.common.base import Coverage
 
 # Elements that are a value, or a part, of the element that holds them: they are accounted for with it.
 _PARTS = frozenset(

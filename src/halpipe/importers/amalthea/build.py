@@ -6,7 +6,8 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.account import account
@@ -28,20 +29,19 @@ from halpipe.importers.amalthea.timing import reactions_of, read_timing
 from halpipe.importers.amalthea.values import STATISTICS
 from halpipe.importers.amalthea.versions import MEMORY_CHOICES, UNIT, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest
-from halpipe.importers.base import Coverage, Imported
+from halpipe.importers.common.base import Coverage, Imported
 from halpipe.models import Mode, Origin, Run, TaskModel, Unit
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.importers.amalthea.hardware import Hardware
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.tasks import Built
     from halpipe.importers.amalthea.xmi import Item
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Chain, Interrupt
 
 MAPPING_CHOICES = ("stated", "free")

@@ -6,15 +6,15 @@ import itertools
 from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.properties import agrees, optional_duration, stated_of, value_of
 from halpipe.models import Chain
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.entities import Entities
     from halpipe.importers.amalthea.parts import Draft
     from halpipe.importers.amalthea.xmi import Forest, Item

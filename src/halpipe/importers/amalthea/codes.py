@@ -1,6 +1,6 @@
 """The diagnostics of the AMALTHEA importer: HAL1201 to HAL1249."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 NOT_AMALTHEA = error(
     "HAL1201",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.amalthea.graph import CALLS, everything
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.importers.amalthea.parts import Draft, Drafts

@@ -10,11 +10,11 @@ from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING, NoReturn
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.modes import Conditions
 from halpipe.importers.amalthea.values import TIMED, cycles
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import seconds
+from halpipe.core.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import everything, steps
 from halpipe.importers.amalthea.names import Names, legal
@@ -13,13 +13,13 @@ from halpipe.models import Interrupt, Origin
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.hardware import Hardware, Pu
     from halpipe.importers.amalthea.mapping import Mapping as Allocation
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.base import Supplement
+    from halpipe.importers.common.base import Supplement
 
 _ACTIVATES = ("InterProcessTrigger", "InterProcessActivation", "CustomEventTrigger", "SetEvent")
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, seconds
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import Names, legal
 from halpipe.models import Access, AccessKind, Resource, Transfer
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

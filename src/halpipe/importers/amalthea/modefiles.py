@@ -11,19 +11,19 @@ import os
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.durations import Duration
-from halpipe.files import read_bytes
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import Duration
+from halpipe.core.files import read_bytes
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import few, legal
 from halpipe.models import Chain, Mode, Origin, Run, Task, TaskModel, Transition, Version
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 LIST = ".modes"
 _LIMITS = ".csv"

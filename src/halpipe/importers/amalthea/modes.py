@@ -12,10 +12,10 @@ from math import prod
 from typing import TYPE_CHECKING
 from urllib.parse import unquote_plus
 
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import Names
 from halpipe.importers.amalthea.properties import ROLE, text_of
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.amalthea import codes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Findings, Location
 
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 _MAX_LENGTH = 1000  # as in the schema of task models

@@ -7,7 +7,9 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import parse_rational
+from halpipe.core.records import record
 from halpipe.importers.amalthea.graph import CALLS, everything, steps
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.properties import (
@@ -38,8 +40,6 @@ from halpipe.models import (
     Version,
 )
 from halpipe.models.attributes import read_attributes
-from halpipe.quantities import parse_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence

@@ -11,14 +11,14 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, GROUPS, everything, steps
 from halpipe.importers.amalthea.interrupts import is_interrupt
 from halpipe.importers.amalthea.names import Names, few
 from halpipe.importers.amalthea.own_export import activation_of, is_carried
 from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
-from halpipe.importers.polling import polling_period
+from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.base import Supplement
+    from halpipe.importers.common.base import Supplement
 
 _TRIGGERS = {"InterProcessTrigger": "stimulus", "InterProcessActivation": "stimulus", "CustomEventTrigger": "event"}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.models.attributes import attributes
 

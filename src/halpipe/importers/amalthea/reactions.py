@@ -15,16 +15,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
-from halpipe.durations import ZERO, Duration, least_common_multiple
+from halpipe.core.diagnostics import Findings
+from halpipe.core.durations import ZERO, Duration, least_common_multiple
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.models import Anchor, Precedence
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Origin, Task, TaskModel
 
 REACTION, UNIQUE, ONE_TO_ONE = MAPPINGS = ("Reaction", "UniqueReaction", "OneToOne")

@@ -5,18 +5,18 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import parse_xml, read_bytes
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import parse_xml, read_bytes
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.inputs import read_inputs
-from halpipe.records import record
+from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lxml import etree
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 _ITEA = re.compile(r"http://www\.amalthea\.itea2\.org/model/(?P<version>[0-9]+(?:\.[0-9]+)*)/[a-z]+")
 _APP4MC = re.compile(r"http://app4mc\.eclipse\.org/amalthea/(?P<version>[0-9]+(?:\.[0-9]+)*)")

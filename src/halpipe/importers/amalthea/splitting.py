@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, seconds
+from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.importers.amalthea.graph import CALLS, SWITCHES
-from halpipe.importers.pieces import cuts
+from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, AccessKind, Split
 
 if TYPE_CHECKING:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 PERIODIC = ("PeriodicStimulus", "Periodic")

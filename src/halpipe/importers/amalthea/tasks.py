@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.names import legal
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.timing import Timing
     from halpipe.importers.amalthea.versions import VersionMaker
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.importers.base import Coverage
+    from halpipe.importers.common.base import Coverage
     from halpipe.models import Version
 
 _MICROSECOND = Duration(1000)

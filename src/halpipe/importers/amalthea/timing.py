@@ -6,7 +6,9 @@ import itertools
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import quoted
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place
@@ -15,8 +17,6 @@ from halpipe.importers.amalthea.own_export import is_carried
 from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
 from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
 from halpipe.models import Anchor, Origin
-from halpipe.quantities import quoted
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

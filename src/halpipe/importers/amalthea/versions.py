@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.durations import seconds
+from halpipe.core.durations import seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.memory import length_of, placed
 from halpipe.importers.amalthea.names import legal
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Amount, Evaluator
     from halpipe.importers.amalthea.hardware import Pu
     from halpipe.importers.amalthea.memory import Memories

@@ -10,21 +10,21 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 from urllib.parse import unquote_plus
 
-from halpipe.diagnostics import Location, Path, Subject, named
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Location, Path, Subject, named
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import quoted
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.names import few
 from halpipe.importers.amalthea.numbers import BYTES, HERTZ, RATES, TIME_NS, parse_number
-from halpipe.quantities import quoted
 from halpipe.schemas import line_of
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.diagnostics import Code, Findings
+    from halpipe.core.diagnostics import Code, Findings
     from halpipe.importers.amalthea.sniff import Document
 
 _XSI_TYPE = "{http://www.w3.org/2001/XMLSchema-instance}type"

@@ -6,8 +6,19 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Location, Severity, about, sort_diagnostics
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import (
+    Diagnostic,
+    Exit,
+    Findings,
+    HalpipeError,
+    Location,
+    Severity,
+    about,
+    sort_diagnostics,
+)
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
 from halpipe.importers.arxml.files.variants import Choice
@@ -28,10 +39,8 @@ from halpipe.importers.arxml.tasks.platform import Platform
 from halpipe.importers.arxml.tasks.precedence import find_edges
 from halpipe.importers.arxml.tasks.requirements import find_requirements
 from halpipe.importers.arxml.tasks.versions import make_variants, report_kinds, used_times
-from halpipe.importers.base import Imported
+from halpipe.importers.common.base import Imported
 from halpipe.models import Binding, Precedence, Task, TaskModel, Version
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -42,7 +51,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.tasks.precedence import Edge
     from halpipe.importers.arxml.tasks.requirements import Requirements
     from halpipe.importers.arxml.tasks.versions import Variant
-    from halpipe.importers.base import Coverage, ImportOptions
+    from halpipe.importers.common.base import Coverage, ImportOptions
 
 
 def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:

@@ -10,7 +10,7 @@ from halpipe.importers.arxml.system.constraints import is_guarantee
 from halpipe.importers.arxml.system.execution_times import KINDS
 from halpipe.importers.arxml.system.swc import place_of
 from halpipe.importers.arxml.system.timing import CONSTRAINTS, NOT_READ
-from halpipe.importers.base import Coverage
+from halpipe.importers.common.base import Coverage
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -9,8 +9,9 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, about
-from halpipe.durations import Duration, seconds
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.records import record
 from halpipe.importers.arxml import project_codes as codes
 from halpipe.importers.arxml.build import assemble
 from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
@@ -22,7 +23,6 @@ from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
 from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.files.tree import Node, Tree
     from halpipe.importers.arxml.system.ecuc import Container
     from halpipe.importers.arxml.tasks.activation import Activation
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Task, TaskModel
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"

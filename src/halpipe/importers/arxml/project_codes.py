@@ -1,6 +1,6 @@
 """The diagnostics of finding a model again in the project that it was imported from: HAL0580 to HAL0584."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 FOREIGN_PROJECT = error(
     "HAL0580",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_SCHEDULED
@@ -12,13 +12,13 @@ from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_SCHEDULED
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.system.values import System
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
-    from halpipe.importers.base import Coverage
+    from halpipe.importers.common.base import Coverage
     from halpipe.models import TaskModel
 
 

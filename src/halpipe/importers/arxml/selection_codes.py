@@ -1,6 +1,6 @@
 """The diagnostics of choosing one ECU, or one variant, of what is read: HAL0575 to HAL0579, HAL0585 to HAL0589."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 SEVERAL_ECUS = error(
     "HAL0575",

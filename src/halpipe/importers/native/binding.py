@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from halpipe.diagnostics import Findings, Location, error
+from halpipe.core.diagnostics import Findings, Location, error
 from halpipe.models.attributes import attributes_by_name
 from halpipe.schemas import line_of
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import parse_xml, read_bytes, refuse_more_than, sha256
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import parse_xml, read_bytes, refuse_more_than, sha256
+from halpipe.core.records import unchecked
 from halpipe.importers.native.binding import Binder, Children, only
 from halpipe.models import (
     WHOLE,
@@ -28,13 +29,12 @@ from halpipe.models import (
     Version,
 )
 from halpipe.models.attributes import DURATIONS
-from halpipe.records import unchecked
 from halpipe.schemas import TASK_MODEL, check, line_of, namespace
 
 if TYPE_CHECKING:
     from lxml import etree
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 # Of these there are many, and what reads their attributes has made the types that a class would else look at again.
 new_task, new_run, new_version, new_split = unchecked(Task), unchecked(Run), unchecked(Version), unchecked(Split)

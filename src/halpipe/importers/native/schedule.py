@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import parse_xml, read_bytes, refuse_more_than
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import parse_xml, read_bytes, refuse_more_than
 from halpipe.importers.native.binding import Binder, only
 from halpipe.models import (
     ChainLatency,

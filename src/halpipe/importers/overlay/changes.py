@@ -6,7 +6,10 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from halpipe.diagnostics import Findings, Location
+from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.overlay.codes import (
     DOES_NOT_FIT,
     NAMES_DROPPED,
@@ -16,16 +19,13 @@ from halpipe.importers.overlay.codes import (
     UNKNOWN_NAME,
 )
 from halpipe.models import Access, Interrupt, Precedence, Source, Split
-from halpipe.quantities import format_rational
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable
 
-    from halpipe.diagnostics import Code
-    from halpipe.importers.base import Coverage
-    from halpipe.settings import Stated
+    from halpipe.core.diagnostics import Code
+    from halpipe.core.settings import Stated
+    from halpipe.importers.common.base import Coverage
 
 T = TypeVar("T")
 E = TypeVar("E")

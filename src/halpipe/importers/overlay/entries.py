@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from halpipe.diagnostics import Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Location
+    from halpipe.core.durations import Duration
+    from halpipe.core.settings import Stated
     from halpipe.models import (
         Access,
         Chain,
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
         Transition,
         Unit,
     )
-    from halpipe.settings import Stated
 
 
 @record(kw_only=True)

@@ -9,7 +9,7 @@ import re
 from fnmatch import translate
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from halpipe.importers.stated import is_glob
+from halpipe.importers.common.stated import is_glob
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

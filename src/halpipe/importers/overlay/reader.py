@@ -5,15 +5,16 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import Findings, HalpipeError, Location, about
-from halpipe.durations import Duration
-from halpipe.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, about
+from halpipe.core.durations import Duration
+from halpipe.core.files import YamlMap, parse_yaml, read_bytes, refuse_more_than
+from halpipe.core.settings import BAD_VALUE, Fields, Stated
+from halpipe.importers.common.stated import complete_attributes, is_glob, keys_of, positive, stated_attributes, word
+from halpipe.importers.common.stated import name as name_text
 from halpipe.importers.overlay import values
 from halpipe.importers.overlay.codes import DUPLICATE, NOT_AN_OVERLAY
 from halpipe.importers.overlay.entries import InterruptEntry, ModeEntry, Overlay, TaskEntry, VersionEntry, merge
 from halpipe.importers.overlay.patterns import MAX_GLOBS
-from halpipe.importers.stated import complete_attributes, is_glob, keys_of, positive, stated_attributes, word
-from halpipe.importers.stated import name as name_text
 from halpipe.models import (
     Access,
     Chain,
@@ -30,7 +31,6 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.settings import BAD_VALUE, Fields, Stated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

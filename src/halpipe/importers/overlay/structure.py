@@ -5,21 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING, NAMES_DROPPED
 from halpipe.importers.overlay.patterns import Patterns, expand
-from halpipe.importers.stated import is_glob
 from halpipe.models import Chain, Mode, Origin, Run
 from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
+    from halpipe.core.settings import Stated
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import ModeEntry, Overlay
     from halpipe.models import HealthRule, Resource, Task, TaskModel, Transition, Unit, Version
-    from halpipe.settings import Stated
 
 E = TypeVar("E", bound="Unit | Resource")
 

@@ -5,23 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import NOWHERE, about
+from halpipe.core.diagnostics import NOWHERE, about
+from halpipe.importers.common.stated import is_glob
 from halpipe.importers.overlay.changes import Ranks, show
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
 from halpipe.importers.overlay.patterns import EVERYTHING, expand
-from halpipe.importers.stated import is_glob
 from halpipe.models import WHOLE, Origin, Split, Task, Version
 from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Location
+    from halpipe.core.diagnostics import Location
+    from halpipe.core.settings import Stated
     from halpipe.importers.overlay.changes import Changes
     from halpipe.importers.overlay.entries import Overlay, TaskEntry, VersionEntry
     from halpipe.models import Access, Precedence
     from halpipe.models.attributes import Attribute
-    from halpipe.settings import Stated
 
 E = TypeVar("E")
 Ranked = list[tuple[str, "TaskEntry"]]

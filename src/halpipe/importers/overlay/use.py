@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import sort_diagnostics
+from halpipe.core.diagnostics import sort_diagnostics
 from halpipe.importers.overlay import structure
 from halpipe.importers.overlay.changes import Changes
 from halpipe.importers.overlay.codes import MATCHES_NOTHING
@@ -16,11 +16,11 @@ from halpipe.importers.overlay.tasks import TaskMerger, constraints_by_task
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Diagnostic, Location
-    from halpipe.durations import Duration
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Diagnostic, Location
+    from halpipe.core.durations import Duration
+    from halpipe.core.settings import Stated
+    from halpipe.importers.common.base import Coverage
     from halpipe.models import Task, TaskModel
-    from halpipe.settings import Stated
 
 
 class OverlayUse:

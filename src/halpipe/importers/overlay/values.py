@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.importers.stated import positive
+from halpipe.importers.common.stated import positive
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
 
 def pattern(text: str) -> str:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.drops import is_plumbing
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Kind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
     from halpipe.importers.ros.dataflow import DataFlow
     from halpipe.importers.ros.graph import Callback, Publication, Rate

@@ -12,21 +12,21 @@ from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import Duration
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Certainty, Kind, Publication, RosGraph
 from halpipe.importers.ros.periods import MEASURED, STATED, snap
 from halpipe.importers.ros.rosbag import ROSBAG
 from halpipe.importers.ros.rqt import DEADLINE, STATISTICS
 from halpipe.importers.ros.traced import TRACE
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Supplement
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Supplement
     from halpipe.importers.ros.graph import Rate
 
 _PRIORITY = (TRACE, ROSBAG, STATISTICS, DEADLINE)

@@ -6,9 +6,10 @@ import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
-from halpipe.durations import ZERO, Duration
-from halpipe.importers.base import RESOURCES, Coverage, Imported
+from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
+from halpipe.importers.common.base import RESOURCES, Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.account import Result, account
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -29,13 +30,12 @@ from halpipe.importers.ros.sniff import FileKind, find
 from halpipe.importers.ros.traced import confront, graph_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Anchor, Mode, Origin, Precedence, Run, Task, TaskModel, Unit, Version
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.importers.base import ImportOptions
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.importers.common.base import ImportOptions
     from halpipe.importers.ros.graph import Callback, Group, Rate, RosGraph
     from halpipe.importers.ros.sniff import Input
     from halpipe.importers.traces.ros2 import RosTrace

@@ -11,9 +11,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location, Severity, about
-from halpipe.durations import Duration
-from halpipe.files import read_bytes
+from halpipe.core.diagnostics import Location, Severity, about
+from halpipe.core.durations import Duration
+from halpipe.core.files import read_bytes
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.measured import Measurements, read_measured
@@ -21,16 +24,13 @@ from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models import Origin
-from halpipe.quantities import format_rational
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from fractions import Fraction
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Coverage, ImportOptions
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Coverage, ImportOptions
     from halpipe.importers.ros.graph import Callback
     from halpipe.importers.ros.measured import Sample
     from halpipe.importers.traces.ros2 import RosTrace

@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings
-from halpipe.importers.base import Coverage
+from halpipe.core.diagnostics import Findings
+from halpipe.importers.common.base import Coverage
 from halpipe.importers.ros.caret import read_caret
 from halpipe.importers.ros.graph import Kind
 from halpipe.importers.ros.names import Names, task_names

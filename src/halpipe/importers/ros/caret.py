@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location, named
-from halpipe.files import refuse_more_than
+from halpipe.core.diagnostics import Findings, Location, named
+from halpipe.core.files import refuse_more_than
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Group, Node, Path, RosGraph, Step
 from halpipe.importers.ros.nodes import UNDEFINED, NodeReader
 from halpipe.importers.ros.yaml_reader import Reader
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from halpipe.files import YamlMap
-    from halpipe.importers.base import Coverage
+    from halpipe.core.files import YamlMap
+    from halpipe.importers.common.base import Coverage
 
 MAX_ELEMENTS = 20_000
 _TOP_KEYS = ("named_paths", "path_name_aliases", "executors", "nodes")

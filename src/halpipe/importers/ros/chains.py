@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.ros import codes
 from halpipe.models import Chain, Origin
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
     from halpipe.importers.ros.graph import Path, Step
     from halpipe.importers.ros.names import Names

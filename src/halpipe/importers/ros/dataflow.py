@@ -11,15 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import Vertex, few, report_loops
 from halpipe.importers.ros.graph import Certainty, Kind, Publication
 from halpipe.importers.ros.loops import cut_loops
-from halpipe.records import record
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.ros.activation import Activations, Wiring
 
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import NoReturn
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import refuse_more_than
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import refuse_more_than
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
-from halpipe.records import record
 
 _MAX_DEPTH = 100
 MAX_ELEMENTS = 100_000

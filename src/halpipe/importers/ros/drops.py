@@ -11,7 +11,7 @@ from halpipe.importers.ros.graph import Callback, Kind, RosGraph
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from halpipe.importers.base import Coverage, Supplement
+    from halpipe.importers.common.base import Coverage, Supplement
 
 _TOOLS = re.compile(
     r"/(rqt|rviz|_ros2cli|rosbag2_recorder)[^/]*(/.*)?|(.*/)?(launch_ros_[0-9]+|transform_listener_impl_\w+)|/rosout"

@@ -11,20 +11,20 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Severity, named
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import Findings, Severity, named
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.graph import Group, Kind
 from halpipe.importers.ros.names import Names
 from halpipe.models import Access, Origin, Resource
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.graph import RosGraph
     from halpipe.models import Task, TaskModel
 

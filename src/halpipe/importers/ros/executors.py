@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import Location, about, named
+from halpipe.core.diagnostics import Location, about, named
+from halpipe.core.quantities import quoted
+from halpipe.core.settings import Fields
+from halpipe.core.suggest import did_you_mean
+from halpipe.importers.common.stated import complete_attributes, keys_of, stated_attributes
+from halpipe.importers.common.stated import name as name_text
 from halpipe.importers.ros import codes
-from halpipe.importers.stated import complete_attributes, keys_of, stated_attributes
-from halpipe.importers.stated import name as name_text
 from halpipe.models import (
     Chain,
     HealthRule,
@@ -25,16 +28,13 @@ from halpipe.models import (
     Unit,
     Version,
 )
-from halpipe.quantities import quoted
-from halpipe.settings import Fields
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.files import YamlMap
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.files import YamlMap
+    from halpipe.importers.common.base import Coverage
 
 E = TypeVar("E", Unit, Task, Chain, Mode, Version)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.ros import codes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.importers.ros.activation import Wiring
     from halpipe.importers.ros.loops import Loop
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Location
+    from halpipe.core.durations import Duration
 
 
 class Kind(StrEnum):

@@ -21,16 +21,16 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import Duration
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 _NAMES = ("callback", "callback_name", "task", "node", "name")
 _DURATIONS = ("duration", "latency", "execution_time", "elapsed")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Findings, Location
     from halpipe.importers.ros.graph import RosGraph
 
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")

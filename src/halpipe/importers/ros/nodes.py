@@ -6,18 +6,18 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location, about, named
-from halpipe.durations import Duration
-from halpipe.files import refuse_more_than
+from halpipe.core.diagnostics import Location, about, named
+from halpipe.core.durations import Duration
+from halpipe.core.files import refuse_more_than
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Callback, Flow, Group, Kind, Publication, Subscription
 from halpipe.importers.ros.periods import STATED, snap
 from halpipe.importers.ros.publishers import Context, Publishers
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from halpipe.files import YamlMap
-    from halpipe.importers.base import Coverage
+    from halpipe.core.files import YamlMap
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.yaml_reader import Reader
 
 MAX_FLOWS = 50_000

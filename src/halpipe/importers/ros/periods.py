@@ -9,8 +9,8 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration, milliseconds, seconds
-from halpipe.records import record
+from halpipe.core.durations import Duration, milliseconds, seconds
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

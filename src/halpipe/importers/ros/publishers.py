@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.ros.graph import Certainty, Kind
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

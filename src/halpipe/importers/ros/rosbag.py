@@ -9,16 +9,16 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.durations import ZERO, Duration, seconds
-from halpipe.files import YamlList, YamlMap, parse_yaml
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.files import YamlList, YamlMap, parse_yaml
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.graph import Rate
 from halpipe.importers.ros.names import printable
 from halpipe.importers.ros.rqt import DEADLINE, NO_DEADLINE
 
 if TYPE_CHECKING:
-    from halpipe.importers.base import Coverage
+    from halpipe.importers.common.base import Coverage
 
 ROSBAG = "rosbag2 recording"
 FEWEST_MESSAGES = 10

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location, named
-from halpipe.durations import Duration, seconds
+from halpipe.core.diagnostics import Findings, Location, named
+from halpipe.core.durations import Duration, seconds
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.dot import Digraph, Edge, Vertex, parse, unescape
 from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription

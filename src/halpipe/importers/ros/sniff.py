@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Diagnostic, HalpipeError, Location, Severity
-from halpipe.files import YamlMap, find_inputs, parse_yaml, read_bytes
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, Location, Severity
+from halpipe.core.files import YamlMap, find_inputs, parse_yaml, read_bytes
+from halpipe.core.records import record
 from halpipe.importers.ros import codes, executors
 from halpipe.importers.ros.design.entities import FORMAT_KEY
 from halpipe.importers.traces.ctf import folders
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

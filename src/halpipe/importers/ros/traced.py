@@ -9,8 +9,8 @@ from collections import Counter, defaultdict
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location, named
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError, Location, named
+from halpipe.core.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.drops import is_plumbing
 from halpipe.importers.ros.feedback import few
@@ -32,8 +32,8 @@ from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, Ros
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.measured import Measurements
 
 TRACE = "trace"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Findings, Location
-from halpipe.files import YamlList, YamlMap
+from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

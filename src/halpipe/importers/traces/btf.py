@@ -13,8 +13,8 @@ from collections import Counter
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Location
+from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
 from halpipe.models.trace import Execution, Trace
@@ -22,7 +22,7 @@ from halpipe.models.trace import Execution, Trace
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 TABLE_MARK = "STI_TABLE_"
 _EVENT = re.compile(r"-?[0-9]+,[^,]*,-?[0-9]+,[^,]*,[^,]*,-?[0-9]+,[^,]+(,.*)?")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Location
+from halpipe.core.durations import Duration
 from halpipe.importers.ros.traced import short_names_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 
 def executions_of(root: str, findings: Findings) -> Trace:

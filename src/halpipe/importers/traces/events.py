@@ -12,14 +12,14 @@ from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS
 from halpipe.models.trace import Execution, Trace
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 _MAX_EXPONENT = 30
 

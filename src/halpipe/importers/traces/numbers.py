@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from fractions import Fraction
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 
 _NUMBER = re.compile(r"-?[0-9]{1,30}(?:\.[0-9]{1,15}|/[0-9]{1,18})?")
 _WHOLE = re.compile(r"-?[0-9]{1,18}")

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, Location
-from halpipe.files import read_bytes
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.files import read_bytes
+from halpipe.core.records import record
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import folders
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models.trace import Trace
 
 FORMS = "write CSV with the columns task, start and end, or record BTF or Trace Event JSON"

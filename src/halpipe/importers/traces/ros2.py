@@ -10,14 +10,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.ctf import CtfError, Damage, events, folders
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.traces.ctf import Event
 
 TIMER, SUBSCRIPTION, SERVICE = "timer", "subscription", "service"

@@ -12,7 +12,7 @@ import csv
 import io
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
 from halpipe.importers.traces import codes
 from halpipe.importers.traces.numbers import SCALES_NS, instant, whole
 from halpipe.models.trace import Execution, Trace
@@ -20,8 +20,8 @@ from halpipe.models.trace import Execution, Trace
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
 
 T = TypeVar("T")
 

@@ -11,19 +11,19 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, HalpipeError, about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TABLE, UNKNOWN_TASK
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge
 from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule
     from halpipe.models.trace import Execution, Trace
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.diagnostics import error, note
+from halpipe.core.diagnostics import error, note
 
 NEEDS_MODE = error(
     "HAL1101",

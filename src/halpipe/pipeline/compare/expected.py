@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections import defaultdict
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.pipeline.compare.codes import UNKNOWN_TABLE, WRONG_SEQUENCE
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, Schedule
     from halpipe.models.trace import Execution
 

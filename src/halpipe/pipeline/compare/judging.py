@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Path, Subject, about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import Path, Subject, about
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.compare import codes
 from halpipe.pipeline.compare.matching import lateness
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Code, Diagnostic, Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Code, Diagnostic, Location
+    from halpipe.core.durations import Duration
     from halpipe.models import Job
     from halpipe.models.trace import Execution
     from halpipe.pipeline.compare.matching import Match, Matching

@@ -7,8 +7,8 @@ from bisect import bisect_left
 from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
-from halpipe.records import record
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, TaskModel
     from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts, Usable
 

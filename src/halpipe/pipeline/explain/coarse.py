@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """The diagnostic codes of explain: HAL043x."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 TASKS_MEET = error(
     "HAL0430",

@@ -10,20 +10,20 @@ from dataclasses import replace
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, about, tasks_named
+from halpipe.core.diagnostics import HalpipeError, about, tasks_named
+from halpipe.core.records import record
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, Job, Mode, TaskModel
 
 MAX_JOBS = 300

@@ -11,7 +11,8 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, HalpipeError, about
+from halpipe.core.diagnostics import Exit, HalpipeError, about
+from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
@@ -23,12 +24,11 @@ from halpipe.pipeline.solve.codes import NOT_FOUND, STILL_BROKEN, TOO_LARGE
 from halpipe.pipeline.solve.exact import Answer
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import place
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Mode, TaskModel
 
 BUDGET = 5_000

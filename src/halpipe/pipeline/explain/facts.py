@@ -10,9 +10,9 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.pipeline.parts import reserved_length
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator, Mapping

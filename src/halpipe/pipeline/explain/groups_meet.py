@@ -12,11 +12,11 @@ from dataclasses import field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.pairs_meet import Budget, Part
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place, quoted
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import by_name
 from halpipe.pipeline.validate.sporadic import least_length
@@ -12,8 +12,8 @@ from halpipe.pipeline.validate.sporadic import least_length
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Run, Task, TaskModel, Unit, Version
 
 ABOUT_A_MODE = {

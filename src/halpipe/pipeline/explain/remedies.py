@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Subject, about, tasks_named
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import HalpipeError, Subject, about, tasks_named
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import format_rational
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.explain import changes, codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
@@ -19,12 +20,11 @@ from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
 from halpipe.pipeline.validate import validate
 from halpipe.pipeline.validate.context import quoted
 from halpipe.pipeline.verify import verify
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, ModeSchedule, Task, TaskModel
 
     Change = Callable[[int], TaskModel]

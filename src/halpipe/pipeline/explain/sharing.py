@@ -7,17 +7,17 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting
 from halpipe.pipeline.validate.context import place, quoted
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts, Usable
     from halpipe.pipeline.explain.pairs_meet import Step

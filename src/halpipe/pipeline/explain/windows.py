@@ -11,17 +11,17 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.sharing import Witness
 from halpipe.pipeline.validate.context import place, quoted
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from halpipe.diagnostics import Location
+    from halpipe.core.diagnostics import Location
     from halpipe.models import Precedence
     from halpipe.pipeline.explain.facts import ModeFacts, TaskFacts
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import tasks_named
+from halpipe.core.diagnostics import tasks_named
+from halpipe.core.records import record
 from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.groups_meet import crowds
@@ -16,12 +17,11 @@ from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, unit
 from halpipe.pipeline.explain.windows import contradictions
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.validate.load import check_resources, check_units
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.explain.facts import ModeFacts
     from halpipe.pipeline.validate.context import ActiveMode

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.diagnostics import error
+from halpipe.core.diagnostics import error
 
 BAD_PARAMETER = error(
     "HAL0921",

@@ -6,10 +6,10 @@ import itertools
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration, least_common_multiple, milliseconds
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration, least_common_multiple, milliseconds
+from halpipe.core.records import record
 from halpipe.pipeline.generate.codes import BAD_PARAMETER
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,7 +9,8 @@ from collections import Counter
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.models import (
     Access,
     Job,
@@ -29,7 +30,6 @@ from halpipe.pipeline.generate.tiling import fill_units, unit_types
 from halpipe.pipeline.generate.windows import CAPACITY, Window, WindowPlacer
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -18,10 +18,10 @@ from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.records import record
 from halpipe.pipeline.generate.codes import TOO_SHORT
 from halpipe.pipeline.generate.parameters import SEXTANTS, TICK, SetParameters
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

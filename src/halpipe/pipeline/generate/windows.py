@@ -17,7 +17,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from typing import TYPE_CHECKING
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

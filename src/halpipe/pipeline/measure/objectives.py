@@ -15,16 +15,16 @@ from fractions import Fraction
 from math import lcm
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import latest_phase
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.records import record
 from halpipe.models import Part
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.circle import Interval, sweep
 from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -12,10 +12,10 @@ from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.models import Binding
 from halpipe.pipeline.measure.placement import reserved
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

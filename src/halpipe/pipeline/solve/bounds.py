@@ -11,11 +11,11 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, greatest_common_divisor
+from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.pipeline.measure.objectives import LARGEST_MARGIN, Objective
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 

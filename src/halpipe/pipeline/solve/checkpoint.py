@@ -14,8 +14,8 @@ from array import array
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location, error
-from halpipe.files import read_own, refuse_foreign, remove_output, write_outputs
+from halpipe.core.diagnostics import HalpipeError, Location, error
+from halpipe.core.files import read_own, refuse_foreign, remove_output, write_outputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

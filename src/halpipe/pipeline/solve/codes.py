@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 NOT_FOUND = error(
     "HAL0401",

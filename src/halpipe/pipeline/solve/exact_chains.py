@@ -9,13 +9,13 @@ from itertools import combinations
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.records import record
 from halpipe.pipeline.jobs import Expansion
 from halpipe.pipeline.measure.objectives import whole_weights
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.bounds import chain_bounds
 from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
 from halpipe.pipeline.solve.workers import watched
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping

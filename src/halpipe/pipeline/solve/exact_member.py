@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, HalpipeError, about
+from halpipe.core.diagnostics import Exit, HalpipeError, about
 from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import (
     EXACT_INFEASIBLE,
@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.codes import (
 from halpipe.pipeline.solve.exact import Answer, Effort, is_small, solve_exact
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.jobs import Expansion
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import chain as concatenated
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.models import Anchor, Job
 from halpipe.pipeline.jobs import demands_for
 

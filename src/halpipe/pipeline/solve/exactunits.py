@@ -14,7 +14,7 @@ from itertools import chain as concatenated
 from itertools import combinations_with_replacement
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from dataclasses import field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.models import Status
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.measure.objectives import Judge, Objective
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,7 +18,7 @@ from halpipe.pipeline.parts import reserved_length, service_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.parts import Service

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, HalpipeError, about
+from halpipe.core.diagnostics import Diagnostic, HalpipeError, about
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.solve.codes import NO_OPTION, OPTIONS_CUT, TICK_DOES_NOT_DIVIDE, TOO_LARGE
 from halpipe.pipeline.solve.lanes import MAX_OPTIONS_PER_VERSION
@@ -13,7 +13,7 @@ from halpipe.pipeline.solve.problem import Problem, build_problem
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.jobs import Expansion
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, about
-from halpipe.durations import ZERO, greatest_common_divisor
+from halpipe.core.diagnostics import HalpipeError, about
+from halpipe.core.durations import ZERO, greatest_common_divisor
+from halpipe.core.records import record
 from halpipe.models import Binding, Status
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.metrics import mode_report
@@ -16,13 +17,12 @@ from halpipe.pipeline.parts import has_whole_jobs
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, ModeSchedule, TaskModel
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.solve.goals import Polish

@@ -6,13 +6,13 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.bounds import lower_bound
 from halpipe.pipeline.solve.exact import Effort
 from halpipe.pipeline.solve.goals import Finished
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable

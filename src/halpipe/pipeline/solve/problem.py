@@ -11,14 +11,14 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.jobs import Expansion, demands_for
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.construction import construction_order
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.lanes import Lanes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

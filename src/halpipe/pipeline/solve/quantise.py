@@ -29,15 +29,15 @@ from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Findings, HalpipeError, about
-from halpipe.durations import ZERO, Duration, divisors, greatest_common_divisor
+from halpipe.core.diagnostics import Diagnostic, Findings, HalpipeError, about
+from halpipe.core.durations import ZERO, Duration, divisors, greatest_common_divisor
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.solve.codes import GRID_BOUND, GRID_PERIOD, GRID_RESOURCE, GRID_ROOM, GRID_WINDOW
-from halpipe.quantities import format_rational
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.checkpoint import SAVED
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -13,8 +13,8 @@ from concurrent.futures import BrokenExecutor, CancelledError, as_completed, wai
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import Exit, HalpipeError, Location, error, warning
-from halpipe.files import read_own, sha256, write_output
+from halpipe.core.diagnostics import Exit, HalpipeError, Location, error, warning
+from halpipe.core.files import read_own, sha256, write_output
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from distributed import Client
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
     Record = Mapping[str, Any]
 

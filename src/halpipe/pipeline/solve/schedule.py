@@ -7,20 +7,20 @@ from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 from halpipe import __version__
-from halpipe.durations import greatest_common_divisor
+from halpipe.core.durations import greatest_common_divisor
+from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.measure.objectives import Objective
     from halpipe.pipeline.solve.away import Away

@@ -7,9 +7,9 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.pipeline.transitions.line import Layer, Line
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

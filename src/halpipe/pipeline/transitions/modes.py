@@ -8,17 +8,17 @@ from functools import cached_property
 from itertools import combinations, islice
 from typing import TYPE_CHECKING
 
-from halpipe.durations import greatest_common_divisor
+from halpipe.core.durations import greatest_common_divisor
+from halpipe.core.records import record
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.placement import Placement, Placing, grid_of
 from halpipe.pipeline.transitions.line import LineJob, Phase, Shape
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import ModeSchedule, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
     from halpipe.pipeline.measure.placement import PlacedJob, PlacedPhase

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.transitions.line import Line, LineJob
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

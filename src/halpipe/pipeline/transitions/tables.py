@@ -6,18 +6,18 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, about, error, warning
+from halpipe.core.diagnostics import Diagnostic, about, error, warning
+from halpipe.core.records import record
 from halpipe.models import Job, Part, Status, TransitionTable
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.transitions.change import Change
 from halpipe.pipeline.transitions.modes import on_common_grid
 from halpipe.pipeline.transitions.search import Blocked, Table
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Schedule, TaskModel, Transition
     from halpipe.pipeline.transitions.line import LineJob
 

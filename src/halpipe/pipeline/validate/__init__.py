@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import sort_diagnostics
+from halpipe.core.diagnostics import sort_diagnostics
 from halpipe.pipeline.validate import (
     accesses,
     chains,
@@ -24,7 +24,7 @@ from halpipe.pipeline.validate import (
 from halpipe.pipeline.validate.context import Check, Context
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
 
 __all__ = ["CHECKS", "Check", "validate"]

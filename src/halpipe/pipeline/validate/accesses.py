@@ -7,18 +7,18 @@ from itertools import groupby, pairwise
 from operator import attrgetter, itemgetter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO
+from halpipe.core.quantities import format_rational
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, version_path
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Access, Task, Version
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import Context

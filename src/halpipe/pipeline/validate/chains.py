@@ -5,8 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.models import AccessKind
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, lookup, place, quoted, repeated
@@ -14,7 +14,7 @@ from halpipe.pipeline.validate.context import Check, lookup, place, quoted, repe
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Chain, Task
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 

@@ -1,6 +1,6 @@
 """The diagnostic codes of validate: HAL02xx."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 # ---------------------------------------------------------------------------- names and structure
 

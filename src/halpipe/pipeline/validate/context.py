@@ -9,15 +9,15 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import chain
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import NOWHERE, Fix, Path, Subject, about
-from halpipe.durations import ZERO, Duration, least_common_multiple
-from halpipe.records import record
-from halpipe.suggest import nearest
+from halpipe.core.diagnostics import NOWHERE, Fix, Path, Subject, about
+from halpipe.core.durations import ZERO, Duration, least_common_multiple
+from halpipe.core.records import record
+from halpipe.core.suggest import nearest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
-    from halpipe.diagnostics import Code, Diagnostic, Location
+    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Mode, Run, Task, TaskModel, Version
 
 Named = TypeVar("Named")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.models import HealthAction
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place
@@ -12,7 +12,7 @@ from halpipe.pipeline.validate.context import Check, place
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import HealthRule
     from halpipe.pipeline.validate.context import Context
 

@@ -6,15 +6,15 @@ import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
+from halpipe.core.durations import ZERO, Duration, greatest_common_divisor, least_common_multiple, milliseconds, seconds
+from halpipe.core.records import record
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Unit, Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Severity, about
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Severity, about
+from halpipe.core.durations import Duration
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted
 from halpipe.pipeline.validate.sporadic import least_length, load_of
@@ -14,7 +14,7 @@ from halpipe.pipeline.validate.sporadic import least_length, load_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Path, Subject, about
+from halpipe.core.diagnostics import Path, Subject, about
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, repeated, task_path, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from halpipe.diagnostics import Code, Diagnostic
+    from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.validate.context import Context
 

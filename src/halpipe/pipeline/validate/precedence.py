@@ -6,14 +6,14 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted, version_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Precedence, Version
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask, Context
 

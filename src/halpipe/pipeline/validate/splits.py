@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.models import WHOLE, Binding
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted, task_path, version_path
@@ -13,8 +13,8 @@ from halpipe.pipeline.validate.context import Check, place, quoted, task_path, v
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Task, Version
     from halpipe.pipeline.validate.context import ActiveMode, Context
 

@@ -6,17 +6,17 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import format_rational
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, quoted, task_path, version_path
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Task, Unit, Version
     from halpipe.pipeline.parts import Service
     from halpipe.pipeline.validate.context import Context

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO
+from halpipe.core.quantities import format_rational
 from halpipe.models import Chain, Interrupt, Task, Version
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, task_path, version_path
 from halpipe.pipeline.validate.sporadic import least_length
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic, Path
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic, Path
+    from halpipe.core.durations import Duration
     from halpipe.pipeline.validate.context import Context
 
 _STATE_WCET = "state it in the model, or in an overlay: tasks: {%s: {versions: {%s: {wcet: 1ms}}}}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Findings, sort_diagnostics
+from halpipe.core.diagnostics import Findings, sort_diagnostics
 from halpipe.pipeline.verify import codes, reading
 from halpipe.pipeline.verify.assignment import UNIT, VERSION
 from halpipe.pipeline.verify.binding import BINDING, SYSTEM_BINDING, Tables
@@ -27,7 +27,7 @@ from halpipe.pipeline.verify.tables import MAX_BITS, ModeTable
 from halpipe.pipeline.verify.transitions import SWITCH_RULES
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 __all__ = ["RULES", "Rule", "verify", "verify_switches"]

@@ -10,7 +10,7 @@ from halpipe.pipeline.verify.rules import Rule
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Version
     from halpipe.pipeline.verify.tables import ModeTable, Placed, Switch
 

@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.models import Binding
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.verify.tables import ModeTable, Placed, Switch
 

@@ -1,6 +1,6 @@
 """The diagnostic codes of verify: HAL03xx."""
 
-from halpipe.diagnostics import error, note, warning
+from halpipe.core.diagnostics import error, note, warning
 
 # ---------------------------------------------------------------------------- the file as a whole
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sweep import NAMED
@@ -13,7 +13,7 @@ from halpipe.pipeline.verify.sweep import NAMED
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Version
     from halpipe.pipeline.verify.tables import ActiveTask, ModeTable
 

@@ -6,17 +6,17 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, about
+from halpipe.core.diagnostics import NOWHERE, about
+from halpipe.core.records import record
 from halpipe.models import HealthAction, Reaction, Status
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import HealthRule, ModeSchedule, Schedule, TaskModel
 
 

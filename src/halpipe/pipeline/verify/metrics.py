@@ -5,20 +5,20 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Path, about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import Path, about
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import format_rational
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.chains import age, reaction
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sharing import Shared, resource_claims, unit_claims
 from halpipe.pipeline.verify.sweep import excesses, wrap
 from halpipe.pipeline.verify.tables import common_denominator
-from halpipe.quantities import format_rational
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import CostTerms
     from halpipe.pipeline.verify.recurrence import Found
     from halpipe.pipeline.verify.sweep import Claim

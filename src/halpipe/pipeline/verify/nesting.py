@@ -10,7 +10,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.tables import TABLE
@@ -18,7 +18,7 @@ from halpipe.pipeline.verify.tables import TABLE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
 
 

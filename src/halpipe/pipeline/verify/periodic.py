@@ -13,7 +13,7 @@ from halpipe.pipeline.verify.rules import Rule
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Task
     from halpipe.pipeline.verify.tables import ActiveTask, Clock, ModeTable, Placed
 

@@ -10,7 +10,7 @@ from itertools import chain
 from math import gcd
 from typing import TYPE_CHECKING, Protocol
 
-from halpipe.diagnostics import Subject
+from halpipe.core.diagnostics import Subject
 from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.recurrence import Future, Listed, Past
@@ -20,7 +20,7 @@ from halpipe.pipeline.verify.tables import MAX_LINE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Precedence
     from halpipe.pipeline.verify.recurrence import Found
     from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch

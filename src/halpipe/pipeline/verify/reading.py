@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Status
 from halpipe.pipeline.verify import codes, modelfaults
 from halpipe.pipeline.verify.reserved import Platform
@@ -30,7 +30,7 @@ from halpipe.pipeline.verify.tables import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic, Findings
+    from halpipe.core.diagnostics import Diagnostic, Findings
     from halpipe.models import Job, Mode, ModeSchedule, Schedule, Task, TaskModel, TransitionTable
     from halpipe.pipeline.verify.reserved import Service
     from halpipe.pipeline.verify.tables import Stretch

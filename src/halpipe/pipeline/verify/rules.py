@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 Subject = TypeVar("Subject")
 

@@ -12,14 +12,14 @@ from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import NOWHERE, about
+from halpipe.core.diagnostics import NOWHERE, about
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.pipeline.verify.binding import Tables
     from halpipe.pipeline.verify.tables import ModeTable, Placed
 

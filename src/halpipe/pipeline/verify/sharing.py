@@ -5,19 +5,19 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import format_rational
+from halpipe.core.records import record
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.modelfaults import is_phase
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sweep import excesses, excesses_on_circle
 from halpipe.pipeline.verify.tables import MAX_BITS, TABLE, common_denominator
-from halpipe.quantities import format_rational
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Code, Diagnostic, Location
+    from halpipe.core.diagnostics import Code, Diagnostic, Location
     from halpipe.models import Access, Version
     from halpipe.pipeline.verify.sweep import Claim, Excess
     from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch

@@ -12,17 +12,17 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, TypeAlias
 
-from halpipe.diagnostics import Path, Subject, about
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Path, Subject, about
+from halpipe.core.durations import Duration
+from halpipe.core.records import record
 from halpipe.models import Anchor
 from halpipe.pipeline.verify.recurrence import Recurring
 from halpipe.pipeline.verify.reserved import UNDISTURBED, Service
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.diagnostics import Location
+    from halpipe.core.diagnostics import Location
     from halpipe.models import Chain, Job, ModeSchedule, Task, TaskModel, TransitionTable, Version
     from halpipe.pipeline.verify.reserved import Platform
 

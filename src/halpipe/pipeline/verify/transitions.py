@@ -9,7 +9,7 @@ from itertools import pairwise
 from math import floor
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
@@ -26,7 +26,7 @@ from halpipe.pipeline.verify.tables import TABLE
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Precedence
     from halpipe.pipeline.verify.tables import ActiveTask, Placed, Switch
 

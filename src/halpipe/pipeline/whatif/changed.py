@@ -8,18 +8,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.pipeline.explain.changes import more_units
 from halpipe.pipeline.validate.context import place
 from halpipe.pipeline.whatif import codes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from fractions import Fraction
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Access, Split, Task, TaskModel, Version
 
     Rebuild = Callable[[Task, Version], "Version | Unusable"]

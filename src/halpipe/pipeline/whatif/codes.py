@@ -1,6 +1,6 @@
 """The diagnostics of what-if questions: HAL044x."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 UNLIKE_UNITS = warning(
     "HAL0440",

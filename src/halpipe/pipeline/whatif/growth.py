@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.durations import Duration, greatest_common_divisor
+from halpipe.core.durations import Duration, greatest_common_divisor
 from halpipe.models import Anchor
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.latency import worst_age, worst_reaction

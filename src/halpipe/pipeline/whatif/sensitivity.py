@@ -6,14 +6,14 @@ from bisect import bisect_left
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
 from halpipe.pipeline.parts import parts_of, reserved_length, service_of
 from halpipe.pipeline.validate.context import Context
 from halpipe.pipeline.verify import verify
 from halpipe.pipeline.whatif.changed import Changed, time_limit, with_version_factor
 from halpipe.pipeline.whatif.growth import FixedStarts, Limit, common_tick
 from halpipe.pipeline.whatif.trial import WINDOWS, Search, bracket, proofs
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

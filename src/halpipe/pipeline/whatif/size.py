@@ -6,17 +6,17 @@ import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.pipeline.validate.context import Context, place, quoted
 from halpipe.pipeline.whatif import codes
 from halpipe.pipeline.whatif.changed import Changed, peak_bound, time_limit, with_bandwidth, with_factor, with_units
 from halpipe.pipeline.whatif.trial import WINDOWS, bracket, check_otherwise, proofs
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.validate.context import ActiveMode, ActiveTask
     from halpipe.pipeline.whatif.trial import Bracket, Search

@@ -9,18 +9,18 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Exit, HalpipeError
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.records import record
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.explain import codes as explain_codes
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.validate import codes as validate_codes
 from halpipe.pipeline.validate import validate
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import TaskModel
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
     from halpipe.pipeline.whatif.changed import Changed

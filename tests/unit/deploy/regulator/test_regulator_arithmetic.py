@@ -3,11 +3,11 @@
 import pytest
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
 from halpipe.deploy.regulator.arithmetic import Arithmetic
 from halpipe.deploy.regulator.reading import read_tables
-from halpipe.diagnostics import Exit, HalpipeError
 from halpipe.pipeline.verify import verify
 
 

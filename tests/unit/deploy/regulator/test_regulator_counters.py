@@ -3,9 +3,9 @@
 import pytest
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.regulator import codes
 from halpipe.deploy.regulator.counters import compare_counters
-from halpipe.diagnostics import HalpipeError
 
 NS = 640
 """A window."""

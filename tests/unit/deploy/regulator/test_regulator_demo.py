@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import ARITHMETIC, DEPLOYMENT
-from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator.codes import RATE_DOES_NOT_FIT
 from halpipe.flow.formats import burst_grid

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
 from halpipe.deploy.regulator.devices.axi_realm import RegisterFile
-from halpipe.diagnostics import HalpipeError
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from support import access, job, mode, model, schedule, task, version
 

@@ -6,10 +6,10 @@ import sys
 
 import pytest
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.programs import NOT_STARTED
 from halpipe.deploy.regulator import codes, engines, simulate
 from halpipe.deploy.regulator.engines import Design, Icarus, Player, Verilator
-from halpipe.diagnostics import HalpipeError
-from halpipe.programs import NOT_STARTED
 
 
 def design(**changes):

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import regulator_bundles as bundles
+from halpipe.core.durations import Duration
 from halpipe.deploy.regulator import promise
 from halpipe.deploy.regulator.promise import Phase, Timeline
 from halpipe.deploy.regulator.reading import Platform
-from halpipe.durations import Duration
 from halpipe.models import AccessKind, Interrupt, Job, Part, Split, Unit
 from profiles import examples
 from support import access, job, mode, model, ms, schedule, task, version

@@ -5,9 +5,9 @@ import json
 import pytest
 
 import regulator_bundles as bundles
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.regulator import reading
 from halpipe.deploy.regulator.codes import UNUSABLE_TABLES
-from halpipe.diagnostics import HalpipeError
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def refusal(content):
 
 
 def reading_bundle(files):
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
 
     return Bundle("cfg", "regulator", {}, files)
 

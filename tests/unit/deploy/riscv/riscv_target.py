@@ -3,7 +3,7 @@
 import copy
 import json
 
-from halpipe.bundles import Bundle
+from halpipe.core.bundles import Bundle
 
 TARGET = {
     "halpipe-target": 2,

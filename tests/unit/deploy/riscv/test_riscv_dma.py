@@ -1,8 +1,8 @@
 """The registers of a DMA channel, and transfers that the management core makes itself."""
 
-from halpipe.deploy.riscv.copying import UNKNOWN, CopyWatcher
-from halpipe.deploy.riscv.dma import BYTES, CLAIM, CONTROL, DONE, ERROR, RUN, SOURCE, TARGET, Channel
-from halpipe.deploy.riscv.memory import Memory, Region
+from halpipe.deploy.riscv.board.copying import UNKNOWN, CopyWatcher
+from halpipe.deploy.riscv.board.dma import BYTES, CLAIM, CONTROL, DONE, ERROR, RUN, SOURCE, TARGET, Channel
+from halpipe.deploy.riscv.board.memory import Memory, Region
 
 
 def described(channel, source=0x80000000, target=0x1820000, size=64):

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.deploy.riscv.board.elf import Segment, read_program
 from halpipe.deploy.riscv.codes import BROKEN_PROGRAM
-from halpipe.deploy.riscv.elf import Segment, read_program
-from halpipe.diagnostics import HalpipeError, Location
 
 AT = Location("images/0.elf")
 

@@ -4,9 +4,9 @@ import pytest
 
 pytest.importorskip("unicorn", reason="pip install unicorn")
 
-from halpipe.deploy.riscv.devices import Clint
-from halpipe.deploy.riscv.hart import NEVER, Hart
-from halpipe.deploy.riscv.memory import Memory, Region
+from halpipe.deploy.riscv.board.devices import Clint
+from halpipe.deploy.riscv.board.hart import NEVER, Hart
+from halpipe.deploy.riscv.board.memory import Memory, Region
 
 CODE, DATA, OTHER, CLINT = 0x1820000, 0x1040000, 0x80000000, 0x2000000
 CYCLE, TICK = 10, 1000  # units

@@ -5,16 +5,17 @@ from dataclasses import replace
 import pytest
 from riscv_target import bundle, target
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.programs import NOT_STARTED, TimeoutExpired
 from halpipe.deploy.base import CheckOptions, Target
-from halpipe.deploy.riscv import DEPLOYMENT, codes, emulator
-from halpipe.deploy.riscv.emulator import is_over
-from halpipe.deploy.riscv.expectation import PlannedExecution, PlannedJob
-from halpipe.deploy.riscv.recording import Flag, Kind, Record, Recording
-from halpipe.deploy.riscv.records import hold
-from halpipe.deploy.riscv.sequence import Played
+from halpipe.deploy.riscv import DEPLOYMENT, codes
+from halpipe.deploy.riscv.judge.records import hold
+from halpipe.deploy.riscv.run import emulator
+from halpipe.deploy.riscv.run.emulator import is_over
+from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob
+from halpipe.deploy.riscv.run.recording import Flag, Kind, Record, Recording
+from halpipe.deploy.riscv.run.sequence import Played
 from halpipe.deploy.riscv.target import read_site
-from halpipe.diagnostics import HalpipeError
-from halpipe.programs import NOT_STARTED, TimeoutExpired
 from support import job, model, ms, schedule, task, version
 
 SYSTEM = model(task("a", "10ms", version("v", "1ms", "core1")), units="core1 core2")

@@ -4,10 +4,10 @@ import struct
 
 import pytest
 
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv.codes import ENGINE_UNFIT
-from halpipe.deploy.riscv.recording import Flag, Kind, meaning, parse_recording, read_recording
+from halpipe.deploy.riscv.run.recording import Flag, Kind, meaning, parse_recording, read_recording
 from halpipe.deploy.riscv.target import Ring
-from halpipe.diagnostics import HalpipeError
 
 BROKEN = HalpipeError(ENGINE_UNFIT("broken"))
 

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.deploy.riscv.sequence import Request, played_tables, tables_named, tours
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
+from halpipe.deploy.riscv.run.sequence import Request, played_tables, tables_named, tours
 from halpipe.models import ModeSchedule, Schedule, Status, TransitionTable
 from support import ms
 

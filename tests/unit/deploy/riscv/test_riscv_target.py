@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from riscv_target import TARGET, bundle, target
 
-from halpipe.bundles import Bundle
+from halpipe.core.bundles import Bundle
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.riscv.codes import BROKEN_TARGET
 from halpipe.deploy.riscv.target import Area, read_site
-from halpipe.diagnostics import HalpipeError
 from support import ms
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from regulator_samples import DIGEST, files, low_bounds, made, two_units
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.backends import REGISTER, backend
 from halpipe.exporters.regulator.backends.axi_realm import OPEN, RegisterMap

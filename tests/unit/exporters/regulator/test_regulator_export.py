@@ -5,12 +5,12 @@ import json
 import pytest
 from regulator_samples import FULL, PLATFORM, platform_file, switching, two_units
 
-from halpipe.bundles import open_bundle
-from halpipe.diagnostics import HalpipeError
-from halpipe.exporters.base import ExportOptions
+from halpipe.core.bundles import open_bundle
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import sha256, write_directory
+from halpipe.exporters.common.base import ExportOptions
 from halpipe.exporters.regulator import FORMAT, RegulatorOptions, codes
 from halpipe.exporters.regulator.platform import BACKENDS
-from halpipe.files import sha256, write_directory
 from halpipe.importers.native import parse_model, parse_schedule
 from halpipe.pipeline.verify import verify
 from stated_options import stated

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from regulator_samples import gang, one_mode, switching, two_units
 
-from halpipe.durations import milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.exporters.regulator.frames import Framer, Row, grid_of
 from halpipe.models import Interrupt, Split
 from halpipe.pipeline.parts import job_of

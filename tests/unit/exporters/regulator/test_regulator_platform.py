@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from regulator_samples import PLATFORM, platform, platform_file
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator.codes import NO_RESOURCE, NOT_A_PLATFORM, NUMBERS_CONTRADICT, SHARED_MANAGER
 from halpipe.exporters.regulator.platform import read_frequency, read_platform
 from support import model, ms

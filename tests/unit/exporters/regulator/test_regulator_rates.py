@@ -19,7 +19,7 @@ from regulator_samples import (
     two_units,
 )
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.backends import backend
 from halpipe.exporters.regulator.backends.base import falls_first

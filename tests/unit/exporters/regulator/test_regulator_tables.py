@@ -7,7 +7,7 @@ from math import ceil
 import pytest
 from regulator_samples import FULL, PLATFORM, build, gang, one_mode, switching, two_units
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.regulator import codes
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.tables import Entry, Switch

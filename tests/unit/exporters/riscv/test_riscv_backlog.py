@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.durations import ZERO, Duration
+from halpipe.core.durations import ZERO, Duration
 from halpipe.exporters.riscv.backlog import find_backlog, too_short
 from halpipe.exporters.riscv.codes import PHASE_TOO_SHORT
 from halpipe.exporters.riscv.images import Part

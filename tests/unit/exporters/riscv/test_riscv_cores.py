@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.diagnostics import Findings
+from halpipe.core.diagnostics import Findings
 from halpipe.exporters.riscv.codes import MAIN_MEMORY_FULL, OUTSIDE_BUFFER, TOO_MANY_RESOURCES, TOO_MANY_UNITS
 from halpipe.exporters.riscv.cores import buffer_sizes, channels_of, cores_of, main_memory
 from halpipe.exporters.riscv.profile import Region, read_profile

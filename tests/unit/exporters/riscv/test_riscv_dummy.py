@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.dummy import FILE, is_dummy, with_dummies
 from halpipe.exporters.riscv.phases import Clock
 from halpipe.exporters.riscv.profile import read_profile

@@ -2,8 +2,8 @@
 
 import pytest
 
-from halpipe.diagnostics import Findings, Location
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Findings, Location
+from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.backlog import find_backlog
 from halpipe.exporters.riscv.codes import OFF_GRID, PHASE_ORDER
 from halpipe.exporters.riscv.cores import MainMemory, cores_of

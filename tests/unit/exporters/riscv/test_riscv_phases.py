@@ -4,8 +4,8 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.diagnostics import Findings
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import Findings
+from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.codes import FIRST_ALONE, KINDLESS_PHASE, NO_LOAD_PHASE, PHASE_ORDER, SHARED_PHASE
 from halpipe.exporters.riscv.phases import Clock, Stretch, check_phases, clock_of, stretches, written_alone
 from halpipe.exporters.riscv.profile import read_profile

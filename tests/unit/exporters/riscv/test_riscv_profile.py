@@ -4,8 +4,8 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.exporters.riscv.codes import BAD_PROFILE, UNKNOWN_PROFILE
 from halpipe.exporters.riscv.profile import FOLDER, names, read_profile
 

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from halpipe.diagnostics import Findings
+from halpipe.core.diagnostics import Findings
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
 from halpipe.exporters.riscv.confinement import assembler_reads, outside_includes
 from halpipe.exporters.riscv.sources import SourceTree

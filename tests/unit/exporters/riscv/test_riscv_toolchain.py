@@ -2,11 +2,11 @@
 
 import pytest
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.programs import NOT_STARTED
 from halpipe.exporters.riscv import toolchain
 from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
 from halpipe.exporters.riscv.toolchain import compiler_errors, find_toolchain, run_all
-from halpipe.programs import NOT_STARTED
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 """Shorthands for tests of the AMALTHEA importer: small models, written element by element."""
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import FORMAT
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 
 NAMESPACES = (
     'xmlns:am="http://app4mc.eclipse.org/amalthea/{}" xmlns:xmi="http://www.omg.org/XMI" '

@@ -3,9 +3,9 @@
 import pytest
 from amalthea_case import HARDWARE, document, files, found, read, refusal, runnable, task, ticks, write
 
-from halpipe.diagnostics import Exit
+from halpipe.core.diagnostics import Exit
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 
 SW = task("T", '<items xsi:type="am:RunnableCall" runnable="R?type=Runnable"/>') + runnable("R", ticks(5))
 STIMULI = '<stimuli xsi:type="am:PeriodicStimulus" name="p10"><recurrence value="10" unit="ms"/></stimuli>'

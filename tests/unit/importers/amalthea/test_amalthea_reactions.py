@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from amalthea_case import PLAIN_STIMULI, call, found, read, refusal, runnable, stimulus, task, ticks, windows
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.models import Job, ModeSchedule, Schedule, Status
 from halpipe.pipeline.verify import verify
@@ -134,7 +134,7 @@ def test_unique_targets_may_be_more_than_sources_but_not_fewer(tmp_path):
 
 def test_an_overlay_may_change_the_periods_before(tmp_path):
     from halpipe.importers.amalthea import FORMAT
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
 
     class Overlay:
         def drops(self, name):

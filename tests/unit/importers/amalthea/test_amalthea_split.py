@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from amalthea_case import HARDWARE, PLAIN_STIMULI, call, document, found, read, runnable, stimulus, ticks, write
 
-from halpipe.diagnostics import HalpipeError
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.files import TOO_MUCH
 from halpipe.exporters.amalthea import FORMAT as EXPORTER
 from halpipe.exporters.amalthea import AmaltheaOptions
-from halpipe.files import TOO_MUCH
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.base import ImportOptions
+from halpipe.importers.common.base import ImportOptions
 from halpipe.models import WHOLE, Binding, Interrupt, Split
 
 OS = (

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
+    from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.deploy.regulator.arithmetic import Planned
     from halpipe.deploy.regulator.facts import Facts
     from halpipe.deploy.regulator.reading import Tables
-    from halpipe.diagnostics import Code, Diagnostic
 
 
 @dataclass(slots=True)

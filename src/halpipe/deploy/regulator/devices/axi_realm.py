@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices.loading import (
     WORD,
@@ -21,8 +23,6 @@ from halpipe.deploy.regulator.devices.loading import (
     put_function,
     scripts_of,
 )
-from halpipe.diagnostics import about
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import NOT_UNDERSTOOD, OTHER_SCHEDULE
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -12,12 +12,12 @@ from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import parse_rational, parse_size
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import choices, scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
-from halpipe.diagnostics import about
-from halpipe.quantities import parse_rational, parse_size
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.arithmetic import Planned
@@ -86,7 +86,7 @@ class Module:
 
 
 def _microseconds(text: str) -> Fraction:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
 
     return Duration.parse(text).in_unit("us")
 

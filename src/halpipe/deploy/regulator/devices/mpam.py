@@ -11,6 +11,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import (
@@ -22,7 +23,6 @@ from halpipe.deploy.regulator.devices.loading import (
     scripts_of,
 )
 from halpipe.deploy.regulator.promise import ZERO
-from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,12 +11,12 @@ from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, GRANTS_DIFFER, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import choices, header_number, header_of, scripts_of
 from halpipe.deploy.regulator.facts import setting_frequency
 from halpipe.deploy.regulator.promise import rate_steps
-from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

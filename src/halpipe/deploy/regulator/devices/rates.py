@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import DEVICE_OVER_CAPACITY, GRANTS_DIFFER
 from halpipe.deploy.regulator.promise import ZERO, rate_steps
-from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -11,11 +11,11 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
 from halpipe.deploy.regulator.codes import DEVICE_REFUSES, NOT_UNDERSTOOD
 from halpipe.deploy.regulator.devices import rates
 from halpipe.deploy.regulator.devices.loading import scripts_of, take
 from halpipe.deploy.regulator.promise import ZERO
-from halpipe.diagnostics import about
 
 if TYPE_CHECKING:
     from halpipe.deploy.regulator.devices import Case

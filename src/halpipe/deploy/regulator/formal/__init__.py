@@ -18,20 +18,20 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files.scratch import scratch_folder
+from halpipe.core.programs import TimeoutExpired, run
+from halpipe.core.records import record
 from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
-from halpipe.diagnostics import HalpipeError
-from halpipe.files.scratch import scratch_folder
-from halpipe.programs import TimeoutExpired, run
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from subprocess import CompletedProcess
 
-    from halpipe.bundles import Bundle
+    from halpipe.core.bundles import Bundle
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.regulator.reading import Tables, Unit
-    from halpipe.diagnostics import Diagnostic
 
 FOLDER = files("halpipe.deploy.regulator.formal")
 SECONDS = 600

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
 
 DELTA, CHANGES = "delta.arxml", "changes.json"
 

@@ -1,6 +1,6 @@
 """The diagnostics of putting a schedule onto a project: HAL0880 to HAL0887."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 COUNTER_NEEDED = warning(
     "HAL0880",

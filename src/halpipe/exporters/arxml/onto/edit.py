@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.records import record
 from halpipe.exporters.arxml.onto.codes import CANNOT_EDIT
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, named
+from halpipe.core.diagnostics import Findings, named
+from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
 from halpipe.exporters.arxml.onto.codes import ALARM_LEFT, IN_THE_WAY
@@ -14,7 +15,6 @@ from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
 from halpipe.exporters.arxml.onto.tresos import apply_to_xdm
 from halpipe.exporters.arxml.osconfig import point_name
-from halpipe.files import MANIFEST, MANIFEST_KEY, sha256
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,16 +10,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location, about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import Location, about
+from halpipe.core.durations import ZERO
 from halpipe.exporters.arxml.onto.codes import SPLIT_JOB
-from halpipe.exporters.priorities import relation_of
-from halpipe.exporters.timeline import versions_of
+from halpipe.exporters.common.priorities import relation_of
+from halpipe.exporters.common.timeline import versions_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.models import Job, Schedule, Split, TaskModel
     from halpipe.models.project import Call, Project, ProjectTask
 

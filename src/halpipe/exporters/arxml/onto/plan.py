@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Findings, Location, about
-from halpipe.durations import Duration, greatest_common_divisor, seconds
+from halpipe.core.diagnostics import Findings, Location, about
+from halpipe.core.durations import Duration, greatest_common_divisor, seconds
+from halpipe.core.records import record
 from halpipe.exporters.arxml.layout import ShortNames, short
 from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, WRONG_CORE
 from halpipe.exporters.arxml.onto.gaps import Gaps
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
 from halpipe.models.project import ProjectCounter
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
-from halpipe.diagnostics import HalpipeError, Location
+from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.exporters.arxml.onto.codes import CANNOT_EDIT
 from halpipe.exporters.arxml.onto.edit import tag_end
 

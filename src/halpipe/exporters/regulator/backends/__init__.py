@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.regulator.backends.axi_realm import AxiRealm
 from halpipe.exporters.regulator.backends.memguard import MemGuard
 from halpipe.exporters.regulator.backends.mpam import Mpam
@@ -12,7 +13,6 @@ from halpipe.exporters.regulator.backends.qos400 import Qos400
 from halpipe.exporters.regulator.backends.resctrl import Resctrl
 from halpipe.exporters.regulator.backends.table import TableUnit
 from halpipe.exporters.regulator.codes import UNKNOWN_BACKEND
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from halpipe.exporters.regulator.backends.base import Backend

@@ -14,17 +14,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.exporters.regulator.backends.base import file_names, identifiers, render
 from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Table, Tables
 

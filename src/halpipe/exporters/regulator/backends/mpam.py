@@ -10,7 +10,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
 from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT, NO_MANAGER, RATE_DOES_NOT_FIT
@@ -19,7 +19,7 @@ from halpipe.exporters.regulator.owners import outward
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 

@@ -14,7 +14,9 @@ from itertools import groupby
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, identifiers, predecessors, render
 from halpipe.exporters.regulator.backends.rates import (
     Segment,
@@ -30,13 +32,11 @@ from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
 from halpipe.exporters.regulator.frames import Row
 from halpipe.exporters.regulator.owners import outward
 from halpipe.exporters.regulator.platform import DIRECTIONS, READ, WRITE, read_frequency
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 

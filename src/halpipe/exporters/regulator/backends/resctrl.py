@@ -11,17 +11,17 @@ from fractions import Fraction
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.quantities import format_bandwidth
+from halpipe.core.records import record
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
 from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
 from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
-from halpipe.quantities import format_bandwidth
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import Table, Tables
 

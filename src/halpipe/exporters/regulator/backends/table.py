@@ -11,13 +11,13 @@ from importlib import resources
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
 from halpipe.exporters.regulator.backends.base import identifiers, render
 from halpipe.exporters.regulator.codes import DOES_NOT_FIT
 from halpipe.exporters.regulator.platform import LEAST_CYCLES, READ, WRITE
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Diagnostic
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Tables
 

@@ -11,8 +11,8 @@ import re
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.arxml.files.numbers import parse_number
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

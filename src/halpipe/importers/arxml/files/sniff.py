@@ -12,8 +12,8 @@ from dataclasses import field
 from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
-from halpipe.diagnostics import HalpipeError, Location
-from halpipe.files import (
+from halpipe.core.diagnostics import HalpipeError, Location
+from halpipe.core.files import (
     MAX_INPUT_BYTES,
     STDIO,
     LargeXmlParser,
@@ -23,20 +23,20 @@ from halpipe.files import (
     parse_xml,
     read_bytes,
 )
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
 from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
 from halpipe.importers.arxml.files.spelling import report_misspelt
 from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
-from halpipe.importers.inputs import read_inputs
-from halpipe.records import record
+from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from lxml import etree
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
 LARGE_INPUT = 32 * 2**20

@@ -7,21 +7,21 @@ from decimal import Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.diagnostics import named
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import Duration
+from halpipe.core.records import record
 from halpipe.importers.arxml.files.numbers import parse_number, parse_seconds
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.own.codes import EDITED
 from halpipe.models import Origin
 from halpipe.models.attributes import attributes
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from lxml import etree
 
-    from halpipe.diagnostics import Location
+    from halpipe.core.diagnostics import Location
     from halpipe.importers.arxml.files.tree import Node, Tree
 
 T = TypeVar("T")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
 from halpipe.importers.arxml import codes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.sniff import Document
 
 # Elements that need a SHORT-NAME to have an effect, and the lists that hold them.

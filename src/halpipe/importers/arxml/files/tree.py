@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 from lxml import etree
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_double
 from halpipe.importers.arxml.files.sniff import NAMESPACE
 from halpipe.importers.arxml.files.spelling import NAMED
 from halpipe.importers.arxml.files.variants import apply_variant, conditional
 from halpipe.importers.arxml.names import listed
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Container, Iterator, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.sniff import Document
     from halpipe.importers.arxml.files.variants import Choice
 

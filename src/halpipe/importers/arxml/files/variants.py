@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location
+from halpipe.core.diagnostics import Location
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.files.formulas import FormulaError, UnsetError, evaluate, is_true
 from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.files.sniff import NAMESPACE
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from lxml import etree
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.formulas import Value
     from halpipe.importers.arxml.files.sniff import Document
 

@@ -1,6 +1,6 @@
 """The diagnostics of reading models that halpipe wrote as ARXML: HAL0590 to HAL0592."""
 
-from halpipe.diagnostics import error, warning
+from halpipe.core.diagnostics import error, warning
 
 SECOND_MODEL = error(
     "HAL0590",

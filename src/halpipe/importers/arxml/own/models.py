@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
-from halpipe.durations import Duration
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import Duration
+from halpipe.core.quantities import parse_bandwidth
 from halpipe.importers.arxml.coverage import Ledger
 from halpipe.importers.arxml.files.special import Data, data_of, each_data, edited, microseconds, whole
 from halpipe.importers.arxml.names import listed
@@ -29,13 +30,12 @@ from halpipe.models import (
     Transition,
     Unit,
 )
-from halpipe.quantities import parse_bandwidth
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.importers.arxml.files.tree import Node, Tree
-    from halpipe.importers.base import Coverage, ImportOptions
+    from halpipe.importers.common.base import Coverage, ImportOptions
 
 _LATENCY = "LATENCY-TIMING-CONSTRAINT"
 _CHAIN = "TIMING-DESCRIPTION-EVENT-CHAIN"

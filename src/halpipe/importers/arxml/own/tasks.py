@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.durations import Duration
+from halpipe.core.durations import Duration
 from halpipe.importers.arxml.files.special import BLANKS, data_of, edited, microseconds, seconds_of, whole
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.importers.arxml.system.swc import place_of

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
-from halpipe.durations import Duration, seconds
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import Duration, seconds
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.files.special import Data, each_data

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_cse
 from halpipe.importers.arxml.system.swc import RUNNABLES, place_of
 from halpipe.importers.arxml.system.values import ExecutionTime
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Code
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Code
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.files.tree import Node, Tree
 
 # Where a worst-case time stands in each kind of execution time, the most trustworthy kind first.

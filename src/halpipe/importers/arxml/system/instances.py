@@ -6,16 +6,16 @@ from collections import Counter
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, named
+from halpipe.core.diagnostics import HalpipeError, named
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.system.compositions import COMPOSITION
 from halpipe.importers.arxml.system.values import Component, Composition, Instance, RteInstance
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.tree import Tree
 
 _MAX_DEPTH = 32

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Location, named
+from halpipe.core.diagnostics import Location, named
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.instances import upstream
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from halpipe.diagnostics import named
-from halpipe.durations import ZERO, Duration
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import parse_cse
 from halpipe.importers.arxml.system.constraints import PROTOTYPE, is_guarantee

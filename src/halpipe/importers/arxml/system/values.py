@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.models import Origin
-from halpipe.records import record
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Location
+    from halpipe.core.durations import Duration
 
 
 @record

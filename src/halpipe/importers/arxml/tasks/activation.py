@@ -6,15 +6,15 @@ from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.tasks.arrivals import Arrivals
-from halpipe.records import record
 
 if TYPE_CHECKING:
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import (
         Arrival,
         Event,

@@ -6,14 +6,14 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import codes
-from halpipe.importers.polling import polling_period
+from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.system.values import Arrival, Observable, System
     from halpipe.importers.arxml.tasks.activation import Activation
 

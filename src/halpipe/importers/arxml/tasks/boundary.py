@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import selection_codes as codes
 from halpipe.importers.arxml.files.numbers import parse_seconds
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow

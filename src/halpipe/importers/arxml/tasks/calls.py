@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about, named
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import about, named
+from halpipe.core.durations import ZERO
 from halpipe.importers.arxml import codes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.tasks.activation import Activation
 
 _RUNNABLE, _ENTITY = "RUNNABLE-ENTITY", "BSW-SCHEDULABLE-ENTITY"

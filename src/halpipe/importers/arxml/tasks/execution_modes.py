@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Mode, Run, Transition
@@ -19,7 +19,7 @@ from halpipe.models import Mode, Run, Transition
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.coverage import Ledger
     from halpipe.importers.arxml.system.values import ModeGroup, Place, System
     from halpipe.importers.arxml.tasks.grouping import Draft

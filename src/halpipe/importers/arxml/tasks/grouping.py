@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Origin
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import OsTask, Place
     from halpipe.importers.arxml.tasks.activation import Activation
 

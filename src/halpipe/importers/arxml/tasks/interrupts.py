@@ -12,11 +12,11 @@ from halpipe.models import Interrupt
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.coverage import Ledger
     from halpipe.importers.arxml.system.values import OsIsr, System
     from halpipe.importers.arxml.tasks.platform import Platform
-    from halpipe.importers.base import Supplement
+    from halpipe.importers.common.base import Supplement
     from halpipe.models import Unit
 
 

@@ -11,24 +11,24 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import Diagnostic, Location, about, named
-from halpipe.durations import ZERO, Duration, seconds
+from halpipe.core.diagnostics import Diagnostic, Location, about, named
+from halpipe.core.durations import ZERO, Duration, seconds
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
 from halpipe.importers.arxml.system.ecuc import symbolic_values
 from halpipe.importers.arxml.tasks.arrivals import compare, polled, report_sporadic
 from halpipe.importers.arxml.tasks.dataflow import item_at
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
     from halpipe.importers.arxml.files.tree import Tree
     from halpipe.importers.arxml.system.values import Event, Place, Stated, System, Trigger
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
-    from halpipe.importers.base import Supplement
+    from halpipe.importers.common.base import Supplement
 
 NOT_SCHEDULED = {
     "OPERATION-INVOKED-EVENT": "server call: runs within its client",

@@ -8,19 +8,19 @@ from graphlib import CycleError, TopologicalSorter
 from math import gcd
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import named
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.tasks.periods import senders_of
 from halpipe.models import Anchor
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import Ordered, Place, System
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.tasks.grouping import Draft

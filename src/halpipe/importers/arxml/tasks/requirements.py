@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import named
+from halpipe.core.diagnostics import named
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, unique_name
 from halpipe.models import Anchor, Chain
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import Distance, EventChain, Limit, Observable, Place, System
     from halpipe.importers.arxml.tasks.dataflow import Actor, DataFlow
     from halpipe.importers.arxml.tasks.grouping import Draft

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.pieces import cuts
+from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, Split
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.tasks.grouping import Draft
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
 
 FULL = "FULL"
 

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
-from halpipe.durations import ZERO
+from halpipe.core.diagnostics import about
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import legal_name, listed, unique_name
 from halpipe.importers.arxml.system.execution_times import ANALYSED
 from halpipe.importers.arxml.tasks.splitting import Splitter
 from halpipe.models import WHOLE
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings, Location
-    from halpipe.durations import Duration
+    from halpipe.core.diagnostics import Findings, Location
+    from halpipe.core.durations import Duration
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
     from halpipe.importers.arxml.tasks.dataflow import Actor
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
-    from halpipe.importers.base import ImportOptions
+    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Split
 
 VERSION = "default"

@@ -6,17 +6,17 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from halpipe.diagnostics import Location, named
-from halpipe.files import YamlList, YamlMap
+from halpipe.core.diagnostics import Location, named
+from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
 from halpipe.importers.ros.yaml_reader import Reader
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from halpipe.diagnostics import Findings
+    from halpipe.core.diagnostics import Findings
 
 FORMAT_KEY = "autoware_system_design_format"
 KINDS = ("system", "module", "node", "parameter_set")

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import about
+from halpipe.core.diagnostics import about
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.models import Mode, Run, Task, TaskModel, Unit, Version
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.diagnostics import Findings, Location
+    from halpipe.core.diagnostics import Findings, Location
 
 
 @record

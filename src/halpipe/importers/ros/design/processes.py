@@ -11,18 +11,18 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.durations import Duration, seconds
-from halpipe.files import YamlList, YamlMap
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.design.structure import PUBLISHER, SUBSCRIBER, Port
 from halpipe.importers.ros.graph import Callback, Kind, Publication, Subscription
 from halpipe.importers.ros.names import printable
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.importers.base import Coverage
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.design.entities import Catalogue
     from halpipe.importers.ros.design.structure import Instance, Structure
 

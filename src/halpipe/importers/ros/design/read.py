@@ -5,21 +5,21 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError, Location, named, sort_diagnostics
-from halpipe.files import YamlMap
+from halpipe.core.diagnostics import HalpipeError, Location, named, sort_diagnostics
+from halpipe.core.files import YamlMap
+from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.design.entities import Catalogue
 from halpipe.importers.ros.design.processes import NodeProcesses
 from halpipe.importers.ros.design.structure import Structure
 from halpipe.importers.ros.graph import Callback, Group, Node, Publication, RosGraph, Subscription
 from halpipe.importers.ros.names import printable
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from halpipe.diagnostics import Findings
-    from halpipe.importers.base import Coverage
+    from halpipe.core.diagnostics import Findings
+    from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.design.entities import Entity
 
 ONLY_MODE = "default"

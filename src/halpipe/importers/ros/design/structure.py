@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
-from halpipe.diagnostics import Location
-from halpipe.files import YamlList, YamlMap
+from halpipe.core.diagnostics import Location
+from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
-from halpipe.records import record
-from halpipe.suggest import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

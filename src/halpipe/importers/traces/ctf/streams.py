@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from halpipe.files import folders_with, mapped, plain_files, read_bytes
+from halpipe.core.files import folders_with, mapped, plain_files, read_bytes
 from halpipe.importers.traces.ctf.decoding import Decoder, decoder
 from halpipe.importers.traces.ctf.metadata import MAGIC as METADATA_MAGIC
 from halpipe.importers.traces.ctf.metadata import Metadata, parse, text_of

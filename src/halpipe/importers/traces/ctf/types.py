@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from halpipe.records import record
+from halpipe.core.records import record
 
 
 class CtfError(ValueError):

@@ -10,11 +10,11 @@ from dataclasses import field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.measure.splitting import parts_cost
 from halpipe.pipeline.parts import job_of, parts_of, phase_instants, service_of
 from halpipe.pipeline.solve.edf.resources import Claim
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.edf.jobs import Plan
 from halpipe.pipeline.solve.integers import ints
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,7 +6,7 @@ import ctypes
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
@@ -17,7 +17,7 @@ from halpipe.pipeline.solve.kernel.library import INTEGER, words
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Chain
     from halpipe.pipeline.solve.edf.jobs import Plan, Table
     from halpipe.pipeline.solve.edf.works import Mode

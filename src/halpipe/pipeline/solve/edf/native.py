@@ -11,7 +11,7 @@ from itertools import accumulate, chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.libraries import library
+from halpipe.core.libraries import library
 from halpipe.pipeline.solve.edf.jobs import Table
 from halpipe.pipeline.solve.edf.releases import release_times
 from halpipe.pipeline.solve.integers import filled, ints

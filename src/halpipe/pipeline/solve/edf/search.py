@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.edf.improving import Climb
 from halpipe.pipeline.solve.edf.keeping import Memory, State
@@ -16,7 +17,6 @@ from halpipe.pipeline.solve.edf.moves import Moves
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan, fits, together
 from halpipe.pipeline.solve.edf.tables import followed
 from halpipe.pipeline.solve.edf.trials import Effort, Trials, Try
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

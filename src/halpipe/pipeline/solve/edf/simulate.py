@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
 from halpipe.pipeline.solve.edf.native import FIRST_ROOM, LARGEST, Simulation, System, Told
 from halpipe.pipeline.solve.limits import too_large
 

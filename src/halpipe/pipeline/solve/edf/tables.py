@@ -9,7 +9,7 @@ from halpipe.pipeline.parts import job_of
 from halpipe.pipeline.solve.edf.fixed import window_excess
 
 if TYPE_CHECKING:
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job
     from halpipe.pipeline.solve.edf.jobs import Plan, Span, Table
     from halpipe.pipeline.solve.edf.works import Mode, Way, Work

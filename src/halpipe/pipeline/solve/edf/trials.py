@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from halpipe.diagnostics import HalpipeError
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.records import record
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.codes import TOO_MANY_PARTS
 from halpipe.pipeline.solve.edf.latencies import ChainTimes
 from halpipe.pipeline.solve.edf.simulate import Simulator
 from halpipe.pipeline.solve.edf.tables import lateness, missed_by_fixed, named
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job, TaskModel
     from halpipe.pipeline.solve.edf.jobs import Plan, Table
     from halpipe.pipeline.solve.edf.latencies import Latency, Ticks

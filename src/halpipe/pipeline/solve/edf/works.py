@@ -7,17 +7,17 @@ import math
 from dataclasses import field
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.models import Anchor, Binding
 from halpipe.pipeline.parts import Service, interrupt_load, pieces, reserved_length, service_of
 from halpipe.pipeline.solve.edf.fixed import Fixed
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from fractions import Fraction
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Task, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 

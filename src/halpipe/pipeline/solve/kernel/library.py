@@ -12,7 +12,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.libraries import library
+from halpipe.core.libraries import library
 from halpipe.pipeline.solve.integers import Table
 
 if TYPE_CHECKING:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
 from halpipe.pipeline.parts import job_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.assign_units import Units

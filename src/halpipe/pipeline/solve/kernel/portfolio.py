@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.run_in_slices import here
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,6 +17,7 @@ from itertools import pairwise
 from math import ceil
 from typing import TYPE_CHECKING, Any
 
+from halpipe.core.records import record
 from halpipe.pipeline.measure import objectives
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.bounds import chain_bounds
@@ -26,7 +27,6 @@ from halpipe.pipeline.solve.kernel.kernel import load, worst_age, worst_reaction
 from halpipe.pipeline.solve.kernel.run_in_slices import Kept, OnSlice, run
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, FROZEN_HINT, MOVES, NEVER, State, new_state
 from halpipe.pipeline.solve.problem import NO_TICK
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.models import Job

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.kernel import anneal, total_cost
 from halpipe.pipeline.solve.kernel.noise import gumbel_table
 from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, State
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
 from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load, wander
@@ -16,7 +17,6 @@ from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, MOVES, NEVER, Stat
 from halpipe.pipeline.solve.kernel.warmstart import Earlier, hints, known_first, rename_units
 from halpipe.pipeline.solve.problem import Option
 from halpipe.pipeline.solve.workers import Workers
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -7,8 +7,8 @@ from enum import IntFlag
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.integers import filled
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from halpipe.pipeline.solve.integers import Ints

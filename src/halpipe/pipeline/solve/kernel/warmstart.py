@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING
 
+from halpipe.core.records import record
 from halpipe.pipeline.solve.integers import filled, ints
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import Job
     from halpipe.pipeline.jobs import Expansion
     from halpipe.pipeline.solve.integers import Ints

@@ -6,7 +6,7 @@ import ctypes
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.libraries import library
+from halpipe.core.libraries import library
 from halpipe.pipeline.solve.integers import filled, ints
 from halpipe.pipeline.solve.kernel.library import INTEGER, words
 

@@ -11,18 +11,18 @@ import math
 from itertools import accumulate
 from typing import TYPE_CHECKING
 
-from halpipe.durations import ZERO
+from halpipe.core.durations import ZERO
+from halpipe.core.records import record
 from halpipe.models import Job
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.solve.draws import Draws
 from halpipe.pipeline.solve.kernel.arc_colouring import Arc, assign_units
 from halpipe.pipeline.solve.packing import bins, boards
-from halpipe.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from halpipe.durations import Duration
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 

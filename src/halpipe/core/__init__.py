@@ -1,0 +1,1 @@
+"""Foundation: exact time, quantities, diagnostics, records, files, options, programs, native libraries."""

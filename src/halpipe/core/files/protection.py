@@ -1,0 +1,96 @@
+"""No output over an input: what a command has read, it does not write to, by whatever name or link.
+
+Nor do messages show lines of other files: a model may say of a task that it stands in any file of the machine.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import Diagnostic, Exit, HalpipeError, Location, error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+OUTPUT_IS_INPUT = error(
+    "HAL0005",
+    "Output would replace an input",
+    "An output has the name of a file that the same command reads, or of another of its outputs, be it through a link "
+    "or another spelling of the path. Nothing is written, since one of the two would be lost.",
+)
+
+STDIO = "-"
+HELP = "name another file for the output"
+
+
+class _Inputs:
+    """The files that the command at hand has read, by device and inode; None where nobody asked to keep them."""
+
+    known: dict[tuple[int, int], str] | None = None
+    last: dict[tuple[int, int], str] | None = None
+    """Those of the command before, whose failure may still be told."""
+
+
+@contextmanager
+def protecting_inputs() -> Iterator[None]:
+    """Refuse, until the end of the block, to write to a file that was read within it."""
+    before, _Inputs.known = _Inputs.known, {}
+    try:
+        yield
+    finally:
+        _Inputs.last, _Inputs.known = _Inputs.known, before
+
+
+def note_input(descriptor: int, name: str) -> None:
+    """Remember an open file as an input; devices and pipes are not lost by being written to."""
+    facts = os.fstat(descriptor)
+    if _Inputs.known is not None and stat.S_ISREG(facts.st_mode):
+        _Inputs.known.setdefault((facts.st_dev, facts.st_ino), name)
+
+
+def refuse_inputs(*targets: str) -> None:
+    """Stop if one of `targets` was read, or if two of them are the same file."""
+    found = [diagnostic for target in targets if (diagnostic := _input_at(target)) is not None]
+    seen: dict[str, str] = {}
+    for target in targets:
+        place = target if target == STDIO else os.path.realpath(target)
+        if place in seen:
+            found.append(OUTPUT_IS_INPUT(f'is also the output "{seen[place]}"', at=Location(target), help=HELP))
+        elif not place.startswith("/dev/"):
+            seen[place] = target
+    if found:
+        raise HalpipeError(*found, exit=Exit.USAGE)
+
+
+def is_input(target: str) -> bool:
+    """Return whether a file was read, by whatever name."""
+    return bool(_name_of_input(target))
+
+
+def was_input(name: str) -> bool:
+    """Return whether the command at hand, or the one that just failed, has read a file."""
+    return bool(_found_in(_Inputs.last if _Inputs.known is None else _Inputs.known, name))
+
+
+def _name_of_input(target: str) -> str:
+    return _found_in(_Inputs.known, target)
+
+
+def _found_in(read: dict[tuple[int, int], str] | None, name: str) -> str:
+    if not read or name == STDIO:
+        return ""
+    try:
+        facts = os.stat(name)
+    except (OSError, ValueError):
+        return ""
+    return read.get((facts.st_dev, facts.st_ino), "")
+
+
+def _input_at(target: str) -> Diagnostic | None:
+    name = _name_of_input(target)
+    if not name:
+        return None
+    return OUTPUT_IS_INPUT(f'is also an input, "{name}", and is not replaced', at=Location(target), help=HELP)

@@ -1,0 +1,219 @@
+"""Typed access to the mappings of a YAML settings file: every value is checked, every problem collected with its line.
+
+Readers of single values turn text into a value and raise ``ValueError("what is wrong; what to do")``.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from halpipe.core.diagnostics import Location, error
+from halpipe.core.files import YamlList, YamlMap
+from halpipe.core.quantities import quoted
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from halpipe.core.diagnostics import Findings
+
+T = TypeVar("T")
+D = TypeVar("D")
+T_co = TypeVar("T_co", covariant=True)
+
+UNKNOWN_KEY = error(
+    "HAL0021",
+    "Settings file has an unknown key",
+    "A key that is not read would silently have no effect, so it is an error.",
+)
+WRONG_TYPE = error(
+    "HAL0022",
+    "Settings file has a value of the wrong type",
+    "A mapping, a list or a text stands where another of them is expected, or a key has no value.",
+)
+BAD_VALUE = error(
+    "HAL0023",
+    "Settings file has an unusable value",
+    "A text does not read as the number, duration, name or word that is expected, or is out of its range.",
+)
+MISSING_KEY = error("HAL0024", "Settings file lacks a required key", "An element is incomplete without the key.")
+
+
+MAX_UNKNOWN = 1000
+"""Unknown keys of one mapping that are named before the rest is counted."""
+
+
+@record
+class Stated(Generic[T_co]):
+    """A value and the place in the overlay that states it."""
+
+    value: T_co
+    at: Location
+
+
+class Words:
+    """A reader of one of some `words`, and of what they `mean`."""
+
+    def __init__(self, *words: str, mean: Callable[[str], Any] = str) -> None:
+        self.words = words
+        self._mean = mean
+
+    def __call__(self, text: str) -> Any:
+        """Return what `text` means; raise ``ValueError`` when it is none of the words."""
+        if text not in self.words:
+            help = did_you_mean(text, self.words, "write " + ", ".join(self.words))
+            raise ValueError(f"{quoted(text)} is not known; {help}")
+        return self._mean(text)
+
+
+class Fields:
+    """One mapping: `path` names it in messages, `keys` are the keys it may have."""
+
+    def __init__(self, file: str, findings: Findings, data: YamlMap, path: str, keys: tuple[str, ...]) -> None:
+        self.path = path
+        self._file = file
+        self._findings = findings
+        self._data = data
+        self.allow(keys)
+
+    def allow(self, keys: tuple[str, ...]) -> None:
+        """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed."""
+        unknown = [key for key in self._data if key not in keys] if keys else []
+        otherwise = "it may have: " + ", ".join(keys)
+        for key in unknown[:MAX_UNKNOWN]:
+            self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
+        if len(unknown) > MAX_UNKNOWN:
+            self.complain(UNKNOWN_KEY, f"has {len(unknown) - MAX_UNKNOWN} more unknown keys", help=otherwise)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def at(self, key: str = "") -> Location:
+        """Return the place of a key, or of the mapping."""
+        return Location(self._file, self._data.line_of(key) if key else self._data.line)
+
+    def complain(self, code: Any, message: str, key: str = "", *, line: int = 0, help: str = "") -> None:
+        """Collect a problem of this mapping."""
+        at = Location(self._file, line) if line else self.at(key)
+        self._findings.add(code(message, at=at, path=self.path, help=help))
+
+    def require(self, *keys: str) -> bool:
+        """Return whether all `keys` are there; report those that are not."""
+        missing = [key for key in keys if key not in self._data]
+        for key in missing:
+            self.complain(MISSING_KEY, f'lacks the key "{key}"', help=f'add "{key}: ..."')
+        return not missing
+
+    def get(self, key: str, read: Callable[[str], T]) -> Stated[T] | None:
+        """Return the value of `key` as `read` understands its text; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        return self._read(self._data[key], key, self._data.line_of(key), read)
+
+    def value(self, key: str, read: Callable[[str], T], default: D) -> T | D:
+        """Return the plain value of `key`, `default` when absent or wrong."""
+        found = self.get(key, read)
+        return default if found is None else found.value
+
+    def flag(self, key: str) -> Stated[bool] | None:
+        """Return a value that is ``true`` or ``false``."""
+        if key not in self._data:
+            return None
+        value = self._data[key]
+        if isinstance(value, bool):
+            return Stated(value, self.at(key))
+        self.complain(
+            WRONG_TYPE,
+            f'"{key}" is {_kind(value)}; it must be true or false',
+            key,
+            help="write true or false",
+        )
+        return None
+
+    def texts(self, key: str, read: Callable[[str], T]) -> tuple[Stated[T], ...]:
+        """Return a list of texts; a single text is a list of one."""
+        if key not in self._data:
+            return ()
+        value = self._data[key]
+        if not isinstance(value, YamlList):
+            found = self.get(key, read)
+            return () if found is None else (found,)
+        items = (self._read(item, key, line, read) for item, line in zip(value, value.lines, strict=True))
+        return tuple(item for item in items if item is not None)
+
+    def texts_of(self, key: str, read: Callable[[str], T]) -> Stated[tuple[T, ...]] | None:
+        """Return a list of at least one text as one value; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        items = self.texts(key, read)
+        if not items and self._data[key] == []:
+            self.complain(BAD_VALUE, f'"{key}" is an empty list', key, help="list at least one name, or remove the key")
+        return Stated(tuple(item.value for item in items), self.at(key)) if items else None
+
+    def section(self, key: str, keys: tuple[str, ...], path: str) -> Fields | None:
+        """Return the mapping under `key`; None when absent or wrong."""
+        if key not in self._data:
+            return None
+        return self._mapping(self._data[key], key, self._data.line_of(key), path, keys)
+
+    def entries(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[tuple[str, Fields, Location]]:
+        """Yield (name, mapping, place) for a mapping of mappings; in messages, an entry is called `path` "name"."""
+        outer = self.section(key, (), f"{self.path} {key}")
+        for name in outer or ():
+            found = outer.section(name, keys, f'{path} "{name}"') if outer else None
+            if outer and found:
+                yield name, found, outer.at(name)
+
+    def items(self, key: str, keys: tuple[str, ...], path: str) -> Iterator[Fields]:
+        """Yield the mappings of a list."""
+        if key not in self._data:
+            return
+        value = self._data[key]
+        if not isinstance(value, YamlList):
+            self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a list', key, help="write [...] or - ...")
+            return
+        for item, line in zip(value, value.lines, strict=True):
+            found = self._mapping(item, key, line, path, keys)
+            if found is not None:
+                yield found
+
+    def _mapping(self, value: Any, key: str, line: int, path: str, keys: tuple[str, ...]) -> Fields | None:
+        if isinstance(value, YamlMap):
+            return Fields(self._file, self._findings, value, path, keys)
+        may = f"with the keys {', '.join(keys)}" if keys else "of names"
+        self.complain(
+            WRONG_TYPE,
+            f'"{key}" is {_kind(value)}; it must be a mapping {may}',
+            line=line,
+            help="write {...}",
+        )
+        return None
+
+    def _read(self, value: Any, key: str, line: int, read: Callable[[str], T]) -> Stated[T] | None:
+        if not isinstance(value, str):
+            help = f'quote it: "{str(value).lower()}"' if isinstance(value, bool) else "write a single value"
+            self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a text', line=line, help=help)
+            return None
+        try:
+            return Stated(read(value), Location(self._file, line))
+        except ValueError as failure:
+            message, _, help = str(failure).partition("; ")
+            self.complain(BAD_VALUE, f'"{key}": {message}', line=line, help=help or "correct the value")
+            return None
+
+
+def _kind(value: Any) -> str:
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return "true or false"
+    if isinstance(value, YamlMap):
+        return "a mapping"
+    return "a list" if isinstance(value, YamlList) else f'the text "{value}"'

@@ -1,0 +1,1 @@
+"""The simulated board: harts, memories, devices, DMA engine and bus."""

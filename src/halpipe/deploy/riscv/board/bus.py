@@ -1,0 +1,203 @@
+"""How long transfers take: channels share the bus, and a regulator may stand between a unit and the memory.
+
+Channels move bytes at their own rates, or at equal shares of the bus where these are too much for it. A regulator
+admits a burst when what is left of the budget of the window covers it; else the burst waits for the next window
+(docs/reference/regulator-unit.md). What flows is followed from change to change and not from burst to burst. Instants
+are in units of the machine, bytes may be parts of one; all is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from math import ceil
+from typing import TYPE_CHECKING, Protocol
+
+from halpipe.core.records import record
+from halpipe.deploy.riscv.board.hart import NEVER
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from halpipe.deploy.riscv.board.dma import Transfer
+
+NONE = Fraction(0)
+
+
+@record
+class Opening:
+    """A window in which bursts may pass: its begin and end, and the bytes that it grants."""
+
+    begin: Fraction
+    end: Fraction
+    budget: int
+
+
+class Gate(Protocol):
+    """One direction of one unit, as its regulator plays it; transfers pass it one after the other."""
+
+    @property
+    def burst(self) -> int:
+        """The bytes of a whole burst; all of a transfer but its last are whole."""
+        ...
+
+    @property
+    def overshoot(self) -> int:
+        """By how many bytes the last burst of a window may exceed what is left of its budget."""
+        ...
+
+    def openings(self, since: Fraction) -> Iterator[Opening]:
+        """Yield the windows with a budget, from the one at `since` on; it ends where none will ever have one."""
+        ...
+
+
+@dataclass(slots=True)
+class _Spent:
+    """What a gate has admitted in the window that it admitted something in last."""
+
+    window: Fraction = Fraction(-1)
+    used: int = 0
+
+
+@dataclass(slots=True)
+class _Flow:
+    """The bytes of one transfer: `left` have still to move, of which `covered` are of bursts that were admitted."""
+
+    transfer: Transfer
+    ready: int
+    rate: Fraction  # bytes in a unit of time, if it has the bus for itself
+    left: Fraction
+    gate: Gate | None
+    spent: _Spent = field(default_factory=_Spent)
+    covered: Fraction = NONE
+    opening: Opening | None = None
+    is_shut: bool = False
+
+    def copy(self) -> _Flow:
+        """Return the same flow, to see how it goes on."""
+        return replace(self, spent=replace(self.spent))
+
+    def admit(self, now: Fraction) -> None:
+        """Admit what the budget covers now; in a new window that is what has not begun to move before."""
+        if self.gate is None:
+            self.covered = self.left
+            return
+        if self.opening is None or now >= self.opening.end:
+            moved = self.transfer.size - self.left
+            self.covered = min(-moved % self.gate.burst, self.left)
+            self.opening = next(self.gate.openings(now), None)
+            self.is_shut = self.opening is None
+        if self.opening is not None and now >= self.opening.begin:
+            used = self.spent.used if self.spent.window == self.opening.begin else 0
+            more = _covered(self.opening.budget - used, int(self.left - self.covered), self.gate)
+            self.covered += more
+            if more:
+                self.spent.window, self.spent.used = self.opening.begin, used + more
+
+    def changes(self, now: Fraction, rate: Fraction) -> Iterator[Fraction]:
+        """Yield when something changes for it, if until then it moves at a rate: 0 while it waits."""
+        if rate:
+            yield now + min(self.left, self.covered) / rate
+        if self.opening is not None:
+            yield self.opening.begin if now < self.opening.begin else self.opening.end
+
+
+class Bus:
+    """The way of transfers to the memory; `capacity` is what all channels move together, in bytes per second."""
+
+    def __init__(self, rate: int, capacity: int | None = None) -> None:
+        self._units = rate  # of time, in a second
+        self._capacity = None if capacity is None else Fraction(capacity, rate)
+        self._now = NONE
+        self._flows: list[_Flow] = []
+        self._spent: dict[Gate, _Spent] = {}
+
+    def take(self, transfer: Transfer, ready: int, bandwidth: int, gate: Gate | None) -> None:
+        """Take a transfer whose first byte can move at `ready`; say when all are over, `NEVER` where a gate is shut."""
+        self._pass(transfer.begin)
+        spent = _Spent() if gate is None else self._spent.setdefault(gate, _Spent())
+        rate = Fraction(bandwidth, self._units)
+        self._flows.append(_Flow(transfer, ready, rate, Fraction(transfer.size), gate, spent))
+        self._plan()
+
+    def replan(self, now: int) -> None:
+        """Say anew when those are over that are on their way: what the gates will let through has changed."""
+        self._pass(now)
+        for flow in self._flows:
+            flow.opening = None
+        self._plan()
+
+    def release(self, transfer: Transfer) -> None:
+        """Leave the end of a transfer as it stands from now on; its bytes still take their time."""
+        for flow in self._flows:
+            if flow.transfer is transfer:
+                flow.transfer = replace(transfer)
+
+    def _pass(self, now: int) -> None:
+        """Let time pass."""
+        if self._flows:
+            _flow(self._flows, self._now, Fraction(now), self._capacity)
+        self._now = max(self._now, Fraction(now))
+        self._flows = [flow for flow in self._flows if flow.left]
+
+    def _plan(self) -> None:
+        for flow, end in _flow([f.copy() for f in self._flows], self._now, None, self._capacity):
+            transfer = flow.transfer
+            transfer.end = NEVER if end is None else ceil(end)
+            transfer.held = NEVER if end is None else ceil(end - flow.ready - transfer.size / flow.rate)
+
+
+def _flow(
+    flows: Sequence[_Flow], now: Fraction, until: Fraction | None, capacity: Fraction | None
+) -> list[tuple[_Flow, Fraction | None]]:
+    """Let bytes move up to an instant, or to the end; return when each was over, None for one that never will be."""
+    over: list[tuple[_Flow, Fraction | None]] = [
+        (flow, max(now, Fraction(flow.ready))) for flow in flows if not flow.left
+    ]
+    waiting = [flow for flow in flows if flow.left]
+    while waiting and (until is None or now < until):
+        ready = [flow for flow in waiting if flow.ready <= now]
+        for flow in ready:
+            flow.admit(now)
+        rates = _shared([flow.rate if flow.covered else NONE for flow in ready], capacity)
+        changes = [Fraction(flow.ready) for flow in waiting if flow.ready > now]
+        changes += [change for flow, rate in zip(ready, rates, strict=True) for change in flow.changes(now, rate)]
+        if not changes:
+            break
+        then = min(changes) if until is None else min(*changes, until)
+        for flow, rate in zip(ready, rates, strict=True):
+            flow.left -= rate * (then - now)
+            flow.covered -= rate * (then - now)
+        over += [(flow, then) for flow in ready if not flow.left]
+        waiting = [flow for flow in waiting if flow.left]
+        now = then
+    return [*over, *((flow, None) for flow in waiting)]
+
+
+def _shared(rates: Sequence[Fraction], capacity: Fraction | None) -> list[Fraction]:
+    """Return what each channel gets: its own rate, or the share at which together they fill the bus."""
+    if capacity is None or sum(rates, NONE) <= capacity:
+        return list(rates)
+    return [min(rate, share_of(rates, capacity)) for rate in rates]
+
+
+def share_of(rates: Iterable[Fraction], capacity: Fraction) -> Fraction:
+    """Return the share for which the lesser of it and of each rate sum to the capacity, which all together exceed."""
+    left, several = capacity, sorted(rate for rate in rates if rate)
+    for number, rate in enumerate(several):
+        share = left / (len(several) - number)
+        if rate >= share:
+            return share
+        left -= rate
+    raise ValueError("together they do not fill the capacity")
+
+
+def _covered(left: int, size: int, gate: Gate) -> int:
+    """Return the bytes of whole bursts that a budget covers, of which the last may exceed it by the overshoot."""
+    if left <= 0:
+        return 0
+    if size <= left:
+        return size
+    bursts = left // gate.burst
+    rest = min(gate.burst, size - bursts * gate.burst)
+    return bursts * gate.burst + (rest if 0 < rest <= left - bursts * gate.burst + gate.overshoot else 0)

@@ -1,0 +1,489 @@
+"""One hart: an emulated core with its own clock, interrupts and traps, and the memory that its protection leaves.
+
+The emulator (Unicorn) executes; what it does not do is done here: the clock, waiting for interrupts, taking traps, the
+registers of `csr`, and physical memory protection. A clock advances by one cycle for each instruction, and is looked at
+between basic blocks, so that everything a hart does is exact to the length of one block.
+"""
+
+from __future__ import annotations
+
+from functools import cache, reduce
+from itertools import islice, pairwise
+from operator import and_
+from typing import TYPE_CHECKING, Any, Protocol
+
+from halpipe.deploy.riscv.board import block_hook, csr
+from halpipe.deploy.riscv.board.block_hook import Slot
+from halpipe.deploy.riscv.board.memory import PAGE
+from halpipe.deploy.riscv.board.pmp import ADDRESS, Level, Protection, Right
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.deploy.riscv.board.memory import Memory
+
+NEVER = 1 << 200
+"""An instant that does not come."""
+
+_FOREVER = 0xFFFFFFFFFFFFFFFE
+SOFTWARE, TIMER = 3, 7
+FETCH_FAULT, ILLEGAL, BREAKPOINT, LOAD_FAULT, STORE_FAULT = 1, 2, 3, 5, 7
+LOAD_MISALIGNED, STORE_MISALIGNED = 4, 6
+_ENABLED, _WAS_ENABLED = 1 << 3, 1 << 7  # mstatus.MIE, mstatus.MPIE
+
+
+class Device(Protocol):
+    """What stands at a range of addresses instead of memory."""
+
+    base: int
+    size: int
+
+    def load(self, hart: Hart, offset: int, size: int) -> int:
+        """Return what `hart` reads."""
+        ...
+
+    def store(self, hart: Hart, offset: int, size: int, value: int) -> None:
+        """Take what `hart` writes."""
+        ...
+
+
+class World(Protocol):
+    """What a hart tells the machine that it is part of."""
+
+    def reached(self, hart: Hart, address: int) -> None:
+        """`hart` is about to execute the watched `address`."""
+        ...
+
+    def trapped(self, hart: Hart, cause: int, pc: int, value: int) -> bool:
+        """`hart` takes a trap; return whether the machine dealt with it instead (semihosting)."""
+        ...
+
+    def sleeps(self, hart: Hart, enabled: int) -> None:
+        """`hart` waits for an interrupt that is `enabled`."""
+        ...
+
+    def spent(self, hart: Hart) -> None:
+        """`hart` has executed all the instructions that it may."""
+        ...
+
+    def called(self) -> bool:
+        """A device is used; return whether it may be."""
+        ...
+
+
+class Hart:
+    """A core; all instants are in units of the machine's time."""
+
+    def __init__(self, number: int, memory: Memory, devices: Iterable[Device], cycle: int, tick: int) -> None:
+        import unicorn
+
+        self.number = number
+        self.world: World | None = None
+        self.protection = Protection()
+        self.level = Level.MACHINE
+        self.asleep = False
+        self.software = False  # the software interrupt of the CLINT
+        self.software_at = 0
+        self.woken = 0  # when it woke up last
+        self.compare = (1 << 64) - 1  # mtimecmp
+        self._cycle, self._tick = cycle, tick
+        self._origin = 0  # the time at which the count of instructions was zero, had the clock never jumped
+        self._memory = memory
+        self.allowance = 1 << 62  # instructions that it may execute at all
+        self._enabled = 0  # mie, as it was when the hart went to sleep
+        self._known_enabled = 0
+        self._raised: tuple[int, int] | None = None
+        self._mapped: dict[
+            tuple[int, int], tuple[Right, int]
+        ] = {}  # low, high: what may be done, and where in the host
+        self._wanted: dict[Level, dict[tuple[int, int], tuple[Right, int]]] = {}  # the same, since protection changed
+        self._remap = False
+        self._paused = False
+        self._hooked: set[int] = set()
+        self._allowed: dict[tuple[int, int, int], bool] = {}  # what was asked of the protection since it changed
+        self.engine = unicorn.Uc(unicorn.UC_ARCH_RISCV, unicorn.UC_MODE_RISCV64)
+        self._page = memory.page(number)
+        self._fill_page()
+        self._map(Right.ALL)
+        for device in devices:
+            self._attach(device)
+        block_hook.install(self.engine, memory.host + number * block_hook.HEADER, is_strict=number > 0)
+        self.engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
+        self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._refused)
+
+    # ------------------------------------------------------------------------------------------ time
+
+    @property
+    def count(self) -> int:
+        """Instructions executed so far."""
+        return self._page[Slot.COUNT]
+
+    @property
+    def now(self) -> int:
+        """The hart's own time."""
+        return self._origin + self._page[Slot.COUNT] * self._cycle
+
+    def advance(self, instant: int) -> None:
+        """Let the clock jump to `instant`, as a hart that waited does."""
+        if instant > self.now:
+            self._origin = instant - self._page[Slot.COUNT] * self._cycle
+
+    def weigh(self, cycles: int) -> None:
+        """Have every load and store take so many cycles more."""
+        self._page[Slot.WEIGHT] = cycles
+
+    def wake(self) -> int:
+        """Return when the sleeping hart wakes by what is known now; `NEVER` if nothing would wake it."""
+        instants = [NEVER]
+        if self._enabled >> SOFTWARE & 1 and self.software:
+            instants.append(max(self.now, self.software_at))
+        if self._enabled >> TIMER & 1:
+            instants.append(max(self.now, self.compare * self._tick))
+        return min(instants)
+
+    def run(self, until: int) -> None:
+        """Execute until the clock reaches `until`, or nothing more happens before."""
+        while self.now < until:
+            if self.count >= self.allowance:
+                assert self.world is not None
+                self.world.spent(self)
+                return
+            if self.asleep:
+                wake = self.wake()
+                if wake >= until:
+                    return
+                self.advance(wake)
+                self.asleep = False
+                self.woken = self.now
+            if not self._burst(until) or self._paused:
+                self._paused = False
+                return
+
+    def look_up(self) -> None:
+        """Have the running hart stop after this block, because something about its interrupts may have changed."""
+        self._page[Slot.LIMIT] = self._page[Slot.COUNT]
+
+    def pause(self) -> None:
+        """Have `run` return after this block, because there is an earlier event than it was started with."""
+        self._paused = True
+        self.look_up()
+
+    # ------------------------------------------------------------------------------------------ execution
+
+    def _burst(self, until: int) -> bool:
+        """Execute up to the next event; False if the machine has stopped."""
+        import unicorn
+
+        until = min(until, self._interrupts())
+        if self._remap:
+            self._apply_protection()
+        page = self._page
+        page[Slot.LIMIT] = min(-((self._origin - until) // self._cycle), self.allowance)
+        page[Slot.FULL], page[Slot.HIT], page[Slot.MISALIGNED] = 0, -1, -1
+        self._raised = None
+        failure = None
+        try:
+            self.engine.emu_start(self.pc, _FOREVER)
+        except unicorn.UcError as error:
+            failure = error.errno
+        pc = self.pc
+        if page[Slot.MISALIGNED] >= 0 and self._raised is None:
+            self._raised = (STORE_MISALIGNED if page[Slot.STORES] else LOAD_MISALIGNED, page[Slot.MISALIGNED])
+        if failure is not None and self._raised is None:
+            self._raised = self._undecodable(pc)
+        if self._raised is not None:
+            return self._trap(*self._raised, pc if failure is not None else self._last(pc))
+        if page[Slot.HIT] >= 0:
+            address = page[Slot.HIT]
+            page[Slot.PASS] = address
+            assert self.world is not None
+            self.world.reached(self, address)
+        elif not page[Slot.FULL]:
+            self._rewind(pc)  # a block does not end where the core goes to sleep
+            self.asleep = True
+            self._enabled = self._interrupts_enabled()
+            assert self.world is not None
+            self.world.sleeps(self, self._enabled)
+        return True
+
+    def _interrupts(self) -> int:
+        """Take an interrupt that is due and enabled, and return the instant of the next that could come."""
+        enabled = self._interrupts_enabled()
+        if self.level is Level.MACHINE and not self._register("MSTATUS") & _ENABLED:
+            return NEVER
+        due = enabled & self.pending()
+        for number in (SOFTWARE, TIMER):
+            if due >> number & 1:
+                assert self.world is not None
+                self.world.trapped(self, 1 << 63 | number, self.pc, 0)
+                self._enter_trap(1 << 63 | number, self.pc, 0)
+                return NEVER
+        timer = self.compare * self._tick
+        return timer if enabled >> TIMER & 1 and timer > self.now else NEVER
+
+    def _interrupts_enabled(self) -> int:
+        """Return the register ``mie``, which user mode neither changes nor lets us read."""
+        if self.level is Level.MACHINE:
+            self._known_enabled = self._register("MIE")
+        return self._known_enabled
+
+    def pending(self) -> int:
+        """Return the register ``mip``."""
+        timer = self.now >= self.compare * self._tick
+        software = self.software and self.now >= self.software_at
+        return software << SOFTWARE | timer << TIMER
+
+    def _undecodable(self, pc: int) -> tuple[int, int]:
+        code = self._memory.view(pc, 4) or self._memory.view(pc, 2) or b"\0\0"
+        word = int.from_bytes(code, "little")
+        is_break = word == csr.EBREAK or word & 0xFFFF == csr.C_EBREAK
+        return (BREAKPOINT, pc) if is_break else (ILLEGAL, 0)
+
+    def _last(self, pc: int) -> int:
+        """Return the last instruction of the block, if `pc` is behind it: there the emulator reports an exception."""
+        start, size = self._page[Slot.BLOCK], self._page[Slot.SIZE]
+        code = self._memory.view(start, size) if start >= 0 and pc == start + size else None
+        at, last = 0, pc
+        while code is not None and at < size:
+            last = start + at
+            at += 4 if code[at] & 3 == 3 else 2
+        return last
+
+    def _trap(self, cause: int, value: int, pc: int) -> bool:
+        self._rewind(pc)
+        self._page[Slot.COUNT] += 1  # of its own, so that a core that only traps gets on, too
+        assert self.world is not None
+        if self.world.trapped(self, cause, pc, value):
+            return False
+        self._enter_trap(cause, pc, value)
+        return True
+
+    def _enter_trap(self, cause: int, pc: int, value: int) -> None:
+        """Enter the handler as the privileged architecture says (section 3.1): to machine mode, interrupts off."""
+        level = self._register("PRIV")
+        self._set("PRIV", 3)
+        self._change_level(Level.MACHINE)
+        status = self._register("MSTATUS")
+        entered = status & ~(_ENABLED | _WAS_ENABLED | 3 << 11) | level << 11
+        self._set("MSTATUS", entered | (_WAS_ENABLED if status & _ENABLED else 0))
+        self._set("MEPC", pc)
+        self._set("MCAUSE", cause)
+        self._set("MTVAL", value)
+        vector = self._register("MTVEC")
+        offset = 4 * (cause & 0xFF) if vector & 1 and cause >> 63 else 0
+        self.pc = (vector & ~3) + offset
+
+    def _interrupted(self, engine: Any, number: int, _: Any) -> None:
+        self._raised = (number, 0)
+        engine.emu_stop()
+
+    def _refused(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> bool:
+        import unicorn
+
+        causes = {
+            unicorn.UC_MEM_READ_UNMAPPED: LOAD_FAULT,
+            unicorn.UC_MEM_READ_PROT: LOAD_FAULT,
+            unicorn.UC_MEM_WRITE_UNMAPPED: STORE_FAULT,
+            unicorn.UC_MEM_WRITE_PROT: STORE_FAULT,
+        }
+        self._raised = (causes.get(access, FETCH_FAULT), address)
+        return False
+
+    # ------------------------------------------------------------------------------------------ registers
+
+    def _register(self, name: str) -> int:
+        return int(self.engine.reg_read(_numbers()[name]))
+
+    def _set(self, name: str, value: int) -> None:
+        self.engine.reg_write(_numbers()[name], value)
+
+    @property
+    def pc(self) -> int:
+        """The program counter."""
+        return self._register("PC")
+
+    @pc.setter
+    def pc(self, value: int) -> None:
+        self._set("PC", value)
+
+    def x(self, number: int) -> int:
+        """Return a general register."""
+        return self._register(f"X{number}")
+
+    # ------------------------------------------------------------------------------------------ watching
+
+    def watch(self, addresses: Iterable[int]) -> None:
+        """Report to the machine whenever one of these `addresses`, and no other, is about to be executed."""
+        number = 0
+        for number, address in enumerate(islice(addresses, block_hook.MAX_WATCHED), 1):
+            self._page[Slot.FIRST_WATCHED + number - 1] = address
+        self._page[Slot.WATCHED] = number
+
+    def hook_registers(self, code: bytes, base: int) -> None:
+        """Carry out the instructions of `csr` wherever `code`, which stands at `base`, has them."""
+        from unicorn import UC_HOOK_CODE
+
+        for address in csr.of_interest(code, base):
+            if address not in self._hooked:
+                self._hooked.add(address)
+                self.engine.hook_add(UC_HOOK_CODE, self._on_register, None, address, address)
+
+    def _on_register(self, engine: Any, address: int, size: int, _: Any) -> None:
+        word = int.from_bytes(self._memory.read(address, 4), "little")
+        access = csr.decode(word)
+        if self.level is Level.USER and access is not None and access.csr in csr.OURS:
+            self._raised = (ILLEGAL, 0)  # the counters, too: the monitor keeps them
+            self.pc = address
+            engine.emu_stop()
+        elif word == csr.MRET or (access is not None and access.csr in csr.INTERRUPTS):
+            self.look_up()
+            if word == csr.MRET and self.level is Level.MACHINE:
+                self._interrupts_enabled()
+                self._change_level(Level.MACHINE if self._register("MSTATUS") >> 11 & 3 else Level.USER)
+        elif access is not None and access.csr in csr.OURS:
+            self._on_own_register(access)
+            self._rewind(address + 4)
+            self.pc = address + 4
+
+    def _on_own_register(self, access: csr.Access) -> None:
+        old = self._read_own(access.csr)
+        operand = access.source if access.immediate else self.x(access.source)
+        if access.writes and access.csr in csr.PROTECTION:
+            self.protection.write(access.csr, access.result(old, operand))
+            self._allowed.clear()
+            if access.csr < ADDRESS:
+                self._wanted.clear()
+                self._remap = True
+            self.look_up()
+        if access.target:
+            self._set(f"X{access.target}", old)
+
+    def _read_own(self, number: int) -> int:
+        if number == csr.MHARTID:
+            return self.number
+        if number == csr.MIP:
+            return self.pending()
+        if number == csr.TIME:
+            return self.now // self._tick
+        if number in csr.COUNTERS:
+            return self.now // self._cycle if number in (csr.MCYCLE, csr.CYCLE) else self.count
+        return self.protection.read(number)
+
+    def _rewind(self, pc: int) -> None:
+        """Take back the instructions from `pc` on of the block that was begun last, since they were not executed."""
+        page = self._page
+        start, end = page[Slot.BLOCK], page[Slot.BLOCK] + page[Slot.SIZE]
+        if start < 0 or not start <= pc < end:
+            return
+        code = self._memory.view(pc, end - pc)
+        at = number = 0
+        while code is not None and at < len(code):
+            number += 1
+            if page[Slot.WEIGHT] and block_hook.is_access(int.from_bytes(code[at : at + 2], "little")):
+                number += page[Slot.WEIGHT]
+            at += 4 if code[at] & 3 == 3 else 2
+        page[Slot.COUNT] -= number
+        page[Slot.BLOCK] = -1
+
+    # ------------------------------------------------------------------------------------------ memory
+
+    def forget_code(self, address: int, size: int) -> None:
+        """Drop what the emulator has translated of memory that changed."""
+        self.engine.ctl_remove_cache(address, address + size)
+        for place in range(Slot.FIRST_KNOWN, Slot.FIRST_KNOWN + 2 * block_hook.KNOWN, 2):
+            self._page[place] = -1
+
+    def _fill_page(self) -> None:
+        page = self._page
+        page[Slot.BLOCK] = page[Slot.PASS] = page[Slot.HIT] = -1
+        start = self.number * block_hook.HEADER
+        page[Slot.SPAN] = self._memory.size - start
+        placed = self._memory.placed()
+        page[Slot.REGIONS] = len(placed)
+        for i, (region, offset) in enumerate(placed):
+            entry = Slot.FIRST_REGION + 3 * i
+            page[entry], page[entry + 1], page[entry + 2] = region.base, region.end, offset - start
+
+    def _map(self, right: Right) -> None:
+        for region, offset in self._memory.placed():
+            host = self._memory.host + offset
+            self.engine.mem_map_ptr(region.base, region.extent, int(right), host)
+            self._mapped[region.base, region.base + region.extent] = (right, host)
+
+    def _change_level(self, level: Level) -> None:
+        if level is not self.level:
+            self.level = level
+            self._allowed.clear()
+            self._remap = self._remap or self.number > 0
+
+    def _apply_protection(self) -> None:
+        """Keep of the memories what the level may do, changing as little as possible."""
+        self._remap = False
+        if self.level not in self._wanted:
+            self._wanted[self.level] = self._reachable(self.level)
+        wanted = self._wanted[self.level]
+        for (low, high), (right, _) in self._mapped.items():
+            if right and wanted.get((low, high), (Right.NONE, 0))[0] != right:
+                self.engine.mem_unmap(low, high - low)
+        for (low, high), (right, host) in wanted.items():
+            if right and self._mapped.get((low, high), (Right.NONE, 0))[0] != right:
+                self.engine.mem_map_ptr(low, high - low, int(right), host)
+        self._mapped = wanted
+
+    def _reachable(self, level: Level) -> dict[tuple[int, int], tuple[Right, int]]:
+        """Return the rights and the place in the host of every part of the memories, cut where any level's change."""
+        found = {}
+        for region, offset in self._memory.placed():
+            low, high = region.base, region.base + region.extent
+            pieces = self.protection.pieces(low, high, level)
+            others = [self.protection.pieces(low, high, other) for other in Level]
+            edges = {edge for parts in others for start, end, _ in parts for edge in (start, end)}
+            for start, end, right in _whole_pages(pieces, edges):
+                found[start, end] = (right, self._memory.host + offset + start - region.base)
+        return found
+
+    def _attach(self, device: Device) -> None:
+        reading, writing = int(Right.READ), int(Right.WRITE)
+
+        def load(_: Any, offset: int, size: int, __: Any) -> int:
+            if self._denied(device.base + offset, size, reading, LOAD_FAULT) or not self._may_call():
+                return 0
+            return device.load(self, offset, size)
+
+        def store(_: Any, offset: int, size: int, value: int, __: Any) -> None:
+            if not self._denied(device.base + offset, size, writing, STORE_FAULT) and self._may_call():
+                device.store(self, offset, size, value)
+
+        self.engine.mmio_map(device.base, device.size, load, None, store, None)
+
+    def _may_call(self) -> bool:
+        return self.world is None or self.world.called()
+
+    def _denied(self, address: int, size: int, right: int, cause: int) -> bool:
+        key = (address, size, right)
+        allowed = self._allowed.get(key)
+        if allowed is None:
+            allowed = self._allowed[key] = bool(self.protection.rights(address, size, self.level) & right)
+        if allowed:
+            return False
+        self._raised = self._raised or (cause, address)  # of eight bytes, two halves are denied
+        self.engine.emu_stop()
+        return True
+
+
+@cache
+def _numbers() -> dict[str, int]:
+    """Return the emulator's numbers of registers by their names."""
+    from unicorn import riscv_const
+
+    prefix = "UC_RISCV_REG_"
+    return {name.removeprefix(prefix): value for name, value in vars(riscv_const).items() if name.startswith(prefix)}
+
+
+def _whole_pages(pieces: Iterable[tuple[int, int, Right]], edges: Iterable[int]) -> Iterator[tuple[int, int, Right]]:
+    """Cut pieces to pages, at `edges` at least; a page in several pieces has only the rights that all of them have."""
+    found = list(pieces)
+    cuts = sorted({page for edge in edges for page in (edge // PAGE, -(-edge // PAGE))})
+    for first, last in pairwise(cuts):
+        low, high = first * PAGE, last * PAGE
+        yield low, high, reduce(and_, (right for start, end, right in found if start < high and low < end))

@@ -1,0 +1,419 @@
+"""The machine: harts with clocks of their own, memories, devices, and the loop that keeps them in step.
+
+The loop is conservative: no hart ever executes what could still be changed by what another one does earlier.
+Application cores are influenced by the management core and the DMA engine only, so the management core goes first; an
+application core follows whenever its scratchpads or its interrupt are touched, exactly up to the instant of the touch,
+and up to the next event while the management core sleeps.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from heapq import heappop, heappush
+from itertools import count
+from typing import TYPE_CHECKING, Any, Protocol
+
+from halpipe.core.records import record
+from halpipe.deploy.riscv.board.bus import Bus
+from halpipe.deploy.riscv.board.copying import CopyWatcher
+from halpipe.deploy.riscv.board.devices import Clint, DmaPort, DmaWork, Finisher, Uart
+from halpipe.deploy.riscv.board.dma import Transfer
+from halpipe.deploy.riscv.board.hart import NEVER, SOFTWARE, Device, Hart
+from halpipe.deploy.riscv.board.memory import PAGE, Memory, Region
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from halpipe.deploy.riscv.board.bus import Gate
+    from halpipe.deploy.riscv.board.dma import Channel
+    from halpipe.deploy.riscv.board.elf import Program
+    from halpipe.deploy.riscv.target import Site
+
+MANAGEMENT = 0
+RUBBISH = b"\xa5"
+"""What memories hold when the power comes: anything, so not zero."""
+
+_EXIT, _EXIT_STATUS = 0x20, 0x20026
+
+
+@record
+class Timing:
+    """The machine's unit of time, so that cycles and ticks are whole numbers of it; `rate` is units per second."""
+
+    rate: int
+    cycle: int
+    tick: int
+
+    @staticmethod
+    def of(clock: int, timebase: int, cycles_per_instruction: Fraction | int = 1) -> Timing:
+        """Return the coarsest unit, but at most a nanosecond, for a core clock and a timebase in Hz."""
+        cycles = Fraction(cycles_per_instruction)
+        rate = math.lcm(clock, timebase, 10**9) * cycles.denominator
+        return Timing(rate, int(rate // clock * cycles), rate // timebase)
+
+
+@dataclass(slots=True)
+class Budget:
+    """What a run may take at most: instructions of each core by its number, traps, and uses of devices."""
+
+    instructions: Mapping[int, int] = field(default_factory=dict)
+    traps: int = 10**6
+    calls: int = 10**9
+
+
+class Observer(Protocol):
+    """What watches the machine; instants are in units."""
+
+    def entered(self, hart: int, address: int, now: int) -> None:
+        """A core is about to execute a watched address."""
+        ...
+
+    def starts(self, transfer: Transfer) -> None:
+        """The DMA engine is about to read the source of `transfer`."""
+        ...
+
+    def arrived(self, transfer: Transfer) -> None:
+        """All bytes of `transfer` are at its target."""
+        ...
+
+    def trapped(self, hart: int, cause: int, pc: int, value: int, now: int) -> None:
+        """A core takes a trap."""
+        ...
+
+    def idles(self, hart: int, now: int) -> None:
+        """A core waits for nothing but the software interrupt."""
+        ...
+
+    def controlled(self, address: int, value: int, now: int) -> None:
+        """The management core writes a word of the control block."""
+        ...
+
+
+class Machine(DmaWork):
+    """A management core, application cores, and what they share."""
+
+    def __init__(
+        self,
+        site: Site,
+        program: Program,
+        observer: Observer,
+        *,
+        bandwidths: Mapping[int, int],
+        cpi: Fraction | int,
+        budget: Budget | None = None,
+    ) -> None:
+        self.site = site
+        self.timing = Timing.of(site.clock, site.timebase, cpi)
+        self.observer = observer
+        self.stopped = False
+        self.fate: Callable[[Transfer], tuple[int, bool] | None] = lambda transfer: None
+        self.gate: Callable[[int, int, bool], Gate | None] = lambda channel, hart, writes: None
+        self.status: int | None = None
+        self.exhausted = ""
+        self._budget = replace(budget or Budget())
+        self._bandwidths = bandwidths  # by channel, in bytes per second
+        self._latency = math.ceil(site.dma.latency.in_unit("s") * self.timing.rate)
+        regions = [Region("main", site.main.base, site.main.size)]
+        for unit in site.units:
+            regions.append(Region(f"{unit.name} ispm", unit.ispm.base, unit.ispm.size, unit.hart))
+            regions.append(Region(f"{unit.name} dspm", unit.dspm.base, unit.dspm.size, unit.hart))
+        self.memory = Memory(regions, 1 + len(site.units))
+        self._copies = CopyWatcher(self.memory, observer.starts, self._copied)
+        self.clint = Clint(site.clint, self.timing.tick, self._raise_software)
+        self.uart = Uart(site.uart)
+        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = count()
+        self._under_way: list[Transfer] = []
+        self._bus = Bus(self.timing.rate, site.dma.bus)
+        self._code: dict[int, bytes] = {}
+        self._begun: set[int] = set()
+        devices = self._devices()
+        self.harts = [
+            Hart(n, self.memory, devices, self.timing.cycle, self.timing.tick) for n in range(1 + len(site.units))
+        ]
+        self.clint.harts = self.harts
+        for hart in self.harts:
+            hart.allowance = self._budget.instructions.get(hart.number, hart.allowance)
+        for hart in self.harts:
+            hart.world = self
+            hart.pc = program.entry
+        self.management.weigh(math.ceil(site.latency.in_unit("s") * self.timing.rate / self.timing.cycle))
+        self._power_up()
+        self._load(program)
+        self._hook_management()
+
+    def _devices(self) -> list[Device]:
+        devices: list[Device] = [self.clint, self.uart]
+        dma = self.site.dma
+        if dma.kind == "pdma":
+            self._port = DmaPort(dma.base, dma.stride, dma.channels, self)
+            devices.append(self._port)
+        if self.site.finisher is not None:
+            devices.append(Finisher(self.site.finisher, self._finish))
+        return devices
+
+    def _power_up(self) -> None:
+        """Fill with rubbish what nobody has written yet: the scratchpads, and where the program will be."""
+        for region in self.memory.regions:
+            size = region.size if region.hart else self.site.control - region.base
+            self.memory.write(region.base, RUBBISH * size)
+
+    def _load(self, program: Program) -> None:
+        for segment in program.segments:
+            self.memory.write(segment.source, segment.data)
+            if segment.is_executable:
+                for hart in self.harts:
+                    hart.hook_registers(segment.data, segment.target)
+
+    def _hook_management(self) -> None:
+        """See what the management core does with the scratchpads of others, and with its control block."""
+        from unicorn import UC_HOOK_MEM_READ, UC_HOOK_MEM_WRITE
+
+        engine = self.harts[MANAGEMENT].engine
+        for region in self.memory.regions:
+            if region.hart:
+                hook = UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE
+                engine.hook_add(hook, self._touched, self.harts[region.hart], region.base, region.end - 1)
+        if self.site.dma.kind == "copy":
+            hook = UC_HOOK_MEM_READ | UC_HOOK_MEM_WRITE
+            for low, high in self._shared():
+                engine.hook_add(hook, self._touched_main, None, low, high - 1)
+        engine.hook_add(UC_HOOK_MEM_WRITE, self._controlled, None, self.site.control, self.site.control + 127)
+
+    def _shared(self) -> list[tuple[int, int]]:
+        """Return the parts of main memory from and to which is copied: images and buffers."""
+        images = [(source, source + size) for image in self.site.images for source, _, size in image.load]
+        buffers = [(area.base, area.end) for area in self.site.buffers.values()]
+        return [(min(low for low, _ in part), max(high for _, high in part)) for part in (images, buffers) if part]
+
+    # ------------------------------------------------------------------------------------------ the loop
+
+    @property
+    def management(self) -> Hart:
+        """The management core."""
+        return self.harts[MANAGEMENT]
+
+    def at(self, instant: int, action: Callable[[], None]) -> None:
+        """Do something at an instant, before any hart executes what it executes then."""
+        heappush(self._events, (instant, next(self._order), action))
+        self.management.pause()
+
+    def run(self, until: int) -> None:
+        """Let the machine run until it stops, nothing would happen any more, or `until`."""
+        while not self.stopped:
+            horizon = min(self._horizon(), until)
+            self.management.run(horizon)
+            if self.stopped:
+                return
+            asleep = self.management.asleep
+            reached = min(self.management.wake(), self._horizon(), until) if asleep else self.management.now
+            if reached >= until:
+                return
+            self.follow(reached)
+            self._pass(reached)
+            if asleep:
+                self.management.advance(min(reached, self.management.wake()))
+
+    def _horizon(self) -> int:
+        ends = [transfer.end for transfer in self._under_way]
+        return min([*ends, self._events[0][0] if self._events else NEVER])
+
+    def follow(self, instant: int) -> None:
+        """Let every application core come up to `instant`."""
+        for hart in self.harts[1:]:
+            if hart.now < instant:
+                hart.run(instant)
+
+    def _pass(self, instant: int) -> None:
+        """Let happen what happens up to `instant`."""
+        self.complete_transfers(instant)
+        while self._events and self._events[0][0] <= instant and not self.stopped:
+            heappop(self._events)[2]()
+
+    def stop(self) -> None:
+        """End the run."""
+        self.stopped = True
+        for hart in self.harts:
+            hart.pause()
+
+    def _exhaust(self, what: str) -> None:
+        """End a run that has spent its budget."""
+        self.exhausted = self.exhausted or what
+        self.stop()
+
+    def spent(self, hart: Hart) -> None:
+        """A core has executed all the instructions that it may."""
+        name = self.site.unit_of(hart.number).name if hart.number else "the management core"
+        self._exhaust(f"{name} executed {hart.count} instructions, last at pc {hart.pc:#x}")
+
+    def called(self) -> bool:
+        """A device is used; the run ends where that has no end."""
+        self._budget.calls -= 1
+        if self._budget.calls < 0:
+            self._exhaust("devices and shared memory were used more often than any sound bundle does")
+            return False
+        return True
+
+    def _finish(self, status: int) -> None:
+        self.status = status
+        self.stop()
+
+    # ------------------------------------------------------------------------------------------ what harts do
+
+    def reached(self, hart: Hart, address: int) -> None:
+        """Pass on that `hart` is about to execute a watched address."""
+        self.observer.entered(hart.number, address, hart.now)
+
+    def trapped(self, hart: Hart, cause: int, pc: int, value: int) -> bool:
+        """Pass on a trap; a break of the management core may be a call of semihosting, which ends the run."""
+        if hart.number == MANAGEMENT and cause == 3 and hart.x(10) == _EXIT:
+            block = self.memory.view(hart.x(11), 16)
+            if block and int.from_bytes(block[:8], "little") == _EXIT_STATUS:
+                self._finish(int.from_bytes(block[8:], "little"))
+                return True
+        self._budget.traps -= 1
+        if self._budget.traps < 0:
+            name = self.site.unit_of(hart.number).name if hart.number else "the management core"
+            self._exhaust(f"{name} only traps any more, last with cause {cause:#x} at pc {pc:#x}")
+            return True
+        self.observer.trapped(hart.number, cause, pc, value, hart.now)
+        return False
+
+    def sleeps(self, hart: Hart, enabled: int) -> None:
+        """Pass on that an application core waits for work, or that the management core has copied all there was."""
+        if hart.number == MANAGEMENT:
+            self._copies.finish(hart.now)
+        elif enabled == 1 << SOFTWARE:
+            self.observer.idles(hart.number, hart.now)
+
+    def _raise_software(self, hart: Hart, number: int, value: int) -> None:
+        if number >= len(self.harts):
+            return
+        other = self.harts[number]
+        if other is not hart and number != MANAGEMENT:
+            self._copies.finish(hart.now, number)
+            other.run(hart.now)
+        if value and not other.software:
+            other.software_at = hart.now
+            if number and number not in self._begun:  # its monitor has been put there
+                self._begun.add(number)
+                monitor = self.site.unit_of(number).ispm
+                other.hook_registers(self.memory.read(monitor.base, min(monitor.size, PAGE)), monitor.base)
+        other.software = bool(value)
+        other.look_up()
+
+    def _touched(self, engine: Any, access: int, address: int, size: int, value: int, other: Hart) -> None:
+        """The management core touches a scratchpad: its owner comes up to that instant first."""
+        from unicorn import UC_MEM_READ
+
+        now = self.management.now
+        if not self.called():
+            return
+        other.run(now)
+        if access == UC_MEM_READ:
+            self._loads(address, size, now)
+        else:
+            self._copies.stores(address, size, now)
+
+    def _touched_main(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
+        """The management core touches a buffer, or an image that is to be loaded."""
+        from unicorn import UC_MEM_READ
+
+        if not self.called():
+            return
+        if access == UC_MEM_READ:
+            self._copies.loads(address, size, self.management.now)
+        else:
+            self._copies.stores(address, size, self.management.now)
+
+    def _loads(self, address: int, size: int, now: int) -> None:
+        """A load from a scratchpad begins a copy, unless it is from the mailbox."""
+        region = self.memory.region(address)
+        if region is not None and address < self.site.unit_of(region.hart).mailbox:
+            self._copies.loads(address, size, now)
+
+    def _controlled(self, engine: Any, access: int, address: int, size: int, value: int, _: Any) -> None:
+        if self.called():
+            self.observer.controlled(address, value & (1 << 8 * size) - 1, self.management.now)
+
+    # ------------------------------------------------------------------------------------------ transfers
+
+    def start_transfer(self, channel: Channel, hart: Hart) -> None:
+        """Read the source now, and have the bytes arrive after set-up and the time that bandwidth and gate ask for."""
+        source, target, size = channel.next()
+        now = hart.now
+        bandwidth = self._bandwidths.get(channel.number, self.site.dma.bandwidth)
+        transfer = Transfer(channel.number, source, target, size, now, now)
+        self._bring_up(source, size, now)
+        self.observer.starts(transfer)
+        read = self.memory.view(source, size)
+        if read is None or self.memory.view(target, size) is None:
+            channel.finish(error=True)
+            self.observer.arrived(transfer)
+            return
+        self._bus.take(transfer, now + self._latency, bandwidth, self._gate_before(transfer))
+        fate = self.fate(transfer)
+        if fate is not None:
+            transfer.end, transfer.fails = fate
+            self._bus.release(transfer)
+        transfer.data = bytes(read)
+        self._under_way.append(transfer)
+        self.management.pause()
+
+    def _gate_before(self, transfer: Transfer) -> Gate | None:
+        """Return the regulator between main memory and the scratchpad that a transfer fills or empties."""
+        target, source = (self.memory.region(at, transfer.size) for at in (transfer.target, transfer.source))
+        if target is not None and target.hart:
+            return self.gate(transfer.channel, target.hart, False)
+        return self.gate(transfer.channel, source.hart, True) if source is not None and source.hart else None
+
+    def gates_changed(self) -> None:
+        """Hear that regulators play other tables from now on than they would have."""
+        self._bus.replan(self.management.now)
+        self.management.pause()
+
+    def complete_transfers(self, now: int) -> None:
+        """Let arrive what is over by `now`, in the order of its end."""
+        for transfer in sorted(self._under_way, key=lambda t: (t.end, t.channel)):
+            if transfer.end > now:
+                return
+            self._under_way.remove(transfer)
+            self._bring_up(transfer.target, transfer.size, transfer.end)
+            if transfer.fails:
+                transfer.data = b""
+            self._store(transfer.target, transfer.data)
+            self._port.channels[transfer.channel].finish(error=transfer.fails)
+            self.observer.arrived(transfer)
+
+    def overwrite(self, hart: int, address: int, code: bytes) -> None:
+        """Have a core that stands at `address` execute something else."""
+        self.memory.write(address, code)
+        self._code = {at: data for at, data in self._code.items() if not at <= address < at + len(data)}
+        self.harts[hart].forget_code(address, len(code))
+        self.harts[hart].hook_registers(code, address)
+
+    def _copied(self, transfer: Transfer) -> None:
+        """The management core has copied code or data itself."""
+        region = self.memory.region(transfer.target)
+        if region is not None and region.hart and self._code.get(transfer.target) != transfer.data:
+            self._code[transfer.target] = transfer.data
+            self.harts[region.hart].forget_code(transfer.target, transfer.size)
+            self.harts[region.hart].hook_registers(transfer.data, transfer.target)
+        self.observer.arrived(transfer)
+
+    def _bring_up(self, address: int, size: int, instant: int) -> None:
+        region = self.memory.region(address, size)
+        if region and region.hart:
+            self.harts[region.hart].run(instant)
+
+    def _store(self, address: int, data: bytes) -> None:
+        region, view = self.memory.region(address, len(data)), self.memory.view(address, len(data))
+        if region is None or view is None or view == data:
+            return
+        view[:] = data
+        if region.hart:
+            hart = self.harts[region.hart]
+            hart.forget_code(address, len(data))
+            hart.hook_registers(data, address)

@@ -1,0 +1,371 @@
+"""The check of a RISC-V bundle: play every mode and every transition, compare, and say what was measured."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import Findings, HalpipeError, sort_diagnostics
+from halpipe.core.durations import ZERO, Duration, milliseconds, seconds
+from halpipe.core.suggest import did_you_mean
+from halpipe.deploy.base import Checked
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.board.machine import MANAGEMENT, Budget
+from halpipe.deploy.riscv.judge import conditions, containment, dispatch, health
+from halpipe.deploy.riscv.judge.cold import cold_start
+from halpipe.deploy.riscv.judge.comparison import Comparison
+from halpipe.deploy.riscv.judge.containment import Injected
+from halpipe.deploy.riscv.judge.contents import contradictions
+from halpipe.deploy.riscv.judge.dispatch import Dispatch, measured
+from halpipe.deploy.riscv.judge.health import Course
+from halpipe.deploy.riscv.judge.regulated import hold_transfers
+from halpipe.deploy.riscv.judge.summary import summary_lines, trace_csv
+from halpipe.deploy.riscv.judge.tables import wrong_operations
+from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, read_images
+from halpipe.deploy.riscv.run.drivers import REQUEST, read_drivers
+from halpipe.deploy.riscv.run.expectation import Expectation
+from halpipe.deploy.riscv.run.injection import Injection, Saboteur
+from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours, transition_name
+from halpipe.deploy.riscv.target import read_site
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.deploy.base import CheckOptions, Target
+    from halpipe.deploy.riscv.judge.comparison import Seen
+    from halpipe.deploy.riscv.judge.health import Trial
+    from halpipe.deploy.riscv.run.cosimulation import Run
+    from halpipe.deploy.riscv.run.expectation import PlannedJob
+    from halpipe.deploy.riscv.run.injection import Kind
+    from halpipe.deploy.riscv.target import Site
+
+CYCLES = 2
+"""Hyperperiods of every mode, unless told otherwise: the second has what wraps round the end of the first."""
+
+OPERATION = 200
+"""Instructions that the management core may need for one operation."""
+
+COINCIDING = 8
+"""Operations of one unit that may be waiting at one tick; more lateness than they cost is never allowed."""
+
+MARGIN = milliseconds(10)
+"""After the end of the last table."""
+
+SPARE = 20_000_000
+"""Instructions of each core beyond those that are planned: to come up, and to report."""
+
+SPARE_TRAPS, SPARE_CALLS = 2_000, 1_000_000
+"""Traps, and uses of devices, beyond those that are planned."""
+
+BRIEF, ALL = 200_000_000, 800_000_000
+"""Instructions that runs with faults may take for each mode, in a check of every day and with --inject."""
+
+MOST_CYCLES = 8
+"""Cycles of an instruction up to which the margin is sought."""
+
+SWITCHES = 12
+"""Transitions into whose tables faults are put."""
+
+ASKING = 12
+"""Tables of the run in which tasks may ask for modes."""
+
+TRIALS = 12
+"""Runs that try health rules in a check of every day."""
+
+PER_OPERATION = 2_000
+"""Instructions of the management core for one operation, retries included."""
+
+
+def tolerance_of(site: Site) -> Duration:
+    """Return the lateness that is allowed: the greatest that the export computed for any table, and what comes on top.
+
+    On top come one tick, by which every instant is known, and the operation itself, whose effect is what is seen. The
+    phases of the schedule were held to the stated lateness; it is believed only up to a bound of our own.
+    """
+    operation = seconds(OPERATION * site.cpi / site.clock)
+    stated = max((table.lateness for table in site.tables), default=ZERO)
+    allowed = min(stated, operation * (COINCIDING * len(site.units))) + operation + site.tick
+    return site.tick * math.ceil(allowed / site.tick)
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What playing one tour gave: the tables, every job with what was seen of it, and the findings."""
+
+    run: Run
+    tables: Sequence[Played]
+    jobs: list[Seen]
+    findings: list[Diagnostic]
+    planned: Sequence[PlannedJob]
+    dispatch: Dispatch = field(default_factory=Dispatch)
+    hears: bool = False
+
+
+@dataclass(slots=True)
+class Totals:
+    """What all tours of a check gave together."""
+
+    outcomes: list[Outcome] = field(default_factory=list)
+
+    @property
+    def findings(self) -> tuple[Diagnostic, ...]:
+        """All findings, each once."""
+        return tuple(sort_diagnostics(d for outcome in self.outcomes for d in outcome.findings))
+
+
+def check_by_simulation(target: Target, options: CheckOptions) -> Checked:
+    """Play a bundle in the co-simulation and hold it against its schedule; then let jobs fail on purpose."""
+    totals = Totals()
+    static = static_findings(target)
+    for tour in tours(target.schedule, options.cycles or CYCLES):
+        totals.outcomes.append(simulate(target, tour, execution=options.execution))
+    if any(driver.function == REQUEST for driver in read_drivers(target.bundle)):
+        asking = Tour(target.schedule.modes[0].name, (), ASKING)
+        totals.outcomes.append(hearing(target, asking, options.execution))
+    site = totals.outcomes[0].run.site
+    static += cold_findings(target, site)
+    lines = list(summary_lines(target, totals.outcomes, tolerance_of(site)))
+    held = hold_transfers(target, totals.outcomes)
+    lines += held.lines
+    findings = tuple(sort_diagnostics([*static, *totals.findings, *held.findings]))
+    sound = not any(found.is_error for found in findings)
+    dispatches = [outcome.dispatch for outcome in totals.outcomes]
+    if sound and options.inject != "none":
+        injected = inject(target, totals, everything=options.inject == "all")
+        findings = tuple(sort_diagnostics([*findings, *injected.findings]))
+        lines += injected.lines()
+        dispatches += injected.dispatches
+    findings = tuple(sort_diagnostics([*findings, *dispatch.findings(dispatches)]))
+    lines += dispatch.lines(dispatches, site.cpi)
+    if options.margin and sound:
+        lines += margin_lines(target)
+    if not any(found.is_error for found in findings):
+        lines.append(f"{target.bundle.path}: every start, end and transfer is as scheduled")
+    traces = {f"trace-{i}" if i > 1 else "trace": trace_csv(o) for i, o in enumerate(totals.outcomes, 1)}
+    files = traces | ({"bandwidth": held.phases} if held.phases else {})
+    return Checked(diagnostics=findings, lines=tuple(lines), files=files)
+
+
+def static_findings(target: Target) -> list[Diagnostic]:
+    """Return what is wrong with a bundle before it is played: files that disagree, tables that are others."""
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    images = read_images(target.bundle, site)
+    program = load_program(target.bundle, site)
+    found = Findings(list(contradictions(target.bundle, site, program, images)))
+    expectation = Expectation(target.bundle, target.model, site, images)
+    if not found.has_errors:
+        found.extend(wrong_operations(target.bundle, site, program, target.model, target.schedule, expectation, images))
+    return found.items
+
+
+def cold_findings(target: Target, site: Site) -> Iterator[Diagnostic]:
+    """Yield what a bundle does wrongly that starts by itself: buffers are emptied before, which takes its time."""
+    size = sum(area.size for area in site.buffers.values())
+    spare = budget_of(site, (), ())
+    budget = Budget({**spare.instructions, MANAGEMENT: SPARE + size}, spare.traps, spare.calls + size)
+    return cold_start(target, budget, MARGIN + seconds(size * site.cpi / site.clock))
+
+
+def margin_lines(target: Target) -> Iterator[str]:
+    """Yield up to how many cycles an instruction may take, in tenths, found by halving: each is a run of its own."""
+    tour = tours(target.schedule, CYCLES)[0]
+    good, bad = 10, 10 * MOST_CYCLES + 1
+    broken: list[Diagnostic] = []
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        found = [d for d in simulate(target, tour, cpi=Fraction(middle, 10)).findings if d.is_error]
+        if found:
+            bad, broken = middle, found
+        else:
+            good = middle
+    yield f"works up to {good // 10}.{good % 10} cycles an instruction, management core included"
+    if broken:
+        first = broken[0]
+        yield f"with {bad // 10}.{bad % 10}: {first.code} {first.path}: {first.message}"
+
+
+def inject(target: Target, totals: Totals, *, everything: bool) -> Injected:
+    """Let jobs fail in every way, in the first mode with jobs, or in `everything`: all modes and transitions."""
+    site = totals.outcomes[0].run.site
+    kinds = containment.kinds_for(site)
+    tables = sum(len(outcome.tables) for outcome in totals.outcomes)
+    price = sum(outcome.run.instructions for outcome in totals.outcomes) // tables + 1
+    whole = 2 * len(kinds)
+    affordable = max(min((ALL if everything else BRIEF) // price, whole), 2)
+    found, lacking = Injected(), 0
+    for tour in containment.sweeps(target.schedule, 0)[: None if everything else 1]:
+        # As many cycles at a time as the runtime can record faults of, and no more than can be afforded.
+        jobs = len(target.schedule.mode(tour.first).jobs)
+        cycles = max(min(affordable, 2 * site.faults.capacity // jobs), 1)
+        turns = range(0, affordable, cycles) if everything else range(1)
+        lacking += whole - cycles * len(turns) if cycles * len(turns) < whole else 0
+        for turn in turns:
+            sabotage(target, replace(tour, tables=cycles + 1), kinds, turn, found)
+    for tour in containment.switches(target.schedule)[: SWITCHES if everything else 0]:
+        sabotage(target, tour, kinds, 0, found)
+    for trial in list(health.trials(target))[: None if everything else TRIALS]:
+        try_rule(target, trial, found)
+    if lacking:
+        message = f"{lacking} of the {whole} cycles that have every fault in every job were not played"
+        help = "deploy check --inject takes more time"
+        found.findings.append(codes.NOT_INJECTED(message, help=help))
+    return found
+
+
+def try_rule(target: Target, trial: Trial, found: Injected) -> None:
+    """Play one trial of a health rule, and add what differs from what has to follow."""
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    rule = target.model.health[trial.rule]
+
+    def plan(tables: Sequence[Played]) -> tuple[Sequence[PlannedJob], list[Injection]]:
+        jobs = Expectation(target.bundle, target.model, site, images).jobs(tables)
+        make = partial(_failing, kind=trial.kind)
+        return jobs, health.failing(trial, rule.task, jobs, make)
+
+    course = health.course_of(target, site, trial.mode, (), trial.tables, plan)
+    outcome = simulate(target, Tour(trial.mode, (), trial.tables), course=course)
+    found.trials += 1
+    found.dispatches.append(outcome.dispatch)
+    found.findings += containment.prefixed(outcome.findings)
+
+
+def _failing(job: PlannedJob, kind: Kind) -> Injection:
+    return Injection(kind, job.table.cycle, job.row)
+
+
+def sabotage(target: Target, tour: Tour, kinds: Sequence[Kind], turn: int, found: Injected) -> None:
+    """Play one tour in which jobs fail, and add what differs from what has to follow."""
+    site = read_site(target.bundle)
+    images = read_images(target.bundle, site)
+    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
+    jobs = Expectation(target.bundle, target.model, site, images).jobs(expected)
+    injections = containment.injections_for(jobs, kinds, site, tolerance_of(site), tour.tables - 1, turn)
+    outcome = simulate(target, tour, injections=injections)
+    found.add(injections, outcome.planned)
+    found.dispatches.append(outcome.dispatch)
+    found.findings += containment.prefixed(outcome.findings)
+
+
+def simulate(
+    target: Target,
+    tour: Tour,
+    *,
+    execution: str = "real",
+    bandwidth: int | None = None,
+    cpi: Fraction | int | None = None,
+    injections: Sequence[Injection] = (),
+    course: Course | None = None,
+) -> Outcome:
+    """Play one tour in the co-simulation and compare it with its plan, or with the `course` that health rules give it.
+
+    Without a course, no health rule follows from what is injected. What modes tasks ask for is not heard.
+    """
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    expected = played_tables(target.schedule, tour.first, tour.requests, tour.tables, site.tick)
+    if course is not None:
+        expected, injections = course.tables, course.injections
+    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(expected)
+    simulation = CoSimulation(
+        target,
+        budget=budget_of(site, jobs, expected),
+        requests=[(request.instant, request.mode) for request in tour.requests],
+        cycles=tour.tables,
+        first=tour.first,
+        execution=execution,
+        bandwidth=bandwidth,
+        cpi=cpi,
+        saboteur=Saboteur(site, jobs, injections) if injections else None,
+        health=course is not None or not injections,
+        hears=False,
+    )
+    longest = max((job.end - job.start for table in expected for job in table.jobs), default=Duration(0))
+    run = simulation.run(expected[-1].start + expected[-1].length + longest + MARGIN)
+    return judge(target, simulation, run, course or Course(expected, [*injections]))
+
+
+def hearing(target: Target, tour: Tour, execution: str) -> Outcome:
+    """Play a tour in which tasks may ask for modes, and compare it with the plan that follows from that."""
+    site = read_site(target.bundle)
+    refuse_disagreement(target, site)
+    every = tables_named(target.schedule, [table.name for table in site.tables] * tour.tables)
+    jobs = Expectation(target.bundle, target.model, site, read_images(target.bundle, site)).jobs(every)
+    simulation = CoSimulation(
+        target, budget=budget_of(site, jobs, every), cycles=tour.tables, first=tour.first, execution=execution
+    )
+    run = simulation.run(every[-1].start + every[-1].length + MARGIN)
+    expected = played_tables(target.schedule, tour.first, run.requests, tour.tables, site.tick)
+    return replace(judge(target, simulation, run, Course(expected)), hears=True)
+
+
+def budget_of(site: Site, jobs: Sequence[PlannedJob], tables: Sequence[Played]) -> Budget:
+    """Return what the plan can take at most: each core executes in its planned time."""
+    instructions = {unit.hart: SPARE for unit in site.units}
+    operations = moved = 0
+    for job in jobs:
+        for execution in job.executions:
+            cycles = math.ceil((execution.end - execution.begin) * Fraction(site.clock, site.timebase) / site.cpi)
+            instructions[execution.hart] += cycles + PER_OPERATION
+        operations += 2 * len(job.executions) + 2 * len(job.transfers) + len(job.calls)
+        moved += sum(transfer.size for transfer in job.transfers)
+    ticks = math.ceil(sum((table.length for table in tables), ZERO) / site.tick)
+    instructions[MANAGEMENT] = SPARE + PER_OPERATION * operations + (moved if site.dma.kind != "copy" else 100 * ticks)
+    return Budget(instructions, SPARE_TRAPS + 4 * operations, SPARE_CALLS + 100 * operations + moved)
+
+
+def judge(target: Target, simulation: CoSimulation, run: Run, course: Course) -> Outcome:
+    """Compare a run that has ended with what had to be played."""
+    tolerance = tolerance_of(run.site)
+    injections = course.injections
+    findings = Findings()
+    findings.extend(conditions.is_over(run, stops=course.stops))
+    findings.extend(conditions.is_confined(run))
+    findings.extend(conditions.plays(run, course.tables, tolerance))
+    # After a wrong turn everything else is judged by the tables that are really played, so that it is one finding.
+    played = tables_named(target.schedule, [table.name for table in run.tables])
+    expectation = Expectation(target.bundle, target.model, run.site, simulation.images)
+    jobs = expectation.jobs(played)
+    findings.extend(expectation.findings.items)
+    findings.stop_on_errors() if expectation.findings.has_errors else None
+    comparison = Comparison(run, containment.planned(jobs, injections), tolerance)
+    findings.extend(comparison.findings.items)
+    findings.extend(conditions.calls_drivers(run, containment.planned(jobs, injections), tolerance))
+    findings.extend(conditions.tells_the_truth(run))
+    findings.extend(containment.recorded(run, jobs, injections, tolerance) if injections else ())
+    findings.extend(health.recorded(run, target.model, course.firings))
+    taken = measured(run, simulation.program, target.model, played)
+    return Outcome(run, played, comparison.jobs, findings.items, jobs, taken)
+
+
+def refuse_disagreement(target: Target, site: Site) -> None:
+    """Raise `HalpipeError` unless target.json has the tables and the units of the schedule."""
+    findings = Findings()
+    modes = [(mode.name, mode.hyperperiod) for mode in target.schedule.modes]
+    modes += [(transition_name(t.source, t.target), t.length) for t in target.schedule.transitions]
+    stated = [(table.name, site.tick * table.length) for table in site.tables]
+    at = target.bundle.at("target.json")
+    if stated != modes:
+        message = f"its tables are {_listed(stated)}; those of the schedule are {_listed(modes)}"
+        findings.add(codes.BROKEN_TARGET(message, at=at, path="tables", help="export the bundle again"))
+    used = {unit for mode in target.schedule.modes for job in mode.jobs for unit in job.units}
+    used |= {unit for table in target.schedule.transitions for job in table.jobs for unit in job.units}
+    for unit in sorted(used - {unit.name for unit in site.units}):
+        message = f'has no unit "{unit}", on which jobs are scheduled'
+        findings.add(codes.BROKEN_TARGET(message, at=at, path="units", help="export the bundle again"))
+    findings.stop_on_errors()
+
+
+def _listed(tables: Sequence[tuple[str, Duration]]) -> str:
+    return ", ".join(f"{name} ({length})" for name, length in tables[:8]) + (", ..." if len(tables) > 8 else "")
+
+
+def unknown_engine(name: str, known: Sequence[str]) -> HalpipeError:
+    """Make the error for an engine that there is none of."""
+    help = did_you_mean(name, known, "choose one of " + ", ".join(known))
+    return HalpipeError(codes.BAD_REQUEST(f'there is no engine "{name}"', help=help))

@@ -1,0 +1,201 @@
+"""Conditions of a whole run: it ended, cores were confined, tables came in order, the runtime told the truth."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from fractions import Fraction
+from itertools import pairwise, zip_longest
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import Path, about
+from halpipe.deploy.riscv import codes
+from halpipe.deploy.riscv.board.pmp import TOP, Level, Right
+from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.recording import Flag, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
+    from halpipe.deploy.riscv.board.pmp import Protection
+    from halpipe.deploy.riscv.run.cosimulation import Run
+    from halpipe.deploy.riscv.run.drivers import PlannedCall
+    from halpipe.deploy.riscv.run.expectation import PlannedJob
+    from halpipe.deploy.riscv.run.recording import Record
+    from halpipe.deploy.riscv.run.sequence import Played
+    from halpipe.deploy.riscv.target import Site, UnitSite
+
+_STATES = {
+    0: "the management core did not come to the first table",
+    1: "the last table was not over in time: the management core sleeps or works on",
+    2: "it went on to the end, though a health rule has it stop",
+    3: "an application core did not answer when it was started",
+    5: "a health rule stopped it",
+}
+FINISHED, TRAPPED, STOPPED = 2, 4, 5
+_CAUSE, _EPC = 16, 17
+_CLINT_SIZE = 0x10000
+_STEPS = 150
+"""Instructions between an event and the runtime's look at the clock that it records for it."""
+
+REPORT = "export the bundle again; if it stays, report it as a bug"
+
+
+def is_over(run: Run, *, stops: bool = False) -> Iterator[Diagnostic]:
+    """Yield what kept the run from its end, which is that of a health rule if it `stops`."""
+    if run.exhausted:
+        help = "look at the job or the part of the runtime at that address: it never comes to its end"
+        yield codes.SPENT(f"{run.exhausted} ({run.duration} after the beginning)", help=help)
+        return
+    if run.state == (STOPPED if stops else FINISHED):
+        return
+    message = _STATES.get(run.state, f"the runtime is in state {run.state}")
+    if run.state == TRAPPED:
+        message = f"the management core trapped: mcause {run.word(_CAUSE):#x}, mepc {run.word(_EPC):#x}"
+    text = run.uart.decode("ascii", "replace").strip()
+    message += f"; it printed: {text[:200]}" if text else ""
+    yield codes.NOT_FINISHED(f"{message} ({run.duration} after the beginning)", help=REPORT)
+
+
+def is_confined(run: Run) -> Iterator[Diagnostic]:
+    """Yield what the protection of every core leaves open beyond its own scratchpads, timer and interrupt."""
+    for unit in run.site.units:
+        protection = run.protections[unit.hart]
+        help = "the monitor of the core has to lock its protection before the first job; export the bundle again"
+        if not protection.is_locked:
+            message = "never armed its physical memory protection"
+            yield codes.OPEN_CORE(message, path=about(unit=unit.name), help=help)
+            continue
+        for level, who in ((Level.MACHINE, "its monitor"), (Level.USER, "a job")):
+            for low, high, right in _open(run.site, unit, protection, level):
+                message = f"{who} may {_verbs(right)} at {low:#x} to {high:#x}"
+                yield codes.OPEN_CORE(message, path=about(unit=unit.name), help=help)
+    for hart in sorted({e.hart for e in run.executions if e.level is not Level.USER}):
+        message = "executes jobs in machine mode, in which they may change its interrupts and its protection"
+        help = "the monitor has to enter jobs in user mode; export the bundle again"
+        yield codes.OPEN_CORE(message, path=about(unit=run.site.unit_of(hart).name), help=help)
+
+
+def _open(site: Site, unit: UnitSite, protection: Protection, level: Level) -> Iterator[tuple[int, int, Right]]:
+    own = [
+        (unit.ispm.base, unit.ispm.end, Right.READ | Right.EXECUTE),
+        (unit.dspm.base, unit.reserved, Right.READ | Right.WRITE),
+    ]
+    if level is Level.MACHINE:
+        own += [(unit.reserved, unit.dspm.end, Right.ALL), (site.clint, site.clint + _CLINT_SIZE, Right.ALL)]
+    edges = sorted({0, TOP, *(edge for low, high, _ in own for edge in (low, high))})
+    for low, high in pairwise(edges):
+        allowed = next((right for start, end, right in own if start <= low < end), Right.NONE)
+        for start, end, right in protection.pieces(low, high, level):
+            if right & ~allowed:
+                yield start, end, right & ~allowed
+
+
+def _verbs(right: Right) -> str:
+    names = [(Right.READ, "read"), (Right.WRITE, "write"), (Right.EXECUTE, "execute")]
+    return " and ".join(name for each, name in names if right & each)
+
+
+def plays(run: Run, expected: Sequence[Played], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield where the sequence of tables leaves what has to follow from the requests, or begins at another instant."""
+    for i, (seen, table) in enumerate(zip_longest(run.tables, expected)):
+        if seen is None or table is None or seen.name != table.name:
+            was = f'"{seen.name}"' if seen else "nothing"
+            should = f'"{table.name}"' if table else "nothing"
+            message = f"plays {was}, after the requests that were made it has to be {should}"
+            yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
+            return
+        is_early = i > 0 and seen.seen < table.start  # the first one begins with the boot
+        if is_early or seen.seen > table.start + tolerance:
+            message = f'"{table.name}" begins at {seen.seen}, it has to be at {table.start}'
+            yield codes.WRONG_TABLE(message, path=f"cycle {i}", help=REPORT)
+
+
+def calls_drivers(run: Run, jobs: Sequence[PlannedJob], tolerance: Duration) -> Iterator[Diagnostic]:
+    """Yield where drivers were not called as planned, or otherwise; the same of other cycles is only counted."""
+    late = int(tolerance / run.site.tick)
+    left: dict[tuple[str, int, int], list[int]] = defaultdict(list)
+    for call in run.recorder.calls:
+        left[call.function, call.data, call.size].append(_tick(run, call.now))
+    lacking: dict[tuple[Path, str], list[PlannedCall]] = defaultdict(list)
+    for job in jobs:
+        for planned in job.calls:
+            seen = left[planned.driver.function, planned.data, planned.size]
+            tick = next((tick for tick in seen if planned.begin <= tick <= planned.begin + late), None)
+            if tick is None:
+                lacking[job.path, planned.what].append(planned)
+            else:
+                seen.remove(tick)
+    for (path, what), calls in lacking.items():
+        more = f", and likewise {len(calls) - 1} times" if calls[1:] else ""
+        message = f"{what} was not called at {run.site.tick * calls[0].begin}{more}"
+        yield codes.WRONG_DRIVER(message, path=path, help=REPORT)
+    for (function, data, size), ticks in left.items():
+        if ticks:
+            message = f"driver {function} was called {len(ticks)} times when it is not planned, first at "
+            message += f"{run.site.tick * ticks[0]}, with {size} bytes at {data:#x}"
+            yield codes.WRONG_DRIVER(message, help=REPORT)
+
+
+def tells_the_truth(run: Run) -> Iterator[Diagnostic]:
+    """Yield where the runtime's record differs from what the simulator saw, by more than reading the clock takes."""
+    recording = run.recording
+    if recording.lost:
+        return  # what was overwritten cannot be compared
+    slack = 1 + math.ceil(Fraction(_STEPS * run.rate, run.site.clock * run.tick))
+    executions = [(_tick(run, e.begin), _tick(run, e.left)) for e in run.executions if e.outcome is Outcome.RETURNED]
+    stops = [(r.begin, r.end) for r in recording.records if r.kind == Kind.STOP and not r.flags]
+    yield from _pairs("executions", sorted(executions), sorted(stops), slack)
+    transfers = [(_tick(run, t.begin),) for t in run.recorder.transfers if t.begin >= (run.zero or 0)]
+    copies = [(r.time,) for r in recording.records if r.kind == Kind.COPY and not r.flags]
+    # What the management core copies itself, it begins to copy when it has nothing else to do.
+    if run.site.dma.kind != "copy":
+        yield from _pairs("transfers", sorted(transfers), sorted(copies), slack)
+    calls = [(_tick(run, call.now),) for call in run.recorder.calls]
+    told = [(r.time,) for r in recording.records if r.kind in (Kind.INPUT, Kind.OUTPUT) and not r.flags]
+    yield from _pairs("calls of drivers", sorted(calls), sorted(told), slack)
+    tables = [(int(t.start / run.site.tick),) for t in run.tables]
+    begun = [(r.begin,) for r in recording.records if r.kind == Kind.TABLE and not r.flags & Flag.REFUSED]
+    yield from _pairs("tables", tables, begun, 0)
+    yield from _abnormal(run, recording.records)
+
+
+def _abnormal(run: Run, records: Sequence[Record]) -> Iterator[Diagnostic]:
+    outcomes = {Flag.FAULT: Outcome.FAULT, Flag.OVERRUN: Outcome.OVERRUN}
+    told = {Outcome.RETURNED: 0, Outcome.FAULT: Flag.FAULT, Outcome.OVERRUN: Flag.OVERRUN}
+    for execution in run.executions:
+        if execution.end and execution.status != told.get(execution.outcome, 0):
+            message = f"the monitor of {run.site.unit_of(execution.hart).name} says {execution.status} of an execution "
+            message += f"that {execution.outcome} at {run.since(execution.left)}"
+            yield codes.TRACE_DISAGREES(message, path="mailbox", help=REPORT)
+            break
+    for flag, outcome in outcomes.items():
+        seen = sum(e.outcome is outcome for e in run.executions)
+        recorded = sum(bool(r.flags & flag) for r in records if r.kind == Kind.STOP)
+        if seen != recorded:
+            message = f"it records {recorded} executions that ended by {outcome}, {seen} were seen"
+            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+
+
+def _pairs(
+    what: str, seen: Sequence[tuple[int, ...]], recorded: Sequence[tuple[int, ...]], slack: int
+) -> Iterator[Diagnostic]:
+    if len(seen) != len(recorded):
+        message = f"it records {len(recorded)} {what}, {len(seen)} were seen"
+        yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+        return
+    for one, other in zip(seen, recorded, strict=True):
+        if any(abs(a - b) > slack for a, b in zip(one, other, strict=True)):
+            message = f"it records {what} at tick {_shown(other)} where {_shown(one)} was seen"
+            yield codes.TRACE_DISAGREES(message, path="trace", help=REPORT)
+            return
+
+
+def _shown(instants: tuple[int, ...]) -> str:
+    return " to ".join(map(str, instants))
+
+
+def _tick(run: Run, instant: int) -> int:
+    return (instant - (run.zero or 0)) // run.tick

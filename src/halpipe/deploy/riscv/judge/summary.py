@@ -1,0 +1,150 @@
+"""What a check tells people, and the trace of what was seen for other tools."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.quantities import format_rational
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.judge.check import Outcome
+    from halpipe.deploy.riscv.judge.comparison import Seen
+
+_HEADER = ("table", "played", "jobs", "worst start", "worst execution", "of its time", "DMA busy")
+
+
+@dataclass(slots=True)
+class Figures:
+    """What was measured of one table over all times that it was played."""
+
+    played: int = 0
+    jobs: int = 0
+    lateness: Duration = ZERO
+    execution: Duration = ZERO
+    share: Fraction = Fraction(0)
+    length: Duration = ZERO
+    moving: Duration = ZERO
+
+
+def summary_lines(target: Target, outcomes: Sequence[Outcome], tolerance: Duration) -> tuple[str, ...]:
+    """Return what was played and measured, a table with one row for each table of the schedule."""
+    rows = [_HEADER, *(_row(name, figures) for name, figures in figures_of(outcomes).items())]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_HEADER))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    runs = len(outcomes)
+    tables = sum(len(outcome.tables) for outcome in outcomes)
+    jobs = sum(len(outcome.jobs) for outcome in outcomes)
+    lasted = sum((outcome.run.duration for outcome in outcomes), ZERO)
+    plural = "s" if runs > 1 else ""
+    lines.append(
+        f"co-simulation of {target.bundle.path}: {tables} tables and {jobs} jobs in {runs} run{plural}, "
+        f"{_short(lasted)} of the board's time"
+    )
+    lines.append(f"starts may be late by {tolerance}, the time that the management core has for its operations")
+    lines += _margins(outcomes)
+    lines += _calls(outcomes)
+    return tuple(lines)
+
+
+def _margins(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Yield how many cycles an instruction may take until executions no longer fit in their time."""
+    shares = [(figures.share, name) for name, figures in figures_of(outcomes).items() if figures.share]
+    if shares and not any(outcome.run.is_modelled for outcome in outcomes):
+        share, name = max(shares)
+        most = _rounded(1 / share)
+        yield f'with this data, executions fit up to {most} cycles an instruction ("{name}" is the first)'
+
+
+def _calls(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """Yield how often drivers were called, and what tasks asked for."""
+    calls = sum(len(outcome.run.recorder.calls) for outcome in outcomes)
+    if calls:
+        yield f"drivers were called {calls} times; they returned at once, for their devices are not here"
+    heard = [outcome for outcome in outcomes if outcome.hears]
+    if heard:
+        asked = sum(len(outcome.run.requests) for outcome in heard)
+        switches = sum(table.is_transition for outcome in heard for table in outcome.tables)
+        yield f"in {len(heard)} run, tasks asked {asked} times for a mode, which led to {switches} switches"
+
+
+def _rounded(number: Fraction) -> str:
+    """Return a number with two decimals, rounded down."""
+    return format_rational(Fraction(int(number * 100), 100))
+
+
+def figures_of(outcomes: Sequence[Outcome]) -> dict[str, Figures]:
+    """Return the figures of every table that was played, in the order of the schedule's first playing."""
+    found: dict[str, Figures] = {}
+    for outcome in outcomes:
+        for table in outcome.tables:
+            figures = found.setdefault(table.name, Figures())
+            figures.played += 1
+            figures.length += table.length
+        for seen in outcome.jobs:
+            _measure(outcome, seen, found[seen.planned.table.name])
+    return found
+
+
+def _measure(outcome: Outcome, seen: Seen, figures: Figures) -> None:
+    run = outcome.run
+    zero = run.zero or 0
+    figures.jobs += 1
+    if seen.begin is not None:
+        figures.lateness = max(figures.lateness, run.since(seen.begin - seen.planned.begin * run.tick))
+    for planned, execution in zip(seen.planned.executions, seen.executions, strict=True):
+        if execution is not None:
+            length = run.since(zero + execution.left - execution.begin)
+            figures.execution = max(figures.execution, length)
+            figures.share = max(figures.share, length / (run.site.tick * (planned.end - planned.begin)))
+    for transfer in seen.transfers:
+        if transfer is not None:
+            figures.moving += run.since(zero + transfer.end - transfer.begin)
+
+
+def _row(name: str, figures: Figures) -> tuple[str, ...]:
+    busy = _percent(figures.moving / figures.length) if figures.length else "-"
+    return (
+        name,
+        str(figures.played),
+        str(figures.jobs),
+        _short(figures.lateness) if figures.jobs else "-",
+        _short(figures.execution) if figures.jobs else "-",
+        _percent(figures.share) if figures.jobs else "-",
+        busy,
+    )
+
+
+def _percent(share: Fraction) -> str:
+    return format_rational(Fraction(round(share * 1000), 10)) + " %"
+
+
+def _short(duration: Duration) -> str:
+    """Return a duration in microseconds or milliseconds with at most three decimals."""
+    unit = "ms" if duration >= Duration(10**6) else "us"
+    return format_rational(Fraction(round(duration.in_unit(unit) * 1000), 1000)) + unit
+
+
+def trace_csv(outcome: Outcome) -> bytes:
+    """Return the jobs that were seen in a run as CSV: exact nanoseconds from its beginning, in the order of starts."""
+    lines = ["cycle,mode,task,job,units,start,end"]
+    for start, end, cycle, table, task, index, units in sorted(_rows(outcome)):
+        times = (format_rational(each.fraction) for each in (start, end))
+        lines.append(",".join((str(cycle), table, task, str(index), " ".join(units), *times)))
+    return ("\n".join(lines) + "\n").encode()
+
+
+_Row = tuple[Duration, Duration, int, str, str, int, tuple[str, ...]]
+
+
+def _rows(outcome: Outcome) -> Iterator[_Row]:
+    for seen in outcome.jobs:
+        if seen.begin is not None and seen.end is not None:
+            table, job = seen.planned.table, seen.planned.job
+            start, end = outcome.run.since(seen.begin), outcome.run.since(seen.end)
+            yield start, end, table.cycle, table.name, job.task, job.index, job.units

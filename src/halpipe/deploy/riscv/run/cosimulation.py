@@ -1,0 +1,446 @@
+"""Co-simulation: a bundle on a simulated board, in a closed loop with a plant."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import Findings, HalpipeError, Location
+from halpipe.core.durations import Duration, seconds
+from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
+from halpipe.deploy.riscv.board.elf import read_program
+from halpipe.deploy.riscv.board.hart import NEVER
+from halpipe.deploy.riscv.board.machine import MANAGEMENT, RUBBISH, Budget, Machine
+from halpipe.deploy.riscv.codes import BAD_REQUEST, BROKEN_PROGRAM, BROKEN_TARGET, ENGINE_ABSENT
+from halpipe.deploy.riscv.run.drivers import REQUEST, RETURN, places, read_drivers, without_drivers
+from halpipe.deploy.riscv.run.expectation import Expectation, Image
+from halpipe.deploy.riscv.run.observation import Recorder
+from halpipe.deploy.riscv.run.plant import Plant
+from halpipe.deploy.riscv.run.recording import Recording, meaning, read_recording
+from halpipe.deploy.riscv.run.regulators import regulators_playing
+from halpipe.deploy.riscv.run.sequence import Request, tables_named
+from halpipe.deploy.riscv.target import CONTROL_SIZE, Area, read_site
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from halpipe.core.bundles import Bundle
+    from halpipe.deploy.base import Target
+    from halpipe.deploy.riscv.board.elf import Program
+    from halpipe.deploy.riscv.board.memory import Memory
+    from halpipe.deploy.riscv.board.pmp import Protection
+    from halpipe.deploy.riscv.run.drivers import Call
+    from halpipe.deploy.riscv.run.expectation import PlannedJob
+    from halpipe.deploy.riscv.run.injection import Saboteur
+    from halpipe.deploy.riscv.run.observation import Execution, Trap
+    from halpipe.deploy.riscv.target import Site
+
+PROGRAM = "bundle.elf"
+MAGIC = 0x48414C5049504531
+EXECUTIONS = ("real", "modelled")
+BOOT = seconds(Fraction(1, 1000))
+"""From the start of the machine to the beginning of the run."""
+
+RUNNING, FINISHED = 1, 2
+
+
+class Word:
+    """Words of the control block."""
+
+    MAGIC, CYCLES, EXECUTION, FIRST, REPORT, EXIT, OFFSET, UNHEALTHY = range(8)
+    REQUEST, STATE, BASE, PLAYED, TABLE, TRACED, FAULTS, REFUSED = range(8, 16)
+
+
+@record
+class TableSeen:
+    """A table that was played: where it begins by the lengths of those before it, and when it was seen to begin."""
+
+    start: Duration
+    name: str
+    seen: Duration
+
+
+@dataclass(slots=True)
+class Run:
+    """What was seen of a run. Instants of executions and transfers are in units of the machine; `since` converts."""
+
+    site: Site
+    rate: int
+    tick: int
+    zero: int | None
+    state: int
+    duration: Duration
+    tables: list[TableSeen]
+    recorder: Recorder
+    recording: Recording
+    memory: Memory
+    protections: dict[int, Protection]
+    uart: bytes
+    instructions: int
+    is_modelled: bool
+    exhausted: str = ""
+    requests: list[Request] = field(default_factory=list)
+
+    @property
+    def executions(self) -> list[Execution]:
+        """Every function of a job that a core entered, in that order."""
+        return self.recorder.executions
+
+    @property
+    def faults(self) -> list[Trap]:
+        """Every exception that a core took."""
+        return self.recorder.traps
+
+    def since(self, instant: int) -> Duration:
+        """Return an instant of the machine as the time since the beginning of the run."""
+        return Duration(Fraction((instant - (self.zero or 0)) * 10**9, self.rate))
+
+    def length(self, units: int) -> Duration:
+        """Return a number of units as a duration."""
+        return Duration(Fraction(units * 10**9, self.rate))
+
+    def reason(self, job: PlannedJob) -> str:
+        """Return what the runtime recorded when it abandoned a job, empty if it did not."""
+        harts = {execution.hart for execution in job.executions}
+        for abandoned in self.recording.abandoned:
+            if (
+                abandoned.cycle == job.table.cycle
+                and abandoned.hart in harts
+                and job.begin <= abandoned.time <= job.end + 1
+            ):
+                return f"{meaning(abandoned.flags)}, at {self.since((self.zero or 0) + abandoned.time * self.tick)}"
+        return ""
+
+    def word(self, number: int) -> int:
+        """Return a word of the control block, as it was at the end."""
+        return self.memory.word(self.site.control + 8 * number)
+
+
+class CoSimulation:
+    """A bundle on a simulated board: one emulated core per hart, each with a clock of its own.
+
+    Transfers pass the tables of the regulators in the bundle, if it has any that grant bytes in windows.
+    `tables` is the number of tables to play (0: until the plant stops the run), `requests` are mode requests at their
+    instants from the beginning of the run. `execution` is ``real`` (every job takes the instructions that it has) or
+    ``modelled`` (it ends when its time in the schedule is over). `bandwidth` slows the DMA engine down, to bytes per
+    second; `cpi` are cycles per instruction, by default those of the profile. `budget` ends a run that goes round in
+    circles, and a `saboteur` has jobs and transfers fail; without `health` no rule of the model follows from that.
+    Drivers return at once: the plant takes their place. Modes that tasks ask for are taken if it `hears` them.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        *,
+        plant: Plant | None = None,
+        requests: Iterable[tuple[Duration, str]] = (),
+        cycles: int = 0,
+        first: str = "",
+        execution: str = "real",
+        bandwidth: int | None = None,
+        cpi: Fraction | int | None = None,
+        budget: Budget | None = None,
+        saboteur: Saboteur | None = None,
+        health: bool = True,
+        hears: bool = True,
+    ) -> None:
+        self.site = read_site(target.bundle)
+        self.images = read_images(target.bundle, self.site)
+        self._target = target
+        self._modes = [mode.name for mode in target.schedule.modes]
+        self._plant = plant or Plant()
+        self._cycles = cycles
+        self._first = first or self._modes[0]
+        self._execution = execution
+        self._requests = sorted((Request(instant, mode) for instant, mode in requests), key=lambda r: r.instant)
+        cpi = self.site.cpi if cpi is None else cpi
+        self._refuse_nonsense(cpi)
+        program = load_program(target.bundle, self.site)
+        self.program = program
+        self._recorder = Recorder(self.site, list(self.images.values()), self._told)
+        try:
+            bandwidths = self._bandwidths(bandwidth)
+            self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget)
+        except ModuleNotFoundError:
+            help = "pip install 'halpipe[riscv]', or choose --engine qemu"
+            raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
+        self._recorder.attach(self._machine)
+        self._attend(hears=hears)
+        self._recorder.before_read = self._before_read
+        self._recorder.after_write = self._after_write
+        self._regulators = regulators_playing(target, self.site, self._machine.timing.rate)
+        if self._regulators is not None:
+            self._machine.gate = self._regulators.gate
+        self._saboteur = saboteur
+        self._health = health
+        if saboteur is not None:
+            self._recorder.begins = self._sabotage
+            self._machine.fate = saboteur.fate
+        self._memory = self._machine.memory
+        self._zero: int | None = None
+        self._tables: list[TableSeen] = []
+        self._next = 0  # instant at which the next table begins, in units from the beginning of the run
+        self._made: list[Request] = []
+        self._asked: list[tuple[int, int]] = []
+
+    def _attend(self, *, hears: bool) -> None:
+        """Put the plant in the place of the drivers, and have the runtime take what tasks ask for, or not."""
+        drivers = read_drivers(self._target.bundle)
+        self._sampled = {driver.buffer: driver.kind for driver in drivers}
+        self._buffers = {area.base: name for name, area in self.site.buffers.items()}
+        known = places(self._target.bundle, self.program, drivers)
+        for address, name in known.items():
+            if not (hears and name == REQUEST):
+                self._machine.overwrite(MANAGEMENT, address, RETURN)
+        if known:
+            self._recorder.watch_drivers(known)
+            self._recorder.drives = self._drives
+
+    def _bandwidths(self, stated: int | None) -> dict[int, int]:
+        """Return the bandwidth of every channel: as asked for, else that of the engine, or of a slower resource."""
+        most = self.site.dma.bandwidth
+        rates = {r.name: min(r.bandwidth or most, most) for r in self._target.model.resources}
+        return {channel: stated or rates.get(name, most) for name, channel in self.site.channels.items()}
+
+    def _refuse_nonsense(self, cpi: Fraction | int) -> None:
+        findings = Findings()
+        for mode in [self._first, *(request.mode for request in self._requests)]:
+            self._check_mode(mode, findings)
+        if self._execution not in EXECUTIONS:
+            help = did_you_mean(self._execution, EXECUTIONS, "choose real or modelled")
+            findings.add(BAD_REQUEST(f'there is no execution "{self._execution}"', help=help))
+        if cpi < 1 or self._cycles < 0:
+            findings.add(BAD_REQUEST("a number of cycles is not positive", help="give a positive number"))
+        findings.stop_on_errors()
+
+    def _check_mode(self, mode: str, findings: Findings) -> None:
+        if mode not in self._modes:
+            help = did_you_mean(mode, self._modes, "the modes are " + ", ".join(self._modes))
+            findings.add(BAD_REQUEST(f'there is no mode "{mode}"', help=help))
+
+    # ------------------------------------------------------------------------------------------ running
+
+    def run(self, limit: Duration | None = None, *, is_cold: bool = False) -> Run:
+        """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.
+
+        A run that `is_cold` begins as when the power comes: nobody has prepared main memory.
+        """
+        offset = int(BOOT / self.site.tick) or 1
+        if is_cold:
+            for area in (Area(self.site.control, CONTROL_SIZE), *self.site.buffers.values()):
+                self._memory.write(area.base, RUBBISH * area.size)
+        else:
+            self._prepare(offset)
+        self._plant.start(self)
+        end = NEVER
+        if limit is not None:
+            end = self._units(limit) + (offset + 1000 * len(self.site.units)) * self._machine.timing.tick
+        self._machine.run(end)
+        return self._result()
+
+    def _prepare(self, offset: int) -> None:
+        """Set the words of the control block that those who start a board may set."""
+        self._set(Word.MAGIC, MAGIC)
+        self._set(Word.CYCLES, self._cycles)
+        self._set(Word.EXECUTION, EXECUTIONS.index(self._execution))
+        self._set(Word.FIRST, self._modes.index(self._first))
+        self._set(Word.OFFSET, offset)
+        self._set(Word.UNHEALTHY, not self._health)
+
+    def _result(self) -> Run:
+        machine = self._machine
+        now = max(hart.now for hart in machine.harts) if self._zero is None else machine.management.now - self._zero
+        return Run(
+            site=self.site,
+            rate=machine.timing.rate,
+            tick=machine.timing.tick,
+            zero=self._zero,
+            state=self._memory.word(self.site.control + 8 * Word.STATE),
+            duration=self._duration(now),
+            tables=self._tables,
+            recorder=self._recorder,
+            recording=self._read_recording(),
+            memory=self._memory,
+            protections={hart.number: hart.protection for hart in machine.harts if hart.number != MANAGEMENT},
+            uart=bytes(machine.uart.text),
+            instructions=sum(hart.count for hart in machine.harts),
+            is_modelled=self._execution == EXECUTIONS[1],
+            exhausted=machine.exhausted,
+            requests=sorted([*self._made, *self._of_tasks()], key=lambda request: request.instant),
+        )
+
+    def _of_tasks(self) -> Iterator[Request]:
+        """Yield what tasks asked for, at the instants at which it counts: where the plan has their phases end."""
+        if not self._asked:
+            return
+        seen = tables_named(self._target.schedule, [table.name for table in self._tables])
+        expectation = Expectation(self._target.bundle, self._target.model, self.site, self.images)
+        jobs = expectation.jobs(seen)
+        due = sorted(call.begin for job in jobs for call in job.calls if call.driver.function == REQUEST)
+        for now, value in self._asked:
+            tick = (now - (self._zero or 0)) // self._machine.timing.tick
+            place = bisect_right(due, tick)
+            mode = self._modes[value - 1] if value <= len(self._modes) else ""
+            yield Request(self.site.tick * (due[place - 1] if place else tick), mode)
+
+    def _read_recording(self) -> Recording:
+        def word(number: int) -> int:
+            return self._memory.word(self.site.control + 8 * number)
+
+        # The counts are of a program that may be wrong.
+        traced, faults = (min(word(number), 1 << 32) for number in (Word.TRACED, Word.FAULTS))
+        return read_recording(self._memory.read, self.site.trace, traced, self.site.faults, faults)
+
+    def _duration(self, units: int) -> Duration:
+        return Duration(Fraction(units * 10**9, self._machine.timing.rate))
+
+    def _units(self, duration: Duration) -> int:
+        return int(duration.in_unit("s") * self._machine.timing.rate)
+
+    def _set(self, word: int, value: int) -> None:
+        self._memory.put_word(self.site.control + 8 * word, value)
+
+    # ------------------------------------------------------------------------------------------ following the run
+
+    def _told(self, word: int, value: int, now: int) -> None:
+        """The runtime writes a word of the control block."""
+        if word == Word.STATE and value not in (0, RUNNING):
+            self._machine.stop()
+        elif word == Word.STATE and value == RUNNING:
+            self._begin()
+        elif word == Word.REQUEST and value:
+            self._asked.append((now, value))
+        elif word == Word.TABLE and self._zero is not None:
+            self._table(value, now)
+        elif word == Word.TRACED and value:
+            self._recorder.traced.append((now, self._machine.management.woken))
+
+    def _begin(self) -> None:
+        base = self._memory.word(self.site.control + 8 * Word.BASE)
+        self._zero = base * self._machine.timing.tick
+        if self._saboteur is not None:
+            self._saboteur.zero, self._saboteur.tick = self._zero, self._machine.timing.tick
+        for request in self._requests:
+            instant = self._zero + self._units(request.instant)
+            self._machine.at(instant, partial(self._request, request.mode, instant))
+
+    def _table(self, index: int, seen: int) -> None:
+        """A table begins: where, follows from the lengths of those before it."""
+        if index >= len(self.site.tables):
+            return
+        table = self.site.tables[index]
+        if self._regulators is not None:
+            self._regulators.begin(table.name, (self._zero or 0) + self._next)
+            self._machine.gates_changed()
+        now = self._duration(self._next)
+        cycle = len(self._tables)
+        self._tables.append(TableSeen(now, table.name, self._duration(seen - (self._zero or 0))))
+        self._next += table.length * self._machine.timing.tick
+        self._plant.cycle(self, now, cycle, table.name)
+
+    def _sabotage(self, execution: Execution) -> None:
+        assert self._saboteur is not None
+        code = self._saboteur.code(execution)
+        if code:
+            self._machine.overwrite(execution.hart, execution.function, code)
+
+    def _drives(self, call: Call) -> None:
+        """A driver is called: what it would exchange with a device, it exchanges with the plant."""
+        buffer = self._buffers.get(call.data, "")
+        now = self._duration(call.now - (self._zero or 0))
+        if self._sampled.get(buffer) is AccessKind.READ:
+            self._plant.reads(self, now, buffer)
+        elif buffer in self._sampled:
+            self._plant.written(self, now, buffer)
+
+    def _before_read(self, buffer: str, now: int) -> None:
+        if self._zero is not None and self._sampled.get(buffer) is not AccessKind.READ:
+            self._plant.reads(self, self._duration(now - self._zero), buffer)
+
+    def _after_write(self, buffer: str, now: int) -> None:
+        if self._zero is not None and self._sampled.get(buffer) is not AccessKind.WRITE:
+            self._plant.written(self, self._duration(now - self._zero), buffer)
+
+    # ------------------------------------------------------------------------------------------ the board
+
+    def read(self, buffer: str) -> bytes:
+        """Return what a buffer holds."""
+        area = self.site.buffers[buffer]
+        return self._memory.read(area.base, area.size)
+
+    def write(self, buffer: str, data: bytes) -> None:
+        """Put `data` at the beginning of a buffer; more than it holds is a fault of the plant (``ValueError``)."""
+        area = self.site.buffers[buffer]
+        if len(data) > area.size:
+            raise ValueError(f'buffer "{buffer}" has {area.size} bytes, not {len(data)}')
+        self._memory.write(area.base, data)
+        self._recorder.stored(buffer, data)
+
+    def request(self, mode: str) -> None:
+        """Put a mode into the mailbox."""
+        findings = Findings()
+        self._check_mode(mode, findings)
+        findings.stop_on_errors()
+        self._request(mode, self._machine.management.now)
+
+    def _request(self, mode: str, now: int) -> None:
+        self._made.append(Request(self._duration(now - (self._zero or 0)), mode))
+        self._set(Word.REQUEST, self._modes.index(mode) + 1)
+
+    def stop(self) -> None:
+        """End the run now."""
+        self._machine.stop()
+
+
+def silent(target: Target) -> bytes:
+    """Return the program of a bundle with drivers that return at once."""
+    content = target.bundle.files[PROGRAM]
+    drivers = read_drivers(target.bundle)
+    if not drivers:
+        return content
+    program = read_program(content, target.bundle.at(PROGRAM))
+    return without_drivers(content, places(target.bundle, program, drivers))
+
+
+def load_program(bundle: Bundle, site: Site) -> Program:
+    """Return the one program of a bundle; raise `HalpipeError` unless all of it lies in the memories of the target."""
+    at = bundle.at(PROGRAM)
+    help = "export the bundle again"
+    if PROGRAM not in bundle.files:
+        raise HalpipeError(BROKEN_PROGRAM(f"the bundle has no {PROGRAM}", at=at, help=help))
+    program = read_program(bundle.files[PROGRAM], at)
+    findings = Findings()
+    for segment in program.segments:
+        if not (site.main.base <= segment.source and segment.source + len(segment.data) <= site.main.end):
+            message = f"{len(segment.data)} bytes at {segment.source:#x} are not in main memory"
+            findings.add(BROKEN_PROGRAM(message, at=at, help=help))
+    if program.entry != site.entry:
+        message = f"it begins at {program.entry:#x}, target.json says {site.entry:#x}"
+        findings.add(BROKEN_PROGRAM(message, at=at, help=help))
+    findings.stop_on_errors()
+    return program
+
+
+def read_images(bundle: Bundle, site: Site) -> dict[tuple[str, str, str], Image]:
+    """Return the images of a bundle by task, version and unit; raise `HalpipeError` with all that cannot be used."""
+    findings = Findings()
+    found = {}
+    for image in site.images:
+        at: Location = bundle.at(image.file)
+        if image.file not in bundle.files:
+            help = "export the bundle again"
+            findings.add(BROKEN_TARGET(f'names "{image.file}", which is not in the bundle', at=at, help=help))
+            continue
+        try:
+            program = read_program(bundle.files[image.file], at)
+        except HalpipeError as failure:
+            findings.extend(failure.diagnostics)
+            continue
+        found[image.task, image.version, image.unit] = Image(image, program, site.unit(image.unit).hart)
+    findings.stop_on_errors()
+    return found

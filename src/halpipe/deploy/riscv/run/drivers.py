@@ -1,0 +1,106 @@
+"""Drivers of a bundle as the check sees them: their calls are planned and held to; their own code is not executed.
+
+What a driver does is between it and devices that no simulator of the board has. So its function returns at once, and a
+plant takes its place. Written from docs/reference/riscv-bundle.md; nothing is shared with the exporter.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import YamlMap, parse_yaml
+from halpipe.core.records import record
+from halpipe.deploy.riscv.board.elf import offset_of
+from halpipe.deploy.riscv.codes import BROKEN_TARGET
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from halpipe.core.bundles import Bundle
+    from halpipe.deploy.riscv.board.elf import Program
+    from halpipe.models import Access
+
+FILE = "drivers.yaml"
+REQUEST = "hp_request_mode"
+RETURN = (0x00008067).to_bytes(4, "little")
+_HELP = "export the bundle again; edit the file of drivers, not the bundle"
+
+
+@record
+class Driver:
+    """A function that is called with a buffer when a phase of `kind` begins or ends, of all tasks or of one."""
+
+    buffer: str
+    function: str
+    kind: AccessKind
+    task: str
+
+    def serves(self, task: str, access: Access) -> bool:
+        """Whether it is called in a phase of a task."""
+        moves = any(transfer.buffer == self.buffer for transfer in access.transfers)
+        return moves and access.kind is self.kind and self.task in ("", task)
+
+
+@record(kw_only=True)
+class PlannedCall:
+    """A call of a driver at tick `begin`, for the job of a core, with the area of a buffer."""
+
+    driver: Driver
+    hart: int
+    data: int
+    size: int
+    begin: int
+
+    @property
+    def what(self) -> str:
+        """How messages name it."""
+        return f'driver {self.driver.function} of buffer "{self.driver.buffer}"'
+
+
+@record
+class Call:
+    """A call that was seen, in units of the machine's time."""
+
+    function: str
+    data: int
+    size: int
+    now: int
+
+
+def read_drivers(bundle: Bundle) -> tuple[Driver, ...]:
+    """Return the drivers of a bundle in their order, none if it has no file of them."""
+    if FILE not in bundle.files:
+        return ()
+    document = parse_yaml(bundle.files[FILE], FILE)
+    stated: Any = document if isinstance(document, YamlMap) else {}
+    rows = [("inputs", AccessKind.READ), ("outputs", AccessKind.WRITE), ("requests", AccessKind.WRITE)]
+    try:
+        return tuple(
+            Driver(row["buffer"], REQUEST if key == "requests" else row["function"], kind, row.get("task", ""))
+            for key, kind in rows
+            for row in stated.get(key, [])
+        )
+    except (KeyError, TypeError, AttributeError):
+        raise HalpipeError(BROKEN_TARGET("is no file of drivers", at=bundle.at(FILE), help=_HELP)) from None
+
+
+def places(bundle: Bundle, program: Program, drivers: Iterable[Driver]) -> dict[int, str]:
+    """Return the functions of drivers by their addresses in the program."""
+    names = dict.fromkeys(driver.function for driver in drivers)
+    absent = [name for name in names if name not in program.symbols]
+    if absent:
+        message = f"the program does not define {', '.join(absent)}"
+        raise HalpipeError(BROKEN_TARGET(message, at=bundle.at(FILE), help=_HELP))
+    return {program.symbols[name][0]: name for name in names}
+
+
+def without_drivers(program: bytes, addresses: Iterable[int]) -> bytes:
+    """Return a program whose drivers return at once, for simulators that have not their devices."""
+    changed = bytearray(program)
+    for address in addresses:
+        at = offset_of(program, address, len(RETURN))
+        if at is not None:
+            changed[at : at + len(RETURN)] = RETURN
+    return bytes(changed)

@@ -1,0 +1,273 @@
+"""Faults put into jobs on purpose, and what has to follow from each: the plan of a run in which they happen.
+
+A job that fails is stopped in its time and recorded, what it would have written is not written, and everything else
+happens as planned. That is derived from the schedule here, not from what the runtime does.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import defaultdict
+from dataclasses import replace
+from enum import StrEnum
+from itertools import pairwise, takewhile
+from typing import TYPE_CHECKING
+
+from halpipe.core.records import record
+from halpipe.deploy.riscv.run.observation import Outcome
+from halpipe.deploy.riscv.run.recording import Flag
+from halpipe.models import AccessKind
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from halpipe.deploy.riscv.board.dma import Transfer
+    from halpipe.deploy.riscv.run.expectation import PlannedExecution, PlannedJob, PlannedTransfer
+    from halpipe.deploy.riscv.run.observation import Execution
+    from halpipe.deploy.riscv.target import Site, UnitSite
+
+
+class Kind(StrEnum):
+    """What goes wrong."""
+
+    SPIN = "a loop without end"
+    DEAF_SPIN = "interrupts switched off, then a loop without end"
+    TRAP = "an illegal instruction"
+    CALL = "a system call"
+    WILD_STORE = "a store to main memory"
+    NEIGHBOUR = "a store to another core's scratchpad"
+    JUMP = "a jump into main memory"
+    OVERFLOW = "a stack that grows without end"
+    REGISTERS = "the protection opened and the trap vector cleared"
+    TIMER = "the deadline put off"
+    MAILBOX = "a store to the mailbox"
+    LATE_DMA = "a transfer that takes too long"
+    DMA_ERROR = "a transfer that fails"
+
+
+CODES = tuple(kind for kind in Kind if kind not in (Kind.LATE_DMA, Kind.DMA_ERROR))
+"""What the code of a job can do wrong."""
+
+_HERE = 0x0000006F  # j .
+_SPIN = (*[0x00000013] * 15, 0xFC5FF06F)  # nops, and back to the first
+_CSRCI_MSTATUS, _CSRW_PMPCFG0, _CSRW_MTVEC = 0x30047073, 0x3A001073, 0x30501073
+_UNIMPLEMENTED, _ECALL = 0xC0001073, 0x00000073
+_T0, _SP, _ZERO = 5, 2, 0
+
+
+def _constant(value: int) -> tuple[int, ...]:
+    """Return instructions that put an unsigned number of 32 bits into t0."""
+    low = (value & 0xFFF) - ((value & 0x800) << 1)
+    high = (value - low) >> 12 & 0xFFFFF
+    lui = high << 12 | _T0 << 7 | 0x37
+    addi = (low & 0xFFF) << 20 | _T0 << 15 | _T0 << 7 | 0x1B
+    slli, srli = 0x02029293, 0x0202D293  # t0 by 32 places
+    return lui, addi, slli, srli
+
+
+def _store(address: int) -> tuple[int, ...]:
+    sd = _T0 << 20 | _T0 << 15 | 3 << 12 | 0x23  # sd t0, 0(t0)
+    return (*_constant(address), sd, _HERE)
+
+
+def code_of(kind: Kind, site: Site, unit: UnitSite) -> bytes:
+    """Return the instructions of a fault on a unit; empty if addresses there need more than 32 bits."""
+    others = [other for other in site.units if other is not unit]
+    clint_timer = site.clint + 0x4000 + 8 * unit.hart
+    neighbour = others[0].mailbox if others else site.main.base
+    words: tuple[int, ...] = {
+        Kind.SPIN: _SPIN,
+        Kind.DEAF_SPIN: (_CSRCI_MSTATUS, _HERE),
+        Kind.TRAP: (_UNIMPLEMENTED, _HERE),
+        Kind.CALL: (_ECALL, _HERE),
+        Kind.WILD_STORE: _store(site.control + 8),
+        Kind.NEIGHBOUR: _store(neighbour),
+        Kind.JUMP: (*_constant(site.main.base), 0x00028067),  # jr t0
+        Kind.OVERFLOW: (0xFC010113, 0x00113023, 0xFF9FF06F),  # addi sp, sp, -64; sd ra, 0(sp); again
+        Kind.REGISTERS: (_CSRW_PMPCFG0, _CSRW_MTVEC, _HERE),
+        Kind.TIMER: (*_constant(clint_timer), 0xFFF00313, 0x0062B023, _HERE),  # li t1, -1; sd t1, 0(t0)
+        Kind.MAILBOX: _store(unit.mailbox + 8),
+    }[kind]
+    if max(site.main.end, clint_timer, neighbour, unit.mailbox) >> 32:
+        return b""
+    return b"".join(word.to_bytes(4, "little") for word in words)
+
+
+@record
+class Injection:
+    """One fault: of a `kind`, into the job of `row` of the `cycle`-th table.
+
+    A late transfer is complete a little more than `late` ticks after its phase, when the check that it is complete has
+    certainly been made.
+    """
+
+    kind: Kind
+    cycle: int
+    row: int
+    late: int = 0
+
+    @property
+    def flags(self) -> Flag:
+        """What the runtime has to record of it, one of these."""
+        if self.kind is Kind.LATE_DMA:
+            return Flag.LATE
+        if self.kind is Kind.DMA_ERROR:
+            return Flag.ERROR
+        return {Kind.SPIN: Flag.OVERRUN, Kind.DEAF_SPIN: Flag.OVERRUN | Flag.FAULT}.get(self.kind, Flag.FAULT)
+
+    @property
+    def ends(self) -> frozenset[Outcome]:
+        """How the execution may end."""
+        if self.kind is Kind.SPIN:
+            return frozenset({Outcome.OVERRUN})
+        return frozenset({Outcome.FAULT} | ({Outcome.OVERRUN} if self.kind is Kind.DEAF_SPIN else set()))
+
+
+def victim(kind: Kind, job: PlannedJob) -> PlannedExecution | PlannedTransfer | None:
+    """Return what of a job the fault befalls: its first function, on its last unit; or a transfer that it waits for."""
+    if kind in CODES:
+        first = [execution for execution in job.executions if execution.stretch == 0]
+        return first[-1] if first else None
+    phases = [t for t in job.transfers if t.kind is not AccessKind.WRITE]
+    spans = sorted({(t.begin, t.end) for t in job.transfers})
+    if not phases or any(earlier[1] > later[0] for earlier, later in pairwise(spans)):
+        return None  # phases that overlap: which operation notices is no matter of the schedule
+    if kind is Kind.LATE_DMA:
+        return [t for t in phases if t.begin == phases[0].begin][-1]
+    return next(t for t in phases if t.begin == phases[-1].begin)
+
+
+def consequence(injection: Injection, job: PlannedJob) -> PlannedJob:
+    """Return what is left of a job that the fault befalls."""
+    found = victim(injection.kind, job)
+    if found is None:
+        return job
+    calls = tuple(call for call in job.calls if call.begin < found.end)
+    if injection.kind in CODES:
+        return replace(
+            job,
+            transfers=tuple(t for t in job.transfers if t.begin < found.end),
+            executions=tuple(
+                replace(e, ends=injection.ends) if e is found else e for e in job.executions if e.stretch == 0
+            ),
+            calls=calls,
+        )
+    return replace(
+        job,
+        transfers=tuple(_remaining(injection, job, found)),
+        executions=tuple(e for e in job.executions if e.begin < found.end),
+        calls=calls,
+    )
+
+
+def _remaining(
+    injection: Injection, job: PlannedJob, found: PlannedExecution | PlannedTransfer
+) -> Iterator[PlannedTransfer]:
+    """Yield the transfers that still begin: those before, and in the phase of a late one all, for it is the last."""
+    for transfer in job.transfers:
+        if transfer is found:
+            late = injection.kind is Kind.LATE_DMA
+            yield replace(transfer, end=transfer.end + injection.late + 1) if late else transfer
+            return
+        yield transfer
+
+
+class Saboteur:
+    """Does what is planned to go wrong in a run of the co-simulation; see `CoSimulation`."""
+
+    def __init__(self, site: Site, jobs: Sequence[PlannedJob], injections: Sequence[Injection]) -> None:
+        self._site = site
+        self.zero, self.tick = 0, 1
+        by_place = {(job.table.cycle, job.row): job for job in jobs}
+        self._executions: list[tuple[PlannedExecution, Kind]] = []
+        self._transfers: list[tuple[PlannedTransfer, Injection]] = []
+        for injection in injections:
+            found = victim(injection.kind, by_place[injection.cycle, injection.row])
+            if found is None:
+                continue
+            if injection.kind in CODES:
+                self._executions.append((found, injection.kind))  # type: ignore[arg-type] # by its kind
+            else:
+                self._transfers.append((found, injection))  # type: ignore[arg-type]
+
+    def code(self, execution: Execution) -> bytes:
+        """Return what a core executes instead of the function that it is about to begin; empty for the function."""
+        hart, function = execution.hart, execution.function
+        tick = (execution.begin - self.zero) // self.tick
+        for entry in self._executions:
+            planned, kind = entry
+            if (planned.hart, planned.function) == (hart, function) and planned.begin <= tick < planned.end:
+                self._executions.remove(entry)
+                return code_of(kind, self._site, self._site.unit_of(hart))
+        return b""
+
+    def fate(self, transfer: Transfer) -> tuple[int, bool] | None:
+        """Return when a transfer that begins ends, and whether it fails; None if nothing befalls it."""
+        tick = (transfer.begin - self.zero) // self.tick
+        for entry in self._transfers:
+            planned, injection = entry
+            same = (planned.source, planned.target, planned.size) == (transfer.source, transfer.target, transfer.size)
+            if same and planned.begin <= tick < planned.end:
+                self._transfers.remove(entry)
+                if injection.kind is Kind.DMA_ERROR:
+                    return transfer.end, True
+                return self.zero + (planned.end + injection.late) * self.tick + self.tick // 2, False
+        return None
+
+
+class Stuck(Saboteur):
+    """Has every job of a version of a task go round in circles, from an instant of the run (`since`, in ticks) on."""
+
+    def __init__(self, site: Site, task: str, version: str, since: int) -> None:
+        super().__init__(site, (), ())
+        self._of, self._since = (task, version), since
+
+    def code(self, execution: Execution) -> bytes:
+        """Return a loop for the functions of the version, once it is time."""
+        image = execution.image
+        is_own = image is not None and (image.site.task, image.site.version) == self._of
+        if not is_own or (execution.begin - self.zero) // self.tick < self._since:
+            return b""
+        return code_of(Kind.SPIN, self._site, self._site.unit_of(execution.hart))
+
+    def injections(self, jobs: Iterable[PlannedJob]) -> list[Injection]:
+        """Return which of the jobs of a run fail."""
+        return [
+            Injection(Kind.SPIN, job.table.cycle, job.row)
+            for job in jobs
+            if (job.job.task, job.job.version) == self._of and job.executions[0].begin >= self._since
+        ]
+
+
+def assign(jobs: Sequence[PlannedJob], kinds: Sequence[Kind], site: Site, late: int, turn: int = 0) -> list[Injection]:
+    """Return faults for every second job of each cycle, so that two times as many cycles as kinds have every pair.
+
+    There are no more than the runtime can record. A further `turn` begins with other pairs.
+    """
+    found: list[Injection] = []
+    begins: dict[int, list[tuple[int, int, int]]] = defaultdict(list)
+    for job in jobs:
+        for transfer in job.transfers:
+            begins[transfer.channel].append((transfer.begin, job.table.cycle, job.row))
+    for starts in begins.values():
+        starts.sort()
+    for job in jobs:
+        place = job.table.cycle + turn
+        if (job.row + place) % 2 or len(found) == site.faults.capacity:
+            continue
+        kind = kinds[(job.row // 2 + place // 2) % len(kinds)]
+        injection = Injection(kind, job.table.cycle, job.row, late)
+        if (kind not in CODES or code_of(kind, site, site.units[0])) and not _disturbs(injection, job, begins):
+            found.append(injection)
+    return found
+
+
+def _disturbs(injection: Injection, job: PlannedJob, begins: dict[int, list[tuple[int, int, int]]]) -> bool:
+    """Whether there is nothing to befall, or another job needs the channel of a transfer while it is late."""
+    found = victim(injection.kind, job)
+    if found is None or injection.kind is not Kind.LATE_DMA:
+        return found is None
+    starts = begins[getattr(found, "channel", 0)]
+    first = bisect_left(starts, (found.end, 0, 0))
+    after = takewhile(lambda start: start[0] <= found.end + injection.late + 1, starts[first:])
+    return any((cycle, row) != (job.table.cycle, job.row) for _, cycle, row in after)

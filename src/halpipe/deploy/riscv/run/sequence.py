@@ -1,0 +1,191 @@
+"""Which tables are played, in which order: what mode requests lead to, and which requests lead through all tables.
+
+A mode request is taken a little before the end of a mode's hyperperiod; then the table of the transition and the new
+mode follow. Written from docs/reference/riscv-bundle.md, not from the runtime, which is to be held against it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from halpipe.core.durations import ZERO, Duration
+from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from halpipe.models import Job, Schedule
+
+DECISION = 2
+"""Ticks before the end of a hyperperiod at which the mailbox is read."""
+
+
+@record
+class Played:
+    """A table in a run: the `cycle`-th, from `start` for `length`; a mode, or ``a->b`` for a transition."""
+
+    cycle: int
+    name: str
+    start: Duration
+    length: Duration
+    jobs: tuple[Job, ...]
+    source: str = ""
+
+    @property
+    def is_transition(self) -> bool:
+        """Whether it leads from one mode to another."""
+        return bool(self.source)
+
+
+@record
+class Request:
+    """A mode that is asked for at an instant from the beginning of the run."""
+
+    instant: Duration
+    mode: str
+
+
+@record
+class Wish:
+    """A mode that a health rule wants from an instant on; the least `priority` goes before others."""
+
+    instant: Duration
+    mode: str
+    priority: int
+
+
+@record
+class Tour:
+    """A run: the mode it begins with, what is requested in it, and how many tables it plays."""
+
+    first: str
+    requests: tuple[Request, ...]
+    tables: int
+
+
+def transition_name(source: str, target: str) -> str:
+    """Return how the table between two modes is called."""
+    return f"{source}->{target}"
+
+
+def played_tables(
+    schedule: Schedule,
+    first: str,
+    requests: Sequence[Request],
+    tables: int,
+    tick: Duration,
+    wishes: Sequence[Wish] = (),
+    stop: Duration | None = None,
+) -> list[Played]:
+    """Return the tables that have to be played, `tables` of them, each where it begins.
+
+    What health rules wish goes before what is requested; none follows the one in which a rule has the run `stop`.
+    """
+    switches = {(t.source, t.target): t for t in schedule.transitions}
+    waiting = deque(sorted(requests, key=lambda request: request.instant))
+    left = sorted(wishes, key=lambda wish: wish.instant)
+    found: list[Played] = []
+    mode, now = first, ZERO
+    while len(found) < tables and (stop is None or now < stop):
+        table = schedule.mode(mode)
+        found.append(Played(len(found), mode, now, table.hyperperiod, table.jobs))
+        now += table.hyperperiod
+        wanted = ""
+        while waiting and waiting[0].instant <= now - tick * DECISION:
+            wanted = waiting.popleft().mode
+        due = [wish for wish in left if wish.instant <= now - tick * DECISION]
+        left = left[len(due) :]
+        healthy = min(due, key=lambda wish: wish.priority).mode if due else mode
+        wanted = healthy if healthy != mode else wanted
+        switch = switches.get((mode, wanted))
+        if switch is not None and len(found) < tables and (stop is None or now < stop):
+            name = transition_name(mode, wanted)
+            found.append(Played(len(found), name, now, switch.length, switch.jobs, source=mode))
+            now += switch.length
+        if switch is not None:
+            mode = wanted
+    return found
+
+
+def tables_named(schedule: Schedule, names: Sequence[str]) -> list[Played]:
+    """Return the tables with these names one after the other, leaving out what the schedule does not have."""
+    modes = {mode.name: mode for mode in schedule.modes}
+    switches = {transition_name(t.source, t.target): t for t in schedule.transitions}
+    found: list[Played] = []
+    for name in names:
+        now = found[-1].start + found[-1].length if found else ZERO
+        if name in modes:
+            mode = modes[name]
+            found.append(Played(len(found), name, now, mode.hyperperiod, mode.jobs))
+        elif name in switches:
+            switch = switches[name]
+            found.append(Played(len(found), name, now, switch.length, switch.jobs, source=switch.source))
+    return found
+
+
+def tours(schedule: Schedule, cycles: int) -> list[Tour]:
+    """Return runs that together play every mode and every transition, each mode for at least `cycles` hyperperiods."""
+    unplayed = {mode.name: [t.target for t in schedule.transitions if t.source == mode.name] for mode in schedule.modes}
+    unseen = [mode.name for mode in schedule.modes]
+    found = []
+    while unseen or any(unplayed.values()):
+        first = next((name for name in unplayed if unplayed[name]), "") or unseen[0]
+        walk = _walk(schedule, first, unplayed, unseen)
+        found.append(_tour(schedule, walk, cycles))
+    return found
+
+
+def _walk(schedule: Schedule, first: str, unplayed: dict[str, list[str]], unseen: list[str]) -> list[str]:
+    """Return modes one after the other, along transitions that were not played while there are any within reach."""
+    walk, mode = [first], first
+    while True:
+        if mode in unseen:
+            unseen.remove(mode)
+        way = _way(schedule, mode, unplayed)
+        if not way:
+            return walk
+        for following in way:
+            if following in unplayed[mode]:
+                unplayed[mode].remove(following)
+            walk.append(following)
+            mode = following
+            if mode in unseen:
+                unseen.remove(mode)
+
+
+def _way(schedule: Schedule, mode: str, unplayed: dict[str, list[str]]) -> list[str]:
+    """Return the shortest way to and along a transition that was not played, breadth first; empty if there is none."""
+    ways: deque[list[str]] = deque([[mode]])
+    known = {mode}
+    while ways:
+        way = ways.popleft()
+        if unplayed[way[-1]]:
+            return [*way[1:], unplayed[way[-1]][0]]
+        for transition in schedule.transitions:
+            if transition.source == way[-1] and transition.target not in known:
+                known.add(transition.target)
+                ways.append([*way, transition.target])
+    return []
+
+
+def _tour(schedule: Schedule, walk: list[str], cycles: int) -> Tour:
+    """Request every further mode of `walk` in the middle of the last hyperperiod of the one before.
+
+    In the first hyperperiod of each, where there are more, a mode is requested to which no table leads.
+    """
+    lengths = {(t.source, t.target): t.length for t in schedule.transitions}
+    requests = []
+    now, tables = ZERO, 0
+    for i, mode in enumerate(walk):
+        hyperperiod = schedule.mode(mode).hyperperiod
+        tables += cycles
+        refused = next((m.name for m in schedule.modes if (mode, m.name) not in lengths and m.name != mode), "")
+        if refused and cycles > 1:
+            requests.append(Request(now + hyperperiod / 2, refused))
+        if i + 1 < len(walk):
+            requests.append(Request(now + hyperperiod * Fraction(2 * cycles - 1, 2), walk[i + 1]))
+            now += hyperperiod * cycles + lengths[mode, walk[i + 1]]
+            tables += 1
+    return Tour(walk[0], tuple(requests), tables)

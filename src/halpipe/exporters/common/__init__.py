@@ -1,0 +1,1 @@
+"""Parts that all exporters share: options, the choice of modes, the drawn line of time, priorities, CPUs, colours."""

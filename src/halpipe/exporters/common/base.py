@@ -1,0 +1,81 @@
+"""What every exporter shares: its options and the door it is registered through."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.extent import Extent
+    from halpipe.models import Schedule, TaskModel
+
+O = TypeVar("O", bound="ExportOptions")  # noqa: E741
+
+
+@record(kw_only=True)
+class ExportOptions:
+    """What the user may choose of every format: a `title`, and one `mode` where all would be written (empty: all).
+
+    A format with choices of its own has a subclass of this beside its exporter.
+    """
+
+    title: str = ""
+    mode: str = ""
+
+
+def specific(kind: type[O], options: ExportOptions) -> O:
+    """Return `options` as the options of one format, with its defaults where only the common ones are given."""
+    return options if isinstance(options, kind) else kind(title=options.title, mode=options.mode)
+
+
+class Exporter(Protocol):
+    """The door through which a target format goes out; registered as entry point ``halpipe.exporters``.
+
+    An exporter decides nothing: it writes the schedule it is given, which the caller has verified. It is a pure
+    function of its arguments, so the same schedule gives the same bytes. `suffix` is how its file names end, empty
+    for a folder. `options` is the type of its options, in which each choice is stated
+    (`halpipe.exporters.common.choices`); `titled` tells whether their title is used. `shown` names the file of an
+    export that is for the eyes of who exports (empty: none). `help` is the sentence that the command line has for it.
+    """
+
+    name: str
+    summary: str
+    help: str
+    extent: Extent
+    suffix: str
+    options: type[ExportOptions]
+    titled: bool
+    shown: str
+
+    def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
+        """Return the files to write by relative name; ``""`` is the main output, further files go beside it.
+
+        Without ``""`` the files are a whole folder, sealed by `halpipe.core.bundles.seal`. Raise `HalpipeError` when
+        `model` and `schedule` do not fit each other or `options` name what is not there.
+        """
+        ...
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return what the user should know of an export: what the target cannot do, what was rounded."""
+        ...
+
+
+class PlainExporter:
+    """What most exporters are, and inherit."""
+
+    help = ""
+    options: type[ExportOptions] = ExportOptions
+    titled = False
+    shown = ""
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return nothing; see `Exporter`."""
+        return ()

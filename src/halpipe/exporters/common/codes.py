@@ -1,0 +1,59 @@
+"""The diagnostics of the report, the graph and the trace: HAL0801 to HAL0899."""
+
+from halpipe.core.diagnostics import error
+
+NEEDS_SCHEDULE = error(
+    "HAL0801",
+    "Export needs a schedule",
+    "The format shows when jobs run, so the model alone is not enough. Make a schedule first.",
+)
+UNKNOWN_MODE = error(
+    "HAL0802",
+    "Mode to export does not exist",
+    "The mode named in the options is not one that the model (or the schedule) has.",
+)
+FOREIGN_SCHEDULE = error(
+    "HAL0803",
+    "Schedule does not fit the model",
+    "The schedule names a task, version, unit or mode that the model lacks: it was made for another model, or the "
+    "model changed since.",
+)
+UNDRAWABLE_TIME = error(
+    "HAL0804",
+    "Schedule has times that cannot be drawn",
+    "A hyperperiod is zero, a job starts outside the hyperperiod, ends before it starts, or lasts longer than the "
+    "hyperperiod. A schedule that verifies has none of these.",
+)
+BAD_CPU = error(
+    "HAL0898",
+    "CPU of a unit is wrong",
+    "Each unit has a Linux CPU of its own, by its number; two units on one CPU would share what the schedule gives "
+    "to each of them alone.",
+)
+DOT_MISSING = error(
+    "HAL0805",
+    "Graphviz is not installed",
+    "The graph is written as DOT without any tool; drawing it as SVG needs the program `dot` of Graphviz.",
+)
+NO_IMPORT_REPORT = error(
+    "HAL0807",
+    "File is no import report",
+    "The account of an import is a JSON file that `halpipe import --report` writes.",
+)
+DOT_FAILED = error(
+    "HAL0806",
+    "Graphviz cannot draw the graph",
+    "The program `dot` was found but refused the graph or failed on it.",
+)
+NEEDS_HOLD = error(
+    "HAL0808",
+    "Target cannot interrupt jobs as the schedule does",
+    "A job with gaps must be held at the end of each part until the next one begins; otherwise it is inside its next "
+    "piece when another job of the unit comes, and that one is late. Not every target can do so.",
+)
+PRIORITY_CYCLE = error(
+    "HAL0809",
+    "No fixed priorities play the schedule",
+    "Jobs that may be interrupted anywhere need a target with preemptive fixed priorities, in which a task is above "
+    "each one in whose gaps a job of it starts. On this unit the tasks are above one another in a circle.",
+)

@@ -1,0 +1,192 @@
+"""What every importer shares: its options, its result, and the account of every element it met."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Protocol
+
+from halpipe.core.diagnostics import NOWHERE, Location
+from halpipe.core.durations import milliseconds
+from halpipe.core.quantities import parse_rational, quoted
+from halpipe.core.records import record
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
+    from halpipe.core.extent import Extent
+    from halpipe.models import TaskModel
+
+
+PIECES = milliseconds(5)
+"""The longest piece between split points of a task that may be preempted anywhere."""
+
+IGNORED, RESOURCES = GROUP_RULES = ("ignored", "resources")
+"""What becomes of mutually exclusive callback groups."""
+
+
+class Supplement(Protocol):
+    """What an importer asks of an overlay while it reads; the overlay remembers what it was asked for."""
+
+    def drops(self, name: str) -> bool:
+        """Return whether the element `name` is to be left out."""
+        ...
+
+    def source_period(self, name: str) -> Duration | None:
+        """Return the period of the data source `name`, None if not stated."""
+        ...
+
+    def task_period(self, name: str) -> Duration | None:
+        """Return the period of the task `name`, None if not stated."""
+        ...
+
+    def task_wcet(self, name: str, *, is_known: bool) -> Duration | None:
+        """Return the WCET of the task `name`, None if not stated, or only for those where none `is_known`."""
+        ...
+
+    def work_wcet(self, name: str) -> Duration | None:
+        """Return the WCET of work that is called `name` and part of a task, None if not stated."""
+        ...
+
+    def states_interrupt(self, name: str) -> bool:
+        """Return whether it is stated when and where the interrupt `name` comes, and how long it takes."""
+        ...
+
+
+@record(kw_only=True)
+class ImportOptions:
+    """What the user may choose: `overlay` adds what the source lacks.
+
+    `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the
+    variant of a product line, and values of system constants and criteria (``NAME=VALUE``); `on_progress` is told
+    the bytes read so far, and all bytes. `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of
+    an execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds
+    tasks. `pieces` is the longest piece of a runnable of a preemptive task of ARXML or AMALTHEA (0: as long as it
+    is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the
+    WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback
+    groups are ignored or become resources.
+    """
+
+    name: str = ""
+    overlay: Supplement | None = None
+    granularity: str = "runnable"
+    ecu: str = ""
+    variant: str = ""
+    conditions: tuple[str, ...] = ()
+    on_progress: Callable[[int, int], None] | None = field(default=None, compare=False)
+    wcet: str = "upper"
+    memory: str = "within"
+    mapping: str = "stated"
+    pieces: Duration = PIECES
+    calibrate: tuple[str, ...] = ()
+    quantile: Fraction = Fraction(1)
+    margin: Fraction = Fraction(0)
+    groups: str = RESOURCES
+    strict: bool = False
+
+
+def quantile_of(text: str) -> Fraction:
+    """Read a quantile, above 0 and up to 1; raise ``ValueError`` that says what is wrong."""
+    value = parse_rational(text)
+    if not 0 < value <= 1:
+        raise ValueError(f"{quoted(text)} is no quantile; write a number above 0, up to 1")
+    return value
+
+
+def group_rule(text: str) -> str:
+    """Read what becomes of exclusive callback groups; raise ``ValueError`` that says what is wrong."""
+    if text not in GROUP_RULES:
+        raise ValueError(f"{quoted(text)} is not known; write {' or '.join(GROUP_RULES)}")
+    return text
+
+
+@record
+class Ignored:
+    """An element of the source that has no effect on the model, and why."""
+
+    kind: str
+    name: str
+    reason: str
+    at: Location = NOWHERE
+
+
+@record
+class Defaulted:
+    """A value that the source does not state and that the importer chose."""
+
+    element: str
+    what: str
+    value: str
+    at: Location = NOWHERE
+
+
+@dataclass(slots=True)
+class Coverage:
+    """The account of an import: for every kind of element, read = mapped + ignored, always.
+
+    Call exactly one of `mapped` and `ignored` for every element read.
+    """
+
+    mapped_counts: Counter[str] = field(default_factory=Counter)
+    ignored_elements: list[Ignored] = field(default_factory=list)
+    dropped_counts: Counter[str] = field(default_factory=Counter)
+    defaulted_values: list[Defaulted] = field(default_factory=list)
+
+    def mapped(self, kind: str, count: int = 1) -> None:
+        """Account for `count` elements of `kind` that shaped the model."""
+        self.mapped_counts[kind] += count
+
+    def ignored(self, kind: str, name: str, reason: str, at: Location = NOWHERE) -> None:
+        """Account for one element of `kind` that did not."""
+        self.ignored_elements.append(Ignored(kind, name, reason, at))
+
+    def dropped(self, kind: str, count: int) -> None:
+        """Account for elements of a large source that cannot matter, and were not kept: ignored by kind."""
+        self.dropped_counts[kind] += count
+
+    def defaulted(self, element: str, what: str, value: str, at: Location = NOWHERE) -> None:
+        """Record a value that was assumed."""
+        self.defaulted_values.append(Defaulted(element, what, value, at))
+
+    def rows(self) -> list[tuple[str, int, int, int]]:
+        """Return (kind, read, mapped, ignored) for every kind met, by name."""
+        ignored = Counter(element.kind for element in self.ignored_elements) + self.dropped_counts
+        kinds = sorted(set(self.mapped_counts) | set(ignored))
+        return [
+            (kind, self.mapped_counts[kind] + ignored[kind], self.mapped_counts[kind], ignored[kind]) for kind in kinds
+        ]
+
+
+@record(kw_only=True)
+class Imported:
+    """The result of an import: the model, what to tell the user, and the account of every element.
+
+    `completion` adds what depends on what an overlay states: it takes the model with the overlay on it.
+    """
+
+    model: TaskModel
+    diagnostics: tuple[Diagnostic, ...]
+    coverage: Coverage
+    completion: Callable[[TaskModel], tuple[TaskModel, tuple[Diagnostic, ...]]] | None = None
+
+    def completed(self) -> Imported:
+        """Return the result with the completion of its model."""
+        if self.completion is None:
+            return self
+        model, found = self.completion(self.model)
+        return replace(self, model=model, diagnostics=(*self.diagnostics, *found), completion=None)
+
+
+class Importer(Protocol):
+    """The door through which a source format comes in; registered as entry point ``halpipe.importers``."""
+
+    name: str
+    summary: str
+    extent: Extent
+
+    def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
+        """Read `paths` into one model; raise `HalpipeError` when nothing usable is in them."""
+        ...

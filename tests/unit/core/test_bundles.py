@@ -1,0 +1,78 @@
+"""Bundles: what is sealed opens as it was, and nothing that was changed since opens at all."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from halpipe.core.bundles import CHANGED_FILE, NOT_A_BUNDLE, open_bundle, seal
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import write_directory
+
+FILES = {"model.xml": b"<m/>", "schedule.xml": b"<s/>", "rtl/unit.v": b"module", "empty.bin": b""}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    path = tmp_path / "cfg"
+    write_directory(str(path), seal("regulator", FILES, {"platform": "zcu102"}))
+    return path
+
+
+def refusal(path):
+    with pytest.raises(HalpipeError) as refused:
+        open_bundle(str(path))
+    return refused.value.diagnostics
+
+
+def test_a_bundle_opens_as_it_was_sealed(folder):
+    bundle = open_bundle(f"{folder}/")
+    assert (bundle.kind, dict(bundle.facts), dict(bundle.files)) == ("regulator", {"platform": "zcu102"}, FILES)
+    assert bundle.at("rtl/unit.v", 3).file == f"{folder}/rtl/unit.v"
+
+
+@given(st.dictionaries(st.from_regex(r"[a-z0-9_]{1,8}(/[a-z0-9_]{1,8})?", fullmatch=True), st.binary(max_size=9)))
+def test_the_seal_does_not_depend_on_the_order_of_the_files(files):
+    assert list(seal("k", files, {}).items()) == list(seal("k", dict(reversed(files.items())), {}).items())
+
+
+def test_every_changed_or_missing_file_is_named(folder):
+    (folder / "schedule.xml").write_bytes(b"<t/>")
+    (folder / "rtl" / "unit.v").unlink()
+    found = refusal(folder)
+    assert sorted((d.code, d.at.file.removeprefix(f"{folder}/")) for d in found) == [
+        ("HAL0001", "rtl/unit.v"),
+        (CHANGED_FILE.id, "schedule.xml"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"halpipe-bundle": 2}, '"halpipe-bundle": 1'),
+        ({"kind": None}, 'lacks "kind"'),
+        ({"files": []}, 'lacks "kind" or "files"'),
+        ({"files": {"../etc": "0"}}, "no file inside"),
+        ({"files": {"/etc/passwd": "0"}}, "no file inside"),
+        ({"files": {"a/../../b": "0"}}, "no file inside"),
+        ({"files": {"a": 1}}, "no file inside"),
+        ({"files": {"a": "0"}}, "lists no model.xml"),
+    ],
+)
+def test_a_manifest_that_is_none(folder, change, message):
+    manifest = json.loads((folder / "manifest.json").read_bytes())
+    (folder / "manifest.json").write_text(json.dumps(manifest | change))
+    found = refusal(folder)
+    assert {d.code for d in found} == {NOT_A_BUNDLE.id}
+    assert message in found[0].message
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "[" * 100_000, '"x"', "\xff"])
+def test_a_manifest_that_is_no_json(folder, text):
+    (folder / "manifest.json").write_bytes(text.encode("latin-1"))
+    assert [d.code for d in refusal(folder)] == [NOT_A_BUNDLE.id]
+
+
+def test_a_folder_without_a_manifest(tmp_path):
+    assert [d.code for d in refusal(tmp_path)] == ["HAL0001"]

@@ -1,0 +1,122 @@
+"""The YAML reader: exact text, lines of everything, and bounds on hostile files."""
+
+import subprocess
+import sys
+
+import pytest
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import YamlList, YamlMap, parse_yaml
+from halpipe.core.files import yaml as files
+
+
+def refusal(data):
+    with pytest.raises(HalpipeError) as refused:
+        parse_yaml(data, "hostile.yaml")
+    (found,) = refused.value.diagnostics
+    return found
+
+
+@pytest.mark.parametrize(
+    ("data", "line", "words"),
+    [
+        pytest.param(b"a: 1\nb: 2\na: 3", 3, 'repeats the key "a"', id="key twice"),
+        pytest.param(b"- x\n- {b: 1,\n   b: 2}", 3, 'repeats the key "b"', id="key twice in a flow mapping"),
+        pytest.param(b"a: 1\n1: x\n'1': y", 3, 'repeats the key "1"', id="number and text are the same key"),
+        pytest.param(b"a:\n\tb: 1", 2, "cannot start any token", id="tab"),
+        pytest.param(b"\n? [a]\n: b", 2, "not plain text", id="list as key"),
+        pytest.param(b"\n? {a: b}\n: b", 2, "not plain text", id="mapping as key"),
+        pytest.param(b"a: 1\nb: *x", 2, "undefined alias", id="unknown alias"),
+        pytest.param(b"a: 1\n---\nb: 2", 2, "another document", id="two documents"),
+        pytest.param(b"a: 1\nb: \xe9", 2, "is not text", id="Latin-1"),
+        pytest.param(b"a: 1\nb: \0", 2, "is not text", id="NUL"),
+        pytest.param(b"a: 1\nb: \x1b", 2, "is not text", id="control character"),
+        pytest.param(b"a: [1,\n", 2, "", id="cut off"),
+        pytest.param(b'a: "\n', 2, "unexpected end of stream", id="cut off in a string"),
+        pytest.param(b'a: "\\ud800"', 1, "invalid Unicode", id="surrogate"),
+        pytest.param(b"\n\n" + b"[" * 70 + b"]" * 70, 3, "nests too deep", id="70 deep"),
+        pytest.param(b"a: &a\n  - *a", 1, "nests too deep", id="alias of itself"),
+        pytest.param(b"a: &a {b: *a}", 1, "nests too deep", id="mapping of itself"),
+    ],
+)
+def test_broken_yaml_is_refused_at_its_line(data, line, words):
+    found = refusal(data)
+    assert (found.code, found.at.file, found.at.line) == (files.BROKEN_YAML.id, "hostile.yaml", line)
+    assert words in found.message
+    assert found.help
+
+
+def test_the_deepest_nesting_allowed_is_read():
+    deepest = files.MAX_YAML_DEPTH
+    value = parse_yaml(b"[" * deepest + b"x" + b"]" * deepest, "m.yaml")
+    for _ in range(deepest):
+        (value,) = value
+    assert value == "x"
+    assert "deep" in refusal(b"[" * (deepest + 1) + b"x" + b"]" * (deepest + 1)).message
+
+
+@pytest.mark.parametrize("opening", ["[", "{a: ", "- ", "? ", "[{"])
+def test_nesting_without_end_neither_crashes_nor_takes_long(opening):
+    """In a process of its own, because what is tested is that the process survives."""
+    program = "import sys; from halpipe.core.files import parse_yaml\n"
+    program += "try: parse_yaml(sys.argv[1].encode() * 300_000, 'f')\n"
+    program += "except Exception as e: print(e)"
+    command = [sys.executable, "-c", program, opening]
+    run = subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "nests too deep" in run.stdout
+
+
+def test_aliases_expand_within_bounds(monkeypatch):
+    monkeypatch.setattr(files, "MAX_YAML_NODES", 5000)
+    bomb = "a0: &a0 [x,x,x,x,x,x,x,x,x,x]\n"
+    bomb += "".join(f"a{n}: &a{n} [{','.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 6))
+    assert "too many values" in refusal(bomb.encode()).message
+    assert parse_yaml(b"a: &a [x, y]\nb: *a", "m.yaml")["b"] == ["x", "y"]
+
+
+def test_values_are_counted_while_they_are_read(monkeypatch):
+    monkeypatch.setattr(files, "MAX_YAML_NODES", 100)
+    assert len(parse_yaml(b"- a\n" * 99, "m.yaml")) == 99
+    monkeypatch.setattr(files, "_YamlBuilder", None)  # what comes after reading is not reached
+    assert "too many values" in refusal(b"- a\n" * 100).message
+
+
+def test_tags_construct_nothing(tmp_path):
+    trace = tmp_path / "trace"
+    document = f'a: !!python/object/apply:os.system ["touch {trace}"]\nb: !!python/name:os.system\nc: !mine x'
+    value = parse_yaml(document.encode(), "m.yaml")
+    assert value == {"a": [f"touch {trace}"], "b": "", "c": "x"}
+    assert not trace.exists()
+
+
+def test_numbers_and_dates_stay_text_as_written():
+    document = b"[0.35, 1_000, 0x10, 1e3, .inf, 2020-01-01, 12:30:00, 0.10]"
+    assert parse_yaml(document, "m.yaml") == ["0.35", "1_000", "0x10", "1e3", ".inf", "2020-01-01", "12:30:00", "0.10"]
+
+
+def test_truth_and_nothing_are_told_from_text():
+    value = parse_yaml(b"[true, off, 'true', y, ~, null, , 'null', \"~\"]".replace(b", ,", b","), "m.yaml")
+    assert value == [True, False, "true", "y", None, None, "null", "~"]
+
+
+def test_an_empty_document_is_nothing():
+    assert parse_yaml(b"", "m.yaml") is None
+    assert parse_yaml(b"# only a comment\n", "m.yaml") is None
+
+
+@pytest.mark.parametrize("data", ["a: é".encode(), b"\xef\xbb\xbf" + "a: é".encode(), "a: é".encode("utf-16")])
+def test_unicode_is_read_in_any_of_its_encodings(data):
+    assert parse_yaml(data, "m.yaml") == {"a": "é"}
+
+
+def test_everything_knows_its_line():
+    value = parse_yaml(b"# c\ntop:\n  - x\n\n  - y: 1\n    z: 2\nlast: {a: 1,\n  b: 2}\n", "m.yaml")
+    assert isinstance(value, YamlMap)
+    assert (value.line, value.line_of("top"), value.line_of("last")) == (2, 2, 7)
+    items = value["top"]
+    assert isinstance(items, YamlList)
+    assert (items.line, items.lines) == (3, [3, 5])
+    assert (items[1].line_of("y"), items[1].line_of("z")) == (5, 6)
+    assert value["last"].line_of("b") == 8
+    assert value["last"].line_of("absent") == value["last"].line == 7

@@ -1,0 +1,142 @@
+"""Rationals, sizes and bandwidths: read and printed without loss."""
+
+from fractions import Fraction
+
+import pytest
+
+from halpipe.core.quantities import (
+    format_bandwidth,
+    format_rational,
+    format_size,
+    parse_bandwidth,
+    parse_rational,
+    parse_share,
+    parse_size,
+    quoted,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("0.35", Fraction(35, 100)),
+        ("1/3", Fraction(1, 3)),
+        ("12", Fraction(12)),
+        (" 1\t", Fraction(1)),
+        ("0.1", Fraction(1, 10)),
+        ("00.10", Fraction(1, 10)),
+        ("0/5", Fraction(0)),
+        ("9" * 999, Fraction(10**999 - 1)),
+    ],
+)
+def test_a_number_is_read_exactly(text, value):
+    assert parse_rational(text) == value
+
+
+def test_a_share_may_be_a_percentage():
+    assert [parse_share(text) for text in ("0.35", "7/20", " 35% ", "35 %")] == [Fraction(7, 20)] * 4
+
+
+@pytest.mark.parametrize("text", ["%", "-5%", "5%%", "5%1"])
+def test_what_is_no_share_is_refused(text):
+    with pytest.raises(ValueError, match="not a number; write it as"):
+        parse_share(text)
+
+
+@pytest.mark.parametrize("text", ["", "-1", "+1", ".5", "1.", "1e5", "1/", "0.5/2", "1 /2", "½", "1,5", "nan", "1_0"])
+def test_what_is_no_number_is_refused(text):
+    with pytest.raises(ValueError, match="not a number; write it as"):
+        parse_rational(text)
+
+
+def test_division_by_zero_is_refused_as_such():
+    with pytest.raises(ValueError, match="'1/00' divides by zero"):
+        parse_rational("1/00")
+
+
+def test_the_longest_number_has_a_thousand_characters():
+    with pytest.raises(ValueError, match="more than 1000 characters") as refusal:
+        parse_rational("1" * 1001)
+    assert len(str(refusal.value)) < 200
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (Fraction(3), "3"),
+        (Fraction(-3), "-3"),
+        (Fraction(1, 8), "0.125"),
+        (Fraction(-1, 8), "-0.125"),
+        (Fraction(1, 3), "1/3"),
+        (Fraction(-7, 6), "-7/6"),
+        (Fraction(1001, 1000), "1.001"),
+        (Fraction(1, 2**30), f"0.{5**30:030d}"),
+        (Fraction(1, 2**31), f"1/{2**31}"),
+    ],
+)
+def test_a_number_prints_as_a_decimal_where_one_of_thirty_digits_exists(value, text):
+    assert format_rational(value) == text
+
+
+@pytest.mark.parametrize(
+    ("text", "size"),
+    [
+        ("4320B", 4320),
+        ("64KiB", 65536),
+        ("64kB", 64000),
+        ("1.5MB", 1_500_000),
+        ("0.5MiB", 524_288),
+        ("1 GiB", 2**30),
+        ("2GB", 2 * 10**9),
+        ("0B", 0),
+        (" 1B ", 1),
+    ],
+)
+def test_a_size_is_read_in_bytes(text, size):
+    assert parse_size(text) == size
+
+
+@pytest.mark.parametrize("text", ["", "4320", "B", "-1B", "4 TB", "64kiB", "64KB", "1/2kB", "1B/s", "1e3B"])
+def test_what_is_no_size_is_refused(text):
+    with pytest.raises(ValueError, match="not a size; write it as"):
+        parse_size(text)
+
+
+def test_a_size_has_whole_bytes():
+    with pytest.raises(ValueError, match=r"'0\.3B' is not a whole number of bytes"):
+        parse_size("0.3B")
+
+
+@pytest.mark.parametrize(("text", "rate"), [("400MB/s", 4 * 10**8), ("19.2GB/s", 192 * 10**8), ("1KiB/s", 1024)])
+def test_a_bandwidth_is_read_in_bytes_per_second(text, rate):
+    assert parse_bandwidth(text) == rate
+
+
+@pytest.mark.parametrize("text", ["", "400MB", "400MB/ms", "/s", "fast", "400Mb/s"])
+def test_what_is_no_bandwidth_is_refused(text):
+    with pytest.raises(ValueError, match="not a bandwidth; write it as"):
+        parse_bandwidth(text)
+
+
+@pytest.mark.parametrize(
+    ("size", "text"),
+    [
+        (0, "0B"),
+        (999, "999B"),
+        (1000, "1kB"),
+        (1024, "1KiB"),
+        (1100, "1.1kB"),
+        (1111, "1111B"),
+        (1536, "1.5KiB"),
+        (2**30, "1GiB"),
+        (10**9, "1GB"),
+    ],
+)
+def test_a_size_prints_in_the_largest_unit_with_at_most_one_decimal(size, text):
+    assert format_size(size) == text
+    assert format_bandwidth(size) == text + "/s"
+
+
+def test_long_values_are_cut_in_messages():
+    assert quoted("short") == "'short'"
+    assert quoted("x" * 81) == "'" + "x" * 80 + "'..."
