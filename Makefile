@@ -109,7 +109,7 @@ lock: | $(BIN)/python
 
 sanitize: $(VENV)/.test-ready
 	$(BIN)/python tests/sanitized.py -m "not slow" tests/properties/test_kernel_cost.py \
-	  tests/unit/pipeline/test_clusters.py tests/unit/pipeline/test_parts.py tests/unit/pipeline/test_packing.py tests/unit/pipeline/test_swaps.py \
+	  tests/unit/pipeline/test_clusters.py tests/unit/pipeline/test_parts.py tests/unit/pipeline/test_swaps.py \
 	  tests/properties/test_edf_reference.py
 
 wheels: $(VENV)/.test-ready

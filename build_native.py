@@ -28,7 +28,6 @@ from halpipe.core.libraries import fingerprint, library  # noqa: E402
 
 LIBRARIES = (
     "halpipe/pipeline/solve/kernel/native/kernel.c",
-    "halpipe/pipeline/solve/packing/native/boards.c",
     "halpipe/pipeline/solve/edf/native/edf.c",
     "halpipe/deploy/riscv/board/native/block.c",
 )

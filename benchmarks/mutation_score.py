@@ -32,8 +32,9 @@ import lxml.etree  # noqa: F401  loaded once for all forks
 import numpy as np  # noqa: F401
 import pytest
 import yaml  # noqa: F401
-from equivalent_mutants import EQUIVALENT
 from hypothesis.internal.conjecture.engine import ConjectureRunner
+
+from equivalent_mutants import EQUIVALENT
 
 ROOT = Path(__file__).parents[1]
 VERIFY = Path("src", "halpipe", "pipeline", "verify")

@@ -1,6 +1,5 @@
 """Nobody's files are lost: no verb writes over its inputs, or over what somebody else put beside its outputs."""
 
-import json
 import os
 import shutil
 import subprocess
@@ -106,7 +105,7 @@ def test_standard_input_that_is_a_file_is_an_input(place):
 
 def test_every_verb_that_writes_is_tried_above():
     """A verb that is added with an output belongs into the table, unless it is listed here with what tries it."""
-    elsewhere = {"bench": "its inputs are no files", "deploy": "test_a_bundle_is_not_written_over"}
+    elsewhere = {"deploy": "test_a_bundle_is_not_written_over"}
     group = typer.main.get_command(build(VERBS))
     writing = {name for name, command in group.commands.items() if hasattr(command, "commands") or _writes(command)}
     assert writing | {"run"} == {*OVERWRITING, *elsewhere}
@@ -178,22 +177,3 @@ def test_a_failed_search_replaces_only_what_one_left(place, halpipe, kept):
         assert halpipe(*search).returncode == 3
         assert (place / "out.best.xml").read_bytes() == before
         assert sorted(path.name for path in place.glob("out.best*")) == ["out.best-2.xml", "out.best.xml"]
-
-
-@pytest.mark.parametrize("name", ["results.json", "index.html", "table.md"])
-def test_a_benchmark_replaces_only_results(place, halpipe, name):
-    (place / "web").mkdir()
-    (place / "web" / name).write_text(json.dumps({"mine": 1}))
-    refused = halpipe("bench", "tiny", "-o", "web", "--seeds", "1")
-    assert refused.returncode == 1
-    assert FOREIGN_FILE.id in refused.stderr
-    assert os.listdir(place / "web") == [name]
-
-
-@pytest.mark.parametrize("options", [[], ["--resume"]])
-def test_a_journal_of_somebody_else_is_left_alone(place, halpipe, options):
-    (place / "web").mkdir()
-    (place / "web" / "journal.jsonl").write_text('{"dear": "diary"}\n')
-    refused = halpipe("bench", "tiny", "-o", "web", "--seeds", "1", *options)
-    assert refused.returncode == 1
-    assert (place / "web" / "journal.jsonl").read_text() == '{"dear": "diary"}\n'

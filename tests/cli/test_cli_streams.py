@@ -229,7 +229,6 @@ def test_names_from_files_do_not_steer_the_terminal(folder, halpipe):
         ["run", STEERING],
         ["generate", "-o", f"g-{hostile}", "--period", STEERING],
         ["generate", "-o", f"g-{hostile}", "--tasks", "3"],
-        ["bench", STEERING, "-o", "b"],
         [STEERING],
         ["doctor", f"--{STEERING}"],
     ]

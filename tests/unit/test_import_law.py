@@ -48,8 +48,6 @@ MAY_IMPORT = {
     "pipeline.verify": {"models", "core.durations", "core.quantities", "core.diagnostics"},
     # The flow wires the three groups together, and nothing else does.
     "flow": {"core", "models", "importers", "exporters", "deploy", "pipeline"},
-    # A benchmark runs the whole chain from file to file and measures it.
-    "bench": {"core", "models", "importers", "exporters", "pipeline", "flow"},
     # The workbench does what the command line does, for a browser.
     "workbench": {"core", "models", "importers", "exporters", "pipeline", "flow", "api"},
     # The tool from Python does what the command line does.
@@ -64,7 +62,6 @@ MAY_IMPORT = {
         "deploy",
         "pipeline",
         "flow",
-        "bench",
         "starters",
         "selftest",
         "workbench",
@@ -73,10 +70,10 @@ MAY_IMPORT = {
 
 # Modules of the outside world -> the parts that may import them.
 WORLD = {
-    "time": {"api", "cli", "workbench", "pipeline.solve.run", "bench", "deploy"},
+    "time": {"api", "cli", "workbench", "pipeline.solve.run", "deploy"},
     "datetime": {"cli", "pipeline.solve.run"},
     # The generator draws from a seed that it is given; nothing else may draw at all.
-    "random": {"pipeline.generate", "bench", "selftest"},
+    "random": {"pipeline.generate", "selftest"},
     "signal": {"cli", "pipeline.solve.run"},
     # What keeps a program from starting is told in one place; the package graphviz has exceptions of its own.
     "subprocess": {"core.programs", "exporters.graph", "deploy.regulator.formal"},

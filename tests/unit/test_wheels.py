@@ -28,7 +28,6 @@ TARGETS = {
 LIBRARIES = (
     "halpipe/deploy/riscv/board/native/block",
     "halpipe/pipeline/solve/kernel/native/kernel",
-    "halpipe/pipeline/solve/packing/native/boards",
     "halpipe/pipeline/solve/edf/native/edf",
 )
 

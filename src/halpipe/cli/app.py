@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 VERBS = (
     "new", "import", "validate", "schedule", "serve", "verify", "explain", "size", "sensitivity", "show", "diff",
-    "export", "compare", "deploy", "run", "generate", "bench", "selftest", "doctor",
+    "export", "compare", "deploy", "run", "generate", "selftest", "doctor",
 )  # fmt: skip
 """In the order of the help; each has a module of its name."""
 

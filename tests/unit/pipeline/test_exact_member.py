@@ -6,7 +6,6 @@ from halpipe.models import Status
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve import codes, exact_member, relay, schedule
 from halpipe.pipeline.solve.exact import Answer, ExactResult
-from halpipe.pipeline.solve.packing import bins
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.pipeline.verify import verify
@@ -36,7 +35,6 @@ def few_moves(monkeypatch):
     """Let every search end before it has found anything."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 8)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
-    monkeypatch.setattr(bins, "fill", lambda *_: None)
 
 
 def go_on(*progress):
@@ -74,14 +72,13 @@ def test_any_number_of_workers_gives_the_same(few_moves, workers):
 def test_turns_grow_to_the_budget():
     turns = [(turn.number, turn.moves, turn.work) for turn in relay.turns(1600, 5000)]
     assert turns == [(0, 25, 0), (1, 100, 1), (2, 400, 4), (3, 1600, 16), (4, 5000, 64)]
-    assert [turn.fillings for turn in relay.turns(1600, 1600)] == [50, 200, 800, 3200]
+    assert [turn.moves for turn in relay.turns(1600, 1600)] == [25, 100, 400, 1600]
 
 
 def test_a_search_in_turns_is_that_in_one_go(monkeypatch):
     """The annealer goes on where its last turn ended, as if nobody had been asked in between."""
     monkeypatch.setattr(schedule, "LEAST_MOVES", 16_000)
     monkeypatch.setattr(schedule, "DEFAULT_BUDGET", 1)
-    monkeypatch.setattr(bins, "fill", lambda *_: None)
     monkeypatch.setattr(exact_member, "solve_exact", lambda *_: ExactResult(Answer.UNKNOWN))
     in_turns = schedule_model(fuller(), SearchOptions(), go_on)
     monkeypatch.setattr("halpipe.pipeline.solve.exact.is_installed", lambda: False)

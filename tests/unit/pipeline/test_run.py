@@ -1,4 +1,4 @@
-"""Work on several processes, and the journal that lets a killed run go on."""
+"""Work on several processes and on clusters."""
 
 import os
 import sys
@@ -8,9 +8,7 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.pipeline.solve import run
-from halpipe.pipeline.solve.run import Journal, map_tasks, on_cluster
-
-HEADER = {"suite": "s", "seeds": "1..3"}
+from halpipe.pipeline.solve.run import map_tasks, on_cluster
 
 
 def square(number):
@@ -145,74 +143,3 @@ def test_a_scheduler_that_ends_is_a_lost_cluster(small):
             with pytest.raises(HalpipeError) as caught:
                 use()
             assert codes(caught) == ["HAL0933"]
-
-
-@pytest.fixture
-def path(tmp_path):
-    """A journal with two records."""
-    name = str(tmp_path / "journal.jsonl")
-    with Journal(name, HEADER, resume=False) as journal:
-        journal.add({"key": "a"})
-        journal.add({"key": "b"})
-    return name
-
-
-def resumed(path, header=HEADER):
-    with Journal(path, header, resume=True) as journal:
-        return journal.records, [finding.code for finding in journal.warnings]
-
-
-def test_a_journal_gives_back_what_was_added(path):
-    assert resumed(path) == ([{"key": "a"}, {"key": "b"}], [])
-    assert resumed(path) == ([{"key": "a"}, {"key": "b"}], [])
-
-
-def test_a_line_is_on_the_disk_as_soon_as_it_is_added(tmp_path):
-    name = tmp_path / "journal.jsonl"
-    with Journal(str(name), HEADER, resume=False) as journal:
-        before = name.read_bytes()
-        journal.add({"key": "a"})
-        assert name.read_bytes().startswith(before)
-        assert name.read_bytes().count(b"\n") == before.count(b"\n") + 1
-
-
-@pytest.mark.parametrize("cut", [1, 5, 40])
-def test_a_last_line_cut_off_by_a_crash_is_dropped_and_the_journal_goes_on(path, cut):
-    with open(path, "rb+") as stream:
-        stream.truncate(os.path.getsize(path) - cut)
-    with Journal(path, HEADER, resume=True) as journal:
-        # Without its line end alone, a line is still whole.
-        assert journal.records == [{"key": "a"}, {"key": "b"}][: 2 if cut == 1 else 1]
-        journal.add({"key": "c"})
-    assert resumed(path)[0][-1] == {"key": "c"}
-
-
-def test_a_damaged_line_is_reported_and_not_used(path):
-    with open(path, "rb") as stream:
-        text = stream.read()
-    with open(path, "wb") as stream:
-        stream.write(text.replace(b'"a"', b'"x"'))
-    assert resumed(path) == ([{"key": "b"}], ["HAL0935"])
-
-
-@pytest.mark.parametrize("garbage", [b"[1]\n", b'{"record": 1}\n', b"\xff\n", b"[" * 100_000 + b"\n"])
-def test_lines_of_any_kind_are_survived(path, garbage):
-    with open(path, "rb") as stream:
-        text = stream.read()
-    with open(path, "wb") as stream:
-        stream.write(text + garbage + text.splitlines(keepends=True)[1])
-    assert resumed(path) == ([{"key": "a"}, {"key": "b"}, {"key": "a"}], ["HAL0935"])
-
-
-def test_a_journal_of_other_work_is_refused_and_the_difference_named(path):
-    with pytest.raises(HalpipeError) as caught:
-        resumed(path, {**HEADER, "seeds": "1..4"})
-    assert codes(caught) == ["HAL0934"]
-    assert caught.value.diagnostics[0].message.endswith("another version: seeds")
-
-
-def test_a_journal_is_not_thrown_away_without_being_asked(path):
-    with pytest.raises(HalpipeError) as caught:
-        Journal(path, HEADER, resume=False)
-    assert codes(caught) == ["HAL0934"]
-    assert resumed(path)[0] == [{"key": "a"}, {"key": "b"}]

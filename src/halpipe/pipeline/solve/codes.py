@@ -94,7 +94,7 @@ EXACT_ABSENT = note(
 OTHER_ANSWERED = note(
     "HAL0427",
     "Schedule does not come from the annealer",
-    "The annealer had not found a schedule of the mode when another engine did: packing, or the exact engine. Where "
+    "The annealer had not found a schedule of the mode when the exact engine did. Where "
     "OR-Tools is missing, or of another version, the exact engine's schedule may be another one, or none is found.",
 )
 TOO_MANY_PARTS = error(

@@ -34,14 +34,14 @@ if TYPE_CHECKING:
     from halpipe.pipeline.solve.relay import Turn
     from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
 
-ANNEAL, EXACT, PACKING = "anneal", "exact", "packing"
+ANNEAL, EXACT = "anneal", "exact"
 """The engines by their names in a schedule."""
 
 CONSTRUCTING = -1
 """Stands for the best cost while there is no whole placement yet."""
 
 EXACT_JOBS = 200
-"""Jobs of a mode up to which packing and, where it is installed, the exact engine take turns with the annealer."""
+"""Jobs of a mode up to which the exact engine, where it is installed, takes turns with the annealer."""
 
 TURN_SEED = 1000
 """Between the seeds of the exact engine's turns; within one, it counts on from its own."""
@@ -242,7 +242,7 @@ class _SplitJobs(_Search):
 
 
 class _WholeJobs(_Search):
-    """A mode of jobs in one piece: by the annealer, with which others take turns where the mode is small."""
+    """A mode of jobs in one piece: by the annealer, and in a small mode by the exact engine in turns with it."""
 
     @cached_property
     def tick(self) -> Duration | None:
@@ -258,7 +258,7 @@ class _WholeJobs(_Search):
 
     @cached_property
     def may_ask(self) -> bool:
-        """Whether others than the annealer may look for a schedule, too."""
+        """Whether the exact engine may look for a schedule, too."""
         is_free = self.options.is_open and self.tick is None
         return is_free and self.expansion.job_count <= EXACT_JOBS and has_whole_jobs(self.model)
 
@@ -301,21 +301,18 @@ class _WholeJobs(_Search):
         from halpipe.pipeline.solve.exact import is_installed
         from halpipe.pipeline.solve.relay import relay
 
-        others: dict[str, Callable[[Outcome, Turn], tuple[Job, ...] | None]] = {}
-        engine = ""
-        answer: tuple[Job, ...] = ()
-        if self.may_ask:
-            others = {PACKING: self._pack, **({EXACT: self._solve} if is_installed() else {})}
+        answer: tuple[Job, ...] | None = None
+        if self.may_ask and is_installed():
             least = replace(self.options, budget=None).moves(len(self.expansion.tasks))
-            outcome, engine, answer = relay(self._anneal, others, least, self.budget)
+            outcome, answer = relay(self._anneal, self._solve, least, self.budget)
         else:
             outcome = self._anneal(self.budget)
         notes = cut_options(self.problem) + self.changed(outcome.changed, "number of jobs, version or units")
         path, at = about(mode=self.name), self.expansion.mode.at
-        if engine:
-            notes.append(OTHER_ANSWERED(f"the answer is that of: {engine}", at=at, path=path))
-            return self.bettered(answer, notes, engine, outcome.moves)
-        if others and EXACT not in others and outcome.cost:
+        if answer is not None:
+            notes.append(OTHER_ANSWERED(f"the answer is that of: {EXACT}", at=at, path=path))
+            return self.bettered(answer, notes, EXACT, outcome.moves)
+        if self.may_ask and not is_installed() and outcome.cost:
             help = "pip install 'halpipe[exact]'"
             notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
         self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
@@ -373,23 +370,15 @@ class _WholeJobs(_Search):
             effort,
         )
 
-    def _pack(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
-        """Ask packing in one of its turns."""
-        from halpipe.pipeline.solve.packing.modes import pack
-
-        return pack(self.model, self.expansion, self._seed_of(turn), turn.fillings, self._go_on(outcome))
-
     def _solve(self, outcome: Outcome, turn: Turn) -> tuple[Job, ...] | None:
-        """Ask the exact engine in one of its turns."""
+        """Run the exact engine in one of its turns."""
         from halpipe.pipeline.solve.exact import Effort
         from halpipe.pipeline.solve.exact_member import solve_after
 
         workers, go_on = self.options.workers.count, self._go_on(outcome)
-        effort = Effort(work=turn.work, seed=self._seed_of(turn), go_on=go_on, workers=workers)
+        seed = (self.seed + turn.number * TURN_SEED) % 2**31
+        effort = Effort(work=turn.work, seed=seed, go_on=go_on, workers=workers)
         return solve_after(self.model, self.expansion, effort)
-
-    def _seed_of(self, turn: Turn) -> int:
-        return (self.seed + turn.number * TURN_SEED) % 2**31
 
     def _go_on(self, outcome: Outcome) -> Callable[[], bool]:
         return lambda: self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)

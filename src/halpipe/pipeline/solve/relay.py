@@ -1,9 +1,8 @@
-"""Annealer, packing and exact engine take turns on one mode, each with more work every time.
+"""Turns of annealer and exact engine on one mode, each with more work every time.
 
-Each has sets that cost it an instant and the others for ever: the annealer large ones with room, packing those in which
-tasks share room and no more, the exact engine small ones that leave nothing idle. Turns are counted in moves, fillings
-and CP-SAT's own count of work, so that who answers depends on the model and the options alone, however many processors
-there are.
+The annealer is quick on large sets with room, the exact engine on small ones that leave nothing idle. Turns are counted
+in moves and CP-SAT's own count of work, so the engine that answers depends on the model and the options alone, however
+many processors there are.
 """
 
 from __future__ import annotations
@@ -27,10 +26,7 @@ FIRST_SHARE = 64
 """The annealer's first turn is this part of its least budget."""
 
 FIRST_WORK = 1
-"""Deterministic seconds of the exact engine in its first turn, which is the second of the others."""
-
-FIRST_FILLINGS = 50
-"""Fillings that packing tries in its first turn."""
+"""Deterministic seconds of the exact engine in its first turn, which is the second of the annealer."""
 
 FASTER = 4
 """How many times as much a turn is as the one before."""
@@ -38,11 +34,10 @@ FASTER = 4
 
 @record
 class Turn:
-    """One turn of all: the moves that the annealer has made after it, fillings, and work of the exact engine."""
+    """One turn of all: the moves that the annealer has made after it, and work of the exact engine."""
 
     number: int
     moves: int
-    fillings: int
     work: int
 
 
@@ -51,7 +46,7 @@ def turns(least: int, budget: int) -> Iterator[Turn]:
     moves, number, scale = max(1, least // FIRST_SHARE), 0, 1
     while True:
         work = FIRST_WORK * scale // FASTER if number else 0
-        yield Turn(number, min(moves * scale, budget), FIRST_FILLINGS * scale, work)
+        yield Turn(number, min(moves * scale, budget), work)
         if moves * scale >= budget:
             return
         number, scale = number + 1, scale * FASTER
@@ -59,25 +54,24 @@ def turns(least: int, budget: int) -> Iterator[Turn]:
 
 def relay(
     look: Callable[[int], Outcome],
-    others: Mapping[str, Callable[[Outcome, Turn], tuple[Job, ...] | None]],
+    solve: Callable[[Outcome, Turn], tuple[Job, ...] | None],
     least: int,
     budget: int,
-) -> tuple[Outcome, str, tuple[Job, ...]]:
-    """Let all take turns; return what the annealer came to, and the name and the jobs of another one that succeeded.
+) -> tuple[Outcome, tuple[Job, ...] | None]:
+    """Alternate annealer and exact engine; return the outcome of the one, and the jobs of the other if it succeeded.
 
-    `look` goes on to so many moves in all; the others are asked in their order.
+    `look` continues to so many moves in all.
     """
     outcome: Outcome | None = None
     for turn in turns(least, budget):
         outcome = look(turn.moves)
         if outcome.cost == 0 or outcome.stopped:
             break
-        for name, ask in others.items():
-            jobs = ask(outcome, turn)
-            if jobs is not None:
-                return outcome, name, jobs
+        jobs = solve(outcome, turn)
+        if jobs is not None:
+            return outcome, jobs
     assert outcome is not None, "there is at least one turn"
-    return outcome, "", ()
+    return outcome, None
 
 
 @dataclass(slots=True)

@@ -1,4 +1,4 @@
-"""Run many independent pieces of work: on several processes or on a cluster; and remember what is finished.
+"""Executors of independent pieces of work: several processes, or a cluster.
 
 The seam is ``concurrent.futures.Executor``: process pools have it, and so has a dask.distributed client. What a
 function returns must not depend on where it runs, so all of them give the same results. Threads are in `workers.py`.
@@ -6,25 +6,18 @@ function returns must not depend on where it runs, so all of them give the same 
 
 from __future__ import annotations
 
-import json
 import logging
-import os
 from concurrent.futures import BrokenExecutor, CancelledError, as_completed, wait
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from halpipe.core.diagnostics import Exit, HalpipeError, Location, error, warning
-from halpipe.core.files import read_own, sha256, write_output
+from halpipe.core.diagnostics import Exit, HalpipeError, error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
     from concurrent.futures import Executor
 
     from distributed import Client
-
-    from halpipe.core.diagnostics import Diagnostic
-
-    Record = Mapping[str, Any]
 
 CLUSTER_MISSING = error(
     "HAL0931",
@@ -39,21 +32,8 @@ CLUSTER_UNREACHABLE = error(
 WORKER_LOST = error(
     "HAL0933",
     "Worker process ended unexpectedly",
-    "A worker was killed, most often for want of memory. What was finished is in the journal, if there is one: go on "
-    "with --resume.",
+    "A worker was killed, most often for want of memory. Finished work of a search is saved: continue with --resume.",
 )
-NOT_RESUMABLE = error(
-    "HAL0934",
-    "Journal belongs to other work",
-    "A journal can only be continued by the command that began it, with the same options and version; and a new run "
-    "does not silently throw one away.",
-)
-JOURNAL_DAMAGED = warning(
-    "HAL0935",
-    "Line of a journal is damaged",
-    "Its checksum is wrong, so it is not used; that piece of work is done again.",
-)
-
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
@@ -210,81 +190,3 @@ def _leave_interrupts_to_parent() -> None:
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-# ------------------------------------------------------------------------------------------------ journal
-
-
-class Journal:
-    """A file that holds a line for every finished piece of work, so that a killed run can go on.
-
-    Each line has the checksum of its record. The first record, the header, says what the work is. A line is on the
-    disk before `add` returns; a last line cut off by a crash is dropped, and so is any line with a wrong checksum.
-    """
-
-    def __init__(self, path: str, header: Record, *, resume: bool) -> None:
-        self._path = path
-        self.warnings: list[Diagnostic] = []
-        self.records: list[dict[str, Any]] = []
-        """The finished work that was found."""
-        if os.path.exists(path):
-            self._read(header, resume)
-        # What was kept is written anew, so that new lines never follow a torn one.
-        write_output(path, b"".join(_line(record) for record in (header, *self.records)))
-        self._stream = open(path, "ab")  # noqa: SIM115 - closed by __exit__
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stream.close()
-
-    def add(self, record: Record) -> None:
-        """Add the record of one finished piece of work."""
-        self._stream.write(_line(record))
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-
-    def remove(self) -> None:
-        """Remove the file: all is done, and the results are saved elsewhere."""
-        self._stream.close()
-        os.unlink(self._path)
-
-    def _read(self, header: Record, resume: bool) -> None:
-        found = []
-        lines = read_own(self._path).split(b"\n")
-        for number, line in enumerate(lines, 1):
-            record = _parse(line)
-            if record is not None:
-                found.append(record)
-            elif line and number < len(lines):  # what follows the last line end was cut off
-                at = Location(self._path, number)
-                self.warnings.append(JOURNAL_DAMAGED("has a wrong checksum and is not used", at=at))
-        if not resume:
-            help = "go on with --resume, or remove the file"
-            raise HalpipeError(NOT_RESUMABLE("holds unfinished work", at=Location(self._path), help=help))
-        if not found and any(lines):
-            help = "name another folder, or move the file elsewhere"
-            raise HalpipeError(NOT_RESUMABLE("is no journal of halpipe's", at=Location(self._path), help=help))
-        if found and found[0] != header:
-            differing = sorted(key for key in {*found[0], *header} if found[0].get(key) != header.get(key))
-            text = f"was begun with other options or another version: {', '.join(differing)}"
-            help = "give the options that it was begun with, or remove the file"
-            raise HalpipeError(NOT_RESUMABLE(text, at=Location(self._path, 1), help=help))
-        self.records = found[1:]
-
-
-def _line(record: Record) -> bytes:
-    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
-    return json.dumps({"sha256": sha256(text.encode()), "record": record}, sort_keys=True).encode() + b"\n"
-
-
-def _parse(line: bytes) -> dict[str, Any] | None:
-    """Return the record of a line; None if it is not whole."""
-    try:
-        outer = json.loads(line)
-        record, checksum = outer["record"], outer["sha256"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return None
-    text = json.dumps(record, sort_keys=True, separators=(",", ":"))
-    return record if isinstance(record, dict) and checksum == sha256(text.encode()) else None

@@ -12,7 +12,6 @@ from pathlib import Path
 from time import perf_counter_ns
 from typing import TYPE_CHECKING, Any
 
-from halpipe.bench import jobshop
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import sha256, write_output
@@ -26,12 +25,13 @@ from halpipe.pipeline.measure.circle import Instants
 from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
+from search_benchmark import jobshop
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from halpipe.bench.suites import Cell
     from halpipe.models import ModeSchedule, Schedule, TaskModel
+    from search_benchmark.suites import Cell
 
 _SECOND = 10**9
 _KERNEL = "halpipe.pipeline.solve.kernel.kernel"

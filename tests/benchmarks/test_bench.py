@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from halpipe.bench import SUITES, Instance, Row, given_rows, measure, report
-from halpipe.bench.instance import VALID, _forward
-from halpipe.bench.render import duration_text, outputs
-from halpipe.bench.results import Ratio, Spread, instances
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import milliseconds
 from halpipe.importers.native import read_schedule
 from halpipe.pipeline.generate import TABLE_III, SetParameters
 from halpipe.pipeline.solve import exact
 from halpipe.pipeline.solve.codes import NOT_FOUND
+from search_benchmark import SUITES, Instance, Row, given_rows, measure, report
+from search_benchmark.instance import VALID, _forward
+from search_benchmark.render import duration_text, outputs
+from search_benchmark.results import Ratio, Spread, instances
 
 SMALL = Instance(
     key="r / 1 / 5",
@@ -72,7 +72,7 @@ def test_a_fault_is_recorded_and_does_not_stop_the_others(monkeypatch):
         raise HalpipeError(NOT_FOUND("wrong", path="here"))
 
     measure(SMALL)  # so that warming up is done
-    monkeypatch.setattr("halpipe.bench.instance.schedule_model", fail)
+    monkeypatch.setattr("search_benchmark.instance.schedule_model", fail)
     result = measure(SMALL)["result"]
     assert result["outcome"] == "fault"
     assert result["fault"] == "HAL0401 here: wrong"
@@ -172,7 +172,7 @@ def record(row, seed, outcome="valid", kernel=4_270_000, **timing):
     }
 
 
-ABOUT = {"command": "halpipe bench x", "seeds": "1..3", "machine": {"processors": 2}}
+ABOUT = {"command": "benchmarks/bench.py x", "seeds": "1..3", "machine": {"processors": 2}}
 ROWS = (
     Row(name="easy", cells=(SetParameters(),), goal_kernel=milliseconds(5), paper_seconds=(460, 6816)),
     Row(name="hard & <high>", cells=(SetParameters(),), goal_kernel=milliseconds(1), goal_success=Fraction(1, 2)),
@@ -276,7 +276,7 @@ def test_the_table_says_what_the_rows_are():
         *("hard & <high>", "3", "33.3 %", "10", "2.00ms", "2.00ms", "40.0ms", "40.0ms", "–"),
         *("50 %, 1ms", "no", "–", "–", "–", "–"),
     ]
-    assert "- command: halpipe bench x" in lines
+    assert "- command: benchmarks/bench.py x" in lines
     assert "- processors: 2" in lines
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.bench.real import PUBLISHED, Waters2019
 from halpipe.core.records import record
+from search_benchmark.real import PUBLISHED, Waters2019
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from halpipe.bench.results import Ratio, Report, RowResult, Spread
+    from search_benchmark.results import Ratio, Report, RowResult, Spread
 
 _SCALES = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 _NONE = "–"
@@ -47,7 +47,7 @@ def _render(name: str, *, escape: bool, **values: Any) -> str:
         autoescape=escape, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
-    source = files("halpipe.bench").joinpath("templates", name).read_text(encoding="utf-8")
+    source = Path(__file__).with_name("templates").joinpath(name).read_text(encoding="utf-8")
     return environment.from_string(source).render(**values)
 
 

@@ -6,14 +6,14 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
-from halpipe.bench.families import FINE, FullSlack, ManyVersions, PerfectFit, Rectangles, RigidChains
-from halpipe.bench.real import Engine, EngineControl, Waters2019
 from halpipe.core.durations import Duration, milliseconds, seconds
 from halpipe.core.records import record
 from halpipe.importers.native import read_model
 from halpipe.models import Binding
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
 from halpipe.pipeline.solve.goals import Quality
+from search_benchmark.families import FullSlack, ManyVersions, RigidChains
+from search_benchmark.real import Engine, EngineControl, Waters2019
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -163,7 +163,6 @@ def _hard() -> Iterator[Row]:
 
 def _families() -> Iterator[Row]:
     """Small sets that leave nothing idle, and rigid ones: what is lost by going in small steps."""
-    fits = [PerfectFit(units=units, tasks=tasks) for units, tasks in ((5, 3), (3, 6), (4, 4), (8, 4), (12, 4))]
     chains = (
         RigidChains(chains=3, length=9, units=1, load=Fraction(2, 5)),
         RigidChains(chains=3, length=9, units=3, load=Fraction(2, 5)),
@@ -171,9 +170,6 @@ def _families() -> Iterator[Row]:
     )
     families: tuple[tuple[str, tuple[Cell, ...]], ...] = (
         ("rigid chains, 16 and 27 tasks", chains),
-        *((f"perfect fit, {fit.units * fit.tasks} tasks on {fit.units}", (fit,)) for fit in fits),
-        ("20 rectangles on one resource", (Rectangles(tasks=20, height=FINE, is_gang=False),)),
-        ("24 gangs on 8", (Rectangles(tasks=24, height=8, is_gang=True),)),
         ("30 tasks with 8 versions", (ManyVersions(tasks=30, versions=8, units=6),)),
         ("slack 1, 100 % of 2 units", (FullSlack(units=2, slots=4),)),
     )

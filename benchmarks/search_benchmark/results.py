@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from halpipe.bench.instance import FAULT, VALID, Instance
 from halpipe.core.files import sha256
 from halpipe.core.records import record
+from search_benchmark.instance import FAULT, VALID, Instance
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from halpipe.bench.suites import Row
+    from search_benchmark.suites import Row
 
     Record = Mapping[str, Any]
 

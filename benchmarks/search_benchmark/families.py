@@ -11,71 +11,15 @@ from itertools import pairwise
 from random import Random
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import Duration, milliseconds
+from halpipe.core.durations import milliseconds
 from halpipe.core.records import record
-from halpipe.models import Access, Mode, Precedence, Resource, Run, Task, TaskModel, Unit, Version
+from halpipe.models import Mode, Precedence, Run, Task, TaskModel, Unit, Version
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
 PERIOD = 1000
 """Ticks of the hyperperiod of all families but one."""
-
-FINE = 60
-"""Bounds on resources are multiples of one in so many."""
-
-
-@record(kw_only=True)
-class PerfectFit:
-    """`tasks` on each of `units` units alike fill them to the last tick; every task runs once."""
-
-    units: int
-    tasks: int
-
-    def draw(self, seed: int) -> TaskModel:
-        """Return the set of a seed."""
-        rng = Random(seed)
-        lengths = [length for _ in range(self.units) for length in _cut(rng, PERIOD, self.tasks)]
-        rng.shuffle(lengths)
-        names = _units(self.units)
-        return _model("perfect-fit", names, (_task(n, PERIOD, [_version(0, c, names)]) for n, c in enumerate(lengths)))
-
-
-@record(kw_only=True)
-class Rectangles:
-    """`tasks` rectangles fill a board of `height` by the period; it is one resource, or that many units as gangs."""
-
-    tasks: int
-    height: int
-    is_gang: bool
-
-    def draw(self, seed: int) -> TaskModel:
-        """Return the set of a seed."""
-        rng = Random(seed)
-        board = [(PERIOD, self.height)]
-        while len(board) < self.tasks:
-            board.sort(key=lambda side: (side[0] * side[1], side))
-            width, height = board.pop()
-            if height > 1 and rng.randrange(2):
-                low = rng.randrange(1, height)
-                board += [(width, low), (width, height - low)]
-            else:
-                part = rng.randrange(width // 4, 3 * width // 4)
-                board += [(part, height), (width - part, height)]
-        rng.shuffle(board)
-        if self.is_gang:
-            names = _units(self.height)
-            tasks = [_task(n, PERIOD, [_version(0, c, names, gang=high)]) for n, (c, high) in enumerate(board)]
-            return _model("gangs", names, tasks)
-        names = _units(len(board))
-        versions = [
-            Version(name="v0", wcet=milliseconds(c), units=(unit,), accesses=(self._access(c, high),))
-            for unit, (c, high) in zip(names, board, strict=True)
-        ]
-        return _model("rectangles", names, (_task(n, PERIOD, [v]) for n, v in enumerate(versions)))
-
-    def _access(self, length: int, height: int) -> Access:
-        return Access(resource="r", start=Duration(0), end=milliseconds(length), bound=Fraction(height, self.height))
 
 
 @record(kw_only=True)
@@ -185,8 +129,8 @@ def _units(count: int) -> list[str]:
     return [f"u{number}" for number in range(count)]
 
 
-def _version(number: int, length: int, units: Sequence[str], rows: Sequence[Precedence] = (), gang: int = 1) -> Version:
-    return Version(name=f"v{number}", wcet=milliseconds(length), units=tuple(units), gang=gang, precedences=tuple(rows))
+def _version(number: int, length: int, units: Sequence[str], rows: Sequence[Precedence] = ()) -> Version:
+    return Version(name=f"v{number}", wcet=milliseconds(length), units=tuple(units), precedences=tuple(rows))
 
 
 def _task(number: int, period: int, versions: Sequence[Version], slack: int = 0) -> Task:
@@ -195,12 +139,10 @@ def _task(number: int, period: int, versions: Sequence[Version], slack: int = 0)
 
 def _model(name: str, units: Iterable[str], tasks: Iterable[Task]) -> TaskModel:
     made = tuple(tasks)
-    used = {access.resource for task in made for version in task.versions for access in version.accesses}
     runs = tuple(Run(task=task.name, versions=tuple(v.name for v in task.versions)) for task in made)
     return TaskModel(
         name=name,
         units=tuple(Unit(name=unit) for unit in units),
-        resources=tuple(Resource(name=resource) for resource in sorted(used)),
         tasks=made,
         modes=(Mode(name="all", runs=runs),),
     )

@@ -4,8 +4,8 @@ What is computed (success, moves, the bytes of the schedule) depends on the suit
 is measured (seconds) stands apart from it everywhere, so that two runs can be compared byte by byte.
 """
 
-from halpipe.bench.instance import Instance, measure
-from halpipe.bench.results import Report, report
-from halpipe.bench.suites import SUITES, Row, given_rows
+from search_benchmark.instance import Instance, measure
+from search_benchmark.results import Report, report
+from search_benchmark.suites import SUITES, Row, given_rows
 
 __all__ = ["SUITES", "Instance", "Report", "Row", "given_rows", "measure", "report"]

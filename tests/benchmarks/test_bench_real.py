@@ -4,11 +4,11 @@ from fractions import Fraction
 
 import pytest
 
-from halpipe.bench.real import RATES, Engine, EngineControl, Waters2019
 from halpipe.core.durations import milliseconds
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate import validate
+from search_benchmark.real import RATES, Engine, EngineControl, Waters2019
 
 
 def load(model, unit):
