@@ -105,7 +105,7 @@ def _interrupted() -> int:
 def _is_interrupt(failure: BaseException) -> bool:
     """Whether Ctrl-C is the stated cause of a failure: Python before 3.12 wraps what `__set_name__` raises.
 
-    What fails while Ctrl-C is answered, such as saving what was found, is told like any failure.
+    A failure while Ctrl-C is handled, such as one of saving the best result, is reported like any other.
     """
     cause = failure.__cause__
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
@@ -126,7 +126,7 @@ def _say(text: str) -> None:
 
 
 def _ended_by_reader() -> int:
-    """Whoever read our output has gone: that is no failure."""
+    """The reader of our output has closed it: that is no failure."""
     from halpipe.cli import streams
 
     streams.silence(sys.stdout)

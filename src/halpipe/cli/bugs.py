@@ -1,4 +1,4 @@
-"""What happens when halpipe itself is at fault: the traceback goes to a file, not to the user's screen."""
+"""Internal errors: the traceback goes to a file, the user sees where it is."""
 
 from __future__ import annotations
 

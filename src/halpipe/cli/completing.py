@@ -1,4 +1,4 @@
-"""What a shell may complete beyond the names of verbs and options."""
+"""Shell completion of values: formats, codes, names of examples."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ def _phases(bundle: str, files: Mapping[str, bytes]) -> bytes:
 
 
 def _write(contents: Mapping[str, bytes], named: set[str]) -> None:
-    """Write further results; those that nobody has named must not replace files of other kinds."""
+    """Write further results; files that were not named explicitly must not replace files of other kinds."""
     from halpipe.core.files import begins_like, refuse_foreign, write_outputs
 
     for name, content in contents.items():

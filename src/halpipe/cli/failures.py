@@ -1,4 +1,4 @@
-"""What a command ends with when it cannot go on: findings, wrong usage, want of memory, or a bug."""
+"""Exit codes of failed commands: findings, wrong usage, lack of memory, internal errors."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ class _Run:
                 rows.append((variant.source, str(solved.outcome), str(solved.jobs), str(solved.moves)))
         output.table(("model", "outcome", "jobs", "moves"), rows, right=(2, 3))
         if len(rows) < self.total:
-            output.inform(f"{self.total - len(rows)} of {self.total} were not begun; the same command goes on")
+            output.inform(f"{self.total - len(rows)} of {self.total} were not begun; repeat the command to continue")
 
 
 def _solve(stop: Stop, variant: Variant) -> Solved:

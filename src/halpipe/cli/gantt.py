@@ -37,7 +37,7 @@ def gantt(jobs: tuple[Job, ...], length: Duration, letters: dict[str, str], widt
 
 
 def _columns(job: Job, length: Duration, columns: int, *, wraps: bool) -> list[int]:
-    """Return the columns that a job touches; in a schedule that nobody verified, it may be longer than the chart."""
+    """Return the columns that a job touches; in an unverified schedule it may be longer than the chart."""
     found: list[int] = []
     if not length:
         return found

@@ -1,4 +1,4 @@
-"""How the help shows commands: those of a group with their whole sentences, options of one format in a section."""
+"""Layout of the help: commands in groups, options of one format in a section."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How commands speak: results on standard output, everything else on standard error, colour only for people.
+"""Output of commands: results on standard output, all else on standard error, colour only on terminals.
 
 Whatever is printed passes `printable` here, line by line: names and messages may come from anybody's files.
 """

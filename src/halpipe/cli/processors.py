@@ -1,4 +1,4 @@
-"""How many processors there are for this process: those it may run on, within the quota of its container."""
+"""Number of processors of this process: its affinity, within the quota of its container."""
 
 from __future__ import annotations
 

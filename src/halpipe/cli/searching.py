@@ -150,7 +150,7 @@ def _finish(checkpoint: Checkpoint, *, unimproved: bool) -> None:
         checkpoint.remove()
         return
     checkpoint.write()
-    output.inform("the schedule is valid, but improving it was cut short; --resume goes on from here")
+    output.inform("the schedule is valid, but improving it was cut short; --resume continues from here")
 
 
 def workers_of(count: int | None) -> Workers:
@@ -193,7 +193,7 @@ def _save_best(model: TaskModel, scheduled: Scheduled, target: str, *, interrupt
         valid = all(mode.status is Status.VALID for mode in scheduled.schedule.modes)
         what = "what was found so far, not complete" if valid else "best placement so far, not valid"
         output.inform(f"{best}: {what}; {target} was not touched")
-        output.inform("--resume goes on from here; with a larger --budget if that was spent")
+        output.inform("--resume continues from here; with a larger --budget if that was spent")
     return Exit.INTERRUPTED if interrupted else Exit.NOT_FOUND
 
 
@@ -209,7 +209,7 @@ def _place_for_best(target: str, model: TaskModel) -> str:
 
 
 def _is_unfinished(file: str, model: TaskModel) -> bool:
-    """Return whether a file is what such a search left before; a complete schedule is one that somebody keeps."""
+    """Return whether a file is what such a search left before; a complete schedule is never replaced."""
     from halpipe.importers.native import parse_schedule
     from halpipe.models import Status
 

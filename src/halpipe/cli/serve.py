@@ -33,7 +33,7 @@ def serve(
 ) -> int:
     """Open a model in the browser: edit it in place, drag jobs, and see a verified schedule at once.
 
-    The page is served to this machine only, to whoever has the address with its token. Ctrl-C ends the server.
+    The page is served to this machine only, and only with the token in its address. Ctrl-C ends the server.
     """
     import secrets
     import threading

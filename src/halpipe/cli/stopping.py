@@ -1,4 +1,4 @@
-"""What ends a search from outside: Ctrl-C, a request to end, or the time limit."""
+"""Stop requests for a search: Ctrl-C, a termination signal, or the time limit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Stop:
-    """Whether somebody wants no more, which is said in `words`; a second Ctrl-C ends the command at once.
+    """Stop request of the user, named in `words`; a second Ctrl-C ends the command at once.
 
     A copy in another process, or on a cluster, has the time limit alone.
     """

@@ -1,4 +1,4 @@
-"""The standard streams, in whatever state the shell left them: closed, full, or read by somebody who has gone.
+"""The standard streams, in whatever state the shell left them: closed, full, or without a reader.
 
 What is said to the user on standard error never stops the work. A result that cannot be printed does, unless its reader
 has had enough.

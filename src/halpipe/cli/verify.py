@@ -57,7 +57,7 @@ def _gathered(found: Sequence[Diagnostic]) -> list[Diagnostic]:
         groups[each.code, task].append(each)
     told = [_as_one(group) for group in groups.values()]
     if figures and any(each.is_error for each in others):
-        help = "mend what is wrong in the jobs first: loads, latencies and cost follow from them"
+        help = "fix the violations of the jobs first: loads, latencies and cost follow from them"
         return [*told, replace(_as_one(figures), help=help)]
     return [*told, *figures]
 

@@ -1,6 +1,6 @@
 """Bundles: folders that are loaded onto a target and stand alone, sealed by a manifest with the hash of every file.
 
-A bundle carries the model and the schedule that it realises, so that whoever has the folder can check it.
+A bundle carries the model and the schedule that it realises, so that the folder alone is enough to check it.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What is kept for the next run in the user's cache folder: programs only, which can always be made again.
+"""Cache of built programs in the user's cache folder; every entry can be made again.
 
-They are taken from there only if nobody but the user can have put them there.
+An entry is used only if no other user can have written it.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def _find(kind: str) -> tuple[Path | None, str]:
 
 
 def is_ours(path: Path) -> bool:
-    """Return whether a kept file is there and nobody else could have put it there."""
+    """Return whether a kept file is there and only this user could have put it there."""
     try:
         return path.is_file() and not path.is_symlink() and _is_private(path)
     except OSError:

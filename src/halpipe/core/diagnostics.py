@@ -1,4 +1,4 @@
-"""What halpipe tells its user: coded diagnostics with file, line, element and what to do.
+"""Coded diagnostics with file, line, element and remedy.
 
 A `Code` is declared once, beside the code that reports it, and registers itself; the reference page of
 all codes is generated from that register. Calling a `Code` makes a `Diagnostic`.
@@ -61,7 +61,7 @@ class Subject(NamedTuple):
 
 
 class Path(str):
-    """How messages name an element, with the elements that it names: nobody has to read the text.
+    """Name of an element in messages, with the elements that it names as data beside the text.
 
     Checks make the path of each element that they look at, so it has to be cheap.
     """
@@ -125,7 +125,7 @@ def version_of(task: str, version: str) -> Path:
 
 @record
 class Fix:
-    """A change that mends what is wrong: at a place, the text `old` becomes `new`."""
+    """A change that removes the fault: at a place, the text `old` becomes `new`."""
 
     at: Location
     old: str
@@ -186,7 +186,7 @@ def _unique(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
 
 
 MOST_CHARACTERS = 2000
-"""Characters of a text in a diagnostic; what is longer was somebody's value, and is cut in the middle."""
+"""Characters of a text in a diagnostic; a longer one holds a value of the input, and is cut in the middle."""
 
 
 def shortened(text: str) -> str:
@@ -218,7 +218,7 @@ def note(id: str, title: str, explanation: str = "") -> Code:
 class Diagnostic:
     """One finding: `path` names the element inside the file, `help` says what to do.
 
-    `subjects` are the elements it is about, `places` where else to look, `fix` a change that would mend it.
+    `subjects` are the elements it is about, `places` where else to look, `fix` a change that removes the fault.
     """
 
     code: str
@@ -241,7 +241,7 @@ class Diagnostic:
         return replace(self, subjects=_unique((*self.subjects, *subjects)))
 
     def placed(self, at: Location, path: str) -> Diagnostic:
-        """Return the same finding about an element that whoever made it did not know."""
+        """Return the same finding about an element that was not known where it was made."""
         subjects = (*(path.subjects if isinstance(path, Path) else ()), *self.subjects)
         return replace(self, at=at, path=shortened(str(path)), subjects=_unique(subjects))
 

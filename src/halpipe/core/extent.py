@@ -1,4 +1,4 @@
-"""How much of a task model and its schedule a format can carry: what is read, what is written, what is lost.
+"""Extent of a format: the parts of a model and schedule that it reads, writes and loses.
 
 Every importer and exporter states its extent; the table of formats in the manual is made of these statements.
 """

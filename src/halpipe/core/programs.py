@@ -1,4 +1,4 @@
-"""Other programs that halpipe starts: compilers, solvers, emulators. One that cannot be started is told here."""
+"""Other programs that halpipe starts: compilers, solvers, emulators; and the error where one cannot be started."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def run(
 
 
 def not_started(program: str, failure: OSError) -> HalpipeError:
-    """Return what is told of a program that the system does not start."""
+    """Return the error for a program that the system does not start."""
     name = program.rpartition("/")[2]
     help = "see whether it is installed and may be executed, and whether the machine has room for more processes"
     return HalpipeError(NOT_STARTED(f"{name} cannot be started: {failure.strerror or failure}", help=help))

@@ -16,7 +16,7 @@ LONGEST = 200
 
 
 class _Budget:
-    """What is left of the comparisons of the command at hand; None where nobody counts them."""
+    """What is left of the comparisons of the command at hand; None where they are not counted."""
 
     left: int | None = None
 

@@ -1,4 +1,4 @@
-"""What every check of a bundle shares: its options, its answer, and the door it is registered through."""
+"""Base of all bundle checks: options, answer, and the entry point they are registered through."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What command line, API and server share: formats, pipeline files, and the stages between them in their order."""
+"""Stages shared by command line, API and server: formats, pipeline files, and their order."""

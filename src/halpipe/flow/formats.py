@@ -199,7 +199,7 @@ def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Pr
 
 
 def check_bundle(path: str, options: CheckOptions) -> Checked:
-    """Open a bundle, verify the schedule it carries, and have its kind played and held against it."""
+    """Open a bundle, verify the schedule it carries, play it and compare the run with the schedule."""
     target = open_target(path)
     if options.seconds and not options.cycles:
         options = replace(options, cycles=_cycles(target.schedule, options.seconds))

@@ -52,7 +52,7 @@ def load_rows(schedule: Schedule) -> list[Row]:
 
 
 def latency_rows(schedule: Schedule) -> list[Row]:
-    """Return one row for each chain of each mode; None where no instance ever gets through."""
+    """Return one row for each chain of each mode; None where no data ever arrives."""
     return [
         dict(zip(LATENCY_COLUMNS, (mode.name, chain.name, _ms(chain.reaction), _ms(chain.age)), strict=True))
         for mode in schedule.modes

@@ -1,4 +1,4 @@
-"""What people write in Python for the fields of a model: ``"5ms"`` for a duration, ``"64KiB"``, lists, names for enums.
+"""Conversion of Python values to model fields: ``"5ms"`` to a duration, ``"64KiB"``, lists, names of enums.
 
 Fields that already have their type, as all that readers make do, are only looked at.
 """

@@ -103,11 +103,11 @@ class ResourceLoad:
 
 @record(kw_only=True)
 class ChainLatency:
-    """Worst reaction time and data age of a chain (MODEL 3); None where no instance ever gets through."""
+    """Worst reaction time and data age of a chain (MODEL 3); None where no data ever arrives."""
 
     name: str = field(metadata=attribute(NAME))
     reaction: Duration | None = field(
-        default=None, metadata=attribute(DURATION, "Absent where no instance of the chain ever gets through.")
+        default=None, metadata=attribute(DURATION, "Absent where no data ever arrives at the end of the chain.")
     )
     age: Duration | None = field(default=None, metadata=attribute(DURATION, "Absent as above."))
 

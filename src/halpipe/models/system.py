@@ -219,13 +219,15 @@ class Split(Element):
     """Where the jobs of a version may be interrupted, in execution time: 0 is their start, C their end (MODEL 8.1).
 
     `points` is the list of split points; `anywhere` allows every instant of (0, C) not strictly inside an access
-    phase. `resume` is the time lost when a job goes on after a gap. `max_gaps` None is no limit, for a list.
+    phase. `resume` is the preemption overhead, lost at each resumption. `max_gaps` None is no limit, for a list.
     `min_part` is the least execution time of each part of a job with gaps. The default: a job runs in one piece.
     """
 
     points: tuple[Duration, ...] = ()
     anywhere: bool = False
-    resume: Duration = field(default=ZERO, metadata=attribute(DURATION, "Time lost when a job goes on after a gap."))
+    resume: Duration = field(
+        default=ZERO, metadata=attribute(DURATION, "Preemption overhead, lost when a job resumes.")
+    )
     max_gaps: int | None = field(
         default=None, metadata=attribute(GAPS, 'Absent: no limit, for split points; must be stated for "anywhere".')
     )

@@ -1,4 +1,4 @@
-"""What really ran: the executions of a simulation, a board or a Linux system, as some recorder saw them."""
+"""Recorded executions of a simulation, a board or a Linux system."""
 
 from __future__ import annotations
 

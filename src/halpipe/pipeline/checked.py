@@ -30,7 +30,7 @@ ATTEMPTS = 32
 ATTEMPTED_JOBS = 20_000
 """Jobs, times placements, that are tried for them: large systems get fewer placements."""
 PATIENCE = 16
-"""Reports of progress of a search before a proof is looked for that it is in vain."""
+"""Progress reports of a search before a proof of infeasibility is looked for."""
 
 
 def validate_model(model: TaskModel) -> list[Diagnostic]:
@@ -69,7 +69,7 @@ class _Doubt:
         self._found = once(self._look)  # reports come from several threads
 
     def on_progress(self, mode: str, moves: int, allowed: int, cost: int) -> bool:
-        """Pass a report on; False also if the search is in vain."""
+        """Pass a report on; False also if the system is proven infeasible."""
         self._reports += 1
         if self._reports > PATIENCE and self._found():
             return False

@@ -1,4 +1,4 @@
-"""What differs between two schedules, or between two task models: elements match by name, values compare exactly."""
+"""Differences of two schedules or two task models: elements match by name, values compare exactly."""
 
 from __future__ import annotations
 

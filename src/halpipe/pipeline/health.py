@@ -1,4 +1,4 @@
-"""What the health rules of a model lead to in a schedule: its reactions (MODEL 9)."""
+"""Reactions of a schedule that follow from the health rules of its model (MODEL 9)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What interruptions make of a job: its pieces, the time reserved for it, and when its access phases are in force.
+"""Interrupt-inflated execution of a job: its pieces, its reserved time, the instants of its access phases.
 
 MODEL 8.2. The functions take times of one kind, exact durations or whole ticks, and return the same kind.
 """

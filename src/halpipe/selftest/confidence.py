@@ -1,4 +1,4 @@
-"""What halpipe is used for, what could go wrong, what finds it, and how far to trust it: ISO 26262-8, clause 11.
+"""Use cases of halpipe, their malfunctions, detection and confidence: ISO 26262-8, clause 11.
 
 TI2: a malfunction can put a fault into the item, or hide one. TD1: it is found or prevented with high confidence, TD2
 with medium, TD3 otherwise. TI2 with TD1 is TCL1, with TD2 TCL2, with TD3 TCL3. The level holds with the measure of its
@@ -88,7 +88,7 @@ USES = (
     Use("export ros", "the package starts something else", _COMPARE),
     Use("export trace", "the picture misleads", "pictures are no basis of a release", "TI1"),
     Use("deploy check", "a faulty bundle is accepted", _COMPARE),
-    Use("run", "a step is left out", "every step is told; run verify on what was written", "TI2", "TD1"),
+    Use("run", "a step is left out", "every step is reported; run verify on what was written", "TI2", "TD1"),
 )
 
 

@@ -1,4 +1,4 @@
-"""What ``halpipe new`` begins with: folders of files that a person may read, change and schedule."""
+"""Starter folders of ``halpipe new``: files to read, change and schedule."""
 
 from __future__ import annotations
 

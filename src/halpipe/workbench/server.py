@@ -1,6 +1,6 @@
 """The door of the workbench: pages and orders over HTTP, for one person on one machine.
 
-Whoever knows the token may come in; requests must name this server as their host, and orders must come from its own
+The token admits a browser; requests must name this server as their host, and orders must come from its own
 page, so that no other page in the same browser can give them. The page loads nothing from anywhere else.
 """
 
@@ -139,7 +139,7 @@ async def _progress(session: Session, _request: Any) -> Any:
 
 
 async def _order(session: Session, request: Any) -> Any:
-    """Take an order; answer with the new state, or with what stands against it."""
+    """Take an order; answer with the new state, or with the reasons of a refusal."""
     from starlette.concurrency import run_in_threadpool
 
     name = request.path_params["order"]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 OUTDATED = error(
     "HAL0952",
-    "Somebody else has changed the model",
+    "The model was changed in another window",
     "Two windows work on one model. An edit is made on what its window shows; this one was made on an older state.",
 )
 CHANGED_ON_DISK = error(
@@ -104,7 +104,7 @@ class Session:
         self._future: list[State] = []
         self.opened = parse_model(content, path)
         self.drawn: Drawn = {}
-        """What the page was last told of each task."""
+        """State of each task as last sent to the page."""
         self.state = State(self.opened)
 
     def begin(self) -> None:
@@ -133,7 +133,7 @@ class Session:
         """Let the jobs of a task go; empty: of every task."""
         self._check(revision)
         kept = tuple(p for p in self.state.pins if task and p.task != task)
-        self._enter(replace(self.state, pins=kept, what=f"let go {task or 'all'}"))
+        self._enter(replace(self.state, pins=kept, what=f"unpin {task or 'all'}"))
 
     def undo(self) -> None:
         """Go back one step, if there is one."""
@@ -287,7 +287,7 @@ class Session:
         return held
 
     def _solved(self, state: State, before: Schedule | None) -> State:
-        """Return the state with a verified schedule, or with what stands against one and the schedule before."""
+        """Return the state with a verified schedule, or with the reasons of a refusal and the schedule before."""
         began = time.monotonic()
         self._cancelled = False
         model = self._as_read(state.model)

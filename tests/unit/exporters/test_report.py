@@ -218,7 +218,7 @@ def test_a_chain_that_never_gets_through_or_has_no_limit_is_said():
     system, planned = roboracer()
     table = planned.modes[0]
     page = write(system, replace(planned, modes=(replace(table, chains=(replace(table.chains[0], age=None),)),)))
-    assert "never gets through" in page
+    assert "no data arrives" in page
     system = replace(system, chains=(replace(system.chains[0], max_age=None),))
     assert "no limit" in write(system, planned)
 

@@ -22,8 +22,8 @@ FOREIGN_FOLDER = error(
     "HAL0004",
     "Folder is not halpipe's to replace",
     "A folder is written as a whole and replaces the one before. It may hold only what its manifest.json lists, and "
-    "that must be a manifest of halpipe's. Anything else was put there by somebody: nothing is written and nothing "
-    "removed, so that a mistyped name, or notes kept in a bundle, cost nobody their work.",
+    "that must be a manifest of halpipe's. Anything else belongs to the user: nothing is written and nothing "
+    "removed, so that a mistyped name, or notes kept in a bundle, destroy no work.",
 )
 
 MANIFEST = "manifest.json"
@@ -31,14 +31,14 @@ MANIFEST_KEY = "halpipe-bundle"
 """What a manifest states by which it is known as ours."""
 
 _NAMED = 8
-"""Files of somebody else that are named before the rest is counted."""
+"""Foreign files that are named before the rest is counted."""
 
 
 def write_directory(path: str, contents: Mapping[str, bytes]) -> None:
     """Write a folder as a whole: readers see the old one or the new one, never a mixture.
 
     `contents` has names relative to the folder, with ``/``; one of them is the `MANIFEST`, by which a folder that
-    may be replaced is known. Between two renames there is an instant without any; the next writer mends that.
+    may be replaced is known. Between two renames there is an instant without any; the next writer repairs that.
     """
     target = os.path.realpath(path)
     parent, base = os.path.split(target)
@@ -157,7 +157,7 @@ def _raise(failure: OSError) -> None:
 def _remove_listed(folder: str) -> None:
     """Remove the files that the manifest lists, and what is empty then; the manifest goes last, so that one knows.
 
-    Only what is found inside is removed, never what a manifest may name elsewhere. What is left is somebody's.
+    Only what is found inside is removed, never what a manifest may name elsewhere. What is left belongs to the user.
     """
     listed = _listed(folder) - {MANIFEST}
     for inside, _, names in os.walk(folder, topdown=False):

@@ -27,7 +27,7 @@ HELP = "name another file for the output"
 
 
 class _Inputs:
-    """The files that the command at hand has read, by device and inode; None where nobody asked to keep them."""
+    """The files that the command at hand has read, by device and inode; None where they are not recorded."""
 
     known: dict[tuple[int, int], str] | None = None
     last: dict[tuple[int, int], str] | None = None

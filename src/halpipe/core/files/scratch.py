@@ -1,4 +1,4 @@
-"""Folders for what other programs and checkers read: they are gone afterwards, and a full disk is told as one."""
+"""Temporary folders for input of other programs; a full disk is reported as such."""
 
 from __future__ import annotations
 

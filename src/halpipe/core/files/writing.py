@@ -44,7 +44,7 @@ def write_output(path: str | os.PathLike[str], data: bytes | str) -> None:
         stream = standard_bytes(sys.stdout)
         stream.write(content)
         stream.flush()
-    except BrokenPipeError:  # whoever read it has enough; the command line ends quietly
+    except BrokenPipeError:  # the reader closed it; the command line ends quietly
         raise
     except OSError as failure:
         raise cannot_write(STDIO, failure) from None

@@ -70,7 +70,7 @@ class LargeXmlParser:
         is_dropped: Callable[[etree._Element], bool],
         on_read: Callable[[int], None] | None = None,
     ) -> etree._Element:
-        """Return the root of what is kept; `on_read` is told the bytes read so far."""
+        """Return the root of what is kept; `on_read` receives the bytes read so far."""
         from lxml import etree
 
         parser, self._parser = self._parser or self._new_parser(), None  # one that failed is of no more use

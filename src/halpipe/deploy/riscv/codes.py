@@ -87,7 +87,7 @@ OPEN_CORE = error(
 WRONG_DATA = error(
     "HAL1045",
     "Data did not arrive",
-    "When a job began, its code or an input was not what had been loaded or read; or somebody changed a buffer between "
+    "When a job began, its code or an input was not what had been loaded or read; or a buffer was changed between "
     "the phase that wrote it and the phase that reads it.",
 )
 WRONG_TABLE = error(
@@ -159,7 +159,7 @@ WRONG_HEALTH = error(
 COLD_START = error(
     "HAL1070",
     "Bundle does not begin by itself",
-    "Where nobody has prepared main memory, the runtime empties the buffers and begins with the first mode. Otherwise "
+    "Where main memory is not prepared, the runtime empties the buffers and begins with the first mode. Otherwise "
     "jobs would read what the memory of the board held when the power came.",
 )
 WRONG_DRIVER = error(
@@ -177,7 +177,7 @@ NOT_CONTAINED = error(
 NOT_INJECTED = note(
     "HAL1056",
     "Faults that were not injected",
-    "Some faults cannot be put into this bundle by this engine, or would take too long; nothing is said of them.",
+    "Some faults cannot be put into this bundle by this engine, or would take too long; they are not judged.",
 )
 BAD_REQUEST = error(
     "HAL1049",

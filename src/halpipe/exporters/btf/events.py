@@ -21,7 +21,7 @@ CREATED = "1970-01-01T00:00:00Z"
 """The format wants a date; the same schedule gives the same bytes, so it is always this one."""
 
 _TERMINATE, _MARK, _ACTIVATE, _START = range(4)
-"""At one instant: what ends or pauses first, then marks, then what begins or goes on."""
+"""At one instant: ends and pauses first, then marks, then begins and resumptions."""
 
 
 @record

@@ -1,4 +1,4 @@
-"""What every exporter shares: its options and the door it is registered through."""
+"""Base of all exporters: options, and the entry point they are registered through."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which task must be above which on a unit, so that fixed priorities play the gaps of jobs that are split anywhere.
+"""Priority relation of tasks on a unit that makes fixed priorities reproduce the preemptions of a table.
 
 Task i is above task k wherever a job of i starts in a gap of a job of k, over all modes and tables (MODEL 8.2, run
 time). Then every part is over in time, also where jobs end early and interrupts stay away.

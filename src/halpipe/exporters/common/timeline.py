@@ -1,4 +1,4 @@
-"""When things happen on the line of time that is drawn: occurrences of jobs, load of resources, precedence links.
+"""Drawn line of time: occurrences of jobs, load of resources, precedence links.
 
 Everything is exact. The report and the trace both draw from here, so they cannot disagree.
 """

@@ -1,4 +1,4 @@
-"""What both writers share: elements whose empty attributes are left out, and one canonical form of bytes."""
+"""XML form of both native writers: empty attributes are left out, bytes are canonical."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def _write_unit(parent: etree._Element, unit: Unit) -> None:
 
 
 def _common(tasks: tuple[Task, ...]) -> dict[str, str]:
-    """Return what all tasks say alike and may say once, so that it need not be said of each."""
+    """Return the attributes that all tasks have in common and that are written once."""
     found: dict[str, str] = {}
     common = [stated for stated in attributes(Task) if stated.is_common]
     said_of = [texts(task) for task in tasks] if common else []

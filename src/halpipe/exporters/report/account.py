@@ -1,4 +1,4 @@
-"""Where the model comes from: its source files by their origins, and the account of the import where it is given."""
+"""Origin of the model: its source files, and the coverage of the import where it is given."""
 
 from __future__ import annotations
 

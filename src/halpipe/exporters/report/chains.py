@@ -1,4 +1,4 @@
-"""How a cause-effect chain runs in the worst case: the jobs that the stimulus, or the data, passes through (MODEL 3).
+"""Worst case of a cause-effect chain: the jobs that the stimulus or the data passes through (MODEL 3).
 
 The paths are found here on their own, not taken from the search; a test holds their lengths to the latencies that the
 schedule states and verify has checked.

@@ -304,7 +304,7 @@ def _describe(placement: Placement, cut_left: bool, cut_right: bool) -> str:
     if cut_left:
         lines.append("began in the cycle before")
     if cut_right:
-        lines.append("goes on in the next cycle")
+        lines.append("continues in the next cycle")
     return "\n".join(lines)
 
 

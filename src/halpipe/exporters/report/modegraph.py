@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel, TransitionTable
 
 MOST_MODES = 12
-"""More modes than this make a graph that nobody can read; the table of switches has them all."""
+"""More modes than this make an illegible graph; the table of switches has them all."""
 
 WIDTH, HEIGHT = 760, 330
 NODE_WIDTH, NODE_HEIGHT = 144, 40

@@ -371,7 +371,7 @@ def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLate
 
 def _latency(name: str, value: Duration | None, limit: Duration | None) -> Gauge:
     if value is None:
-        return Gauge(name, "never gets through", "0", f"limit {limit}" if limit else "no limit", limit is not None)
+        return Gauge(name, "no data arrives", "0", f"limit {limit}" if limit else "no limit", limit is not None)
     if not limit:
         return Gauge(name, str(value), "0", "no limit")
     share = value / limit

@@ -1,4 +1,4 @@
-"""What the viewer draws, as plain values: times in milliseconds as floats to draw with, and exact as text to read."""
+"""Scene of the viewer as plain values: milliseconds as floats for drawing, exact text for reading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How late the management core can be: it does one operation after the other, and several may be due at once.
+"""Lateness of the management core: it serves one operation at a time, and several may be due at once.
 
 All operations are known, so this is computed and not estimated: tables are played, two in a row and around every
 switch, with the longest time that an operation takes.

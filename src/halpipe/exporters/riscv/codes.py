@@ -55,7 +55,7 @@ IMAGE_TOO_LARGE = error(
 OUTSIDE_BUFFER = error(
     "HAL0852",
     "Transfer reaches beyond its main-memory buffer",
-    "A buffer is as large as what is written into it at most, or, where nobody writes it, as what is read from it.",
+    "A buffer is as large as what is written into it at most, or, where it is never written, as what is read from it.",
 )
 MAIN_MEMORY_FULL = error(
     "HAL0853",

@@ -1,4 +1,4 @@
-"""Which unit is which core, and where things lie in main memory."""
+"""Mapping of units to cores, and layout of main memory."""
 
 from __future__ import annotations
 

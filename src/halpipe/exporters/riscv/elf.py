@@ -1,4 +1,4 @@
-"""What a bundle needs to know of an ELF file: the bytes to load, from where to where, and its symbols."""
+"""Minimal ELF reader: bytes to load with their addresses, and symbols."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens within one job, in ticks from its start: transfers in memory phases, and execution between them.
+"""Timeline of one job in ticks from its start: transfers in memory phases, execution between them.
 
 A job acquires, executes and restitutes: it loads its image, reads, executes, writes. With several functions, there are
 several such stretches. Everything is exact; boundaries of phases are rounded inwards to ticks.

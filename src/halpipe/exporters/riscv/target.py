@@ -1,4 +1,4 @@
-"""What programs need to know of a bundle: ``target.json`` (where things are), ``operations.json`` (what is done)."""
+"""Target description of a bundle: ``target.json`` (places) and ``operations.json`` (actions)."""
 
 from __future__ import annotations
 

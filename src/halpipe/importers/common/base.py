@@ -1,4 +1,4 @@
-"""What every importer shares: its options, its result, and the account of every element it met."""
+"""Base of all importers: options, result, and the coverage of every element."""
 
 from __future__ import annotations
 

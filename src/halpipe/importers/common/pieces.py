@@ -1,4 +1,4 @@
-"""Where a runnable that may be interrupted anywhere is cut: into pieces of one length, as far as that is of use."""
+"""Pieces of a fully preemptive runnable: cuts of one length, as far as they are useful."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often to poll for sporadic arrivals: within their least distance, at a period that a person would write."""
+"""Polling periods for sporadic arrivals: at most the minimum inter-arrival time, and a round number."""
 
 from __future__ import annotations
 

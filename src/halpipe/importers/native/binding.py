@@ -1,4 +1,4 @@
-"""What both readers share: typed access to the attributes of a schema-valid element, with findings."""
+"""Typed access of both native readers to the attributes of a schema-valid element, with findings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What applying an overlay reports: values replaced, defaults taken, names that nothing has."""
+"""Result of an overlay: replaced values, defaults, names without a match."""
 
 from __future__ import annotations
 

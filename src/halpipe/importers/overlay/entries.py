@@ -1,4 +1,4 @@
-"""What overlay files state, parsed but not yet matched with any model.
+"""Parsed statements of overlay files, not yet matched with a model.
 
 Elements that need nothing of the import (units, chains, constraints ...) are already elements of the model, with the
 overlay as their origin.

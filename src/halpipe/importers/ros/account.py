@@ -128,7 +128,7 @@ def _publications(result: Result, coverage: Coverage) -> None:
 def _why_unused(publication: Publication, result: Result) -> str:
     readers = result.wiring.readers(publication.topic)
     if not readers:
-        return "nobody reads the topic"
+        return "the topic has no reader"
     if not any(reader in result.activations.of for reader in readers):
         return "no task reads the topic"
     if not any(name in result.activations.of for name in publication.callbacks):

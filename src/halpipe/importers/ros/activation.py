@@ -1,4 +1,4 @@
-"""Which callbacks run, how often, and what triggers them.
+"""Activation of callbacks: which run, how often, and their triggers.
 
 Periods start at timers and at topics whose period the overlay or, failing that, a recording, statistics or a QoS
 deadline states. They spread along publications, shortest first (Dijkstra's algorithm, where the distance is the

@@ -1,4 +1,4 @@
-"""Which callback each task of an import is: what an executor needs to find it in a running system."""
+"""Callback of each imported task, as an executor finds it in a running system."""
 
 from __future__ import annotations
 

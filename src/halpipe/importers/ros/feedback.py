@@ -67,7 +67,7 @@ def _report(loop: Loop[Vertex], wiring: Wiring, lost: Collection[tuple[str, str]
 
 
 def _shortened(names: list[str], separator: str) -> str:
-    """Join names, leaving out the middle of a list that nobody would read."""
+    """Join names, leaving out the middle of a long list."""
     if len(names) > _LONGEST_RING:
         names = [*names[: _LONGEST_RING // 2], "...", *names[-_LONGEST_RING // 2 :]]
     return separator.join(names)

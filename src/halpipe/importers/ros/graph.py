@@ -1,4 +1,4 @@
-"""What CARET and DOT files have in common: nodes, callbacks, publications, subscriptions, paths.
+"""Graph of a ROS system common to CARET and DOT: nodes, callbacks, publications, subscriptions, paths.
 
 A `Callback` is what may become a task: a ROS callback, or, where the source knows no callbacks, a whole node.
 Names are those of the source; a callback's name is unique in the graph.

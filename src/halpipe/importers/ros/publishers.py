@@ -1,4 +1,4 @@
-"""Which callbacks of a node publish a topic, when the file may not say so.
+"""Publishing callbacks of a node where the file may not name them.
 
 CARET leaves two thirds of the publications of a real system without a callback. In order: what is stated; the only
 callback of the node; the last callback of a chain that a message context states; else an assumption, which is reported:

@@ -1,4 +1,4 @@
-"""What a trace of ros2_tracing or CARET says: nodes, callbacks, publishers that were seen, and every job.
+"""Meaning of traces of ros2_tracing and CARET: nodes, callbacks, publishers, jobs.
 
 Addresses identify things within one process (vpid), and are used again for others. So a callback is what its address
 meant when the job ran. Init events that CARET repeats may come late: they only fill what is not known yet.

@@ -59,7 +59,7 @@ WRONG_ORDER = error(
 OUTSIDE_PARTS = error(
     "HAL1113",
     "Job ran outside its parts",
-    "A job with gaps runs in its parts only. One that goes on earlier, or pauses later, is inside its next piece when "
+    "A job with gaps runs in its parts only. One that resumes earlier, or pauses later, is inside its next piece when "
     "another job of the unit comes: a target holds it at the end of a part until the next one begins.",
 )
 PAUSE = error(

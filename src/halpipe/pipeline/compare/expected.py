@@ -1,4 +1,4 @@
-"""What should run: the tables of a schedule, laid one after the other on a line of time."""
+"""Expected executions: the tables of a schedule in sequence on a line of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What deviates: of each job of each table, the worst of every kind, with how often and when."""
+"""Deviations of a trace: for each job of each table the worst of every kind, with count and instant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which scheduled job an execution is: by what the trace states, otherwise the nearest of its task."""
+"""Assignment of executions to scheduled jobs: by stated instance, otherwise the nearest of the task."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 Let X hold the unit for c at a time. A chain's limit leaves its task t no time for the versions that run elsewhere, so
 the job of t that the chain goes through runs on the unit, before X or after it. If before, the chain's data come from
-too long ago for whoever reads them after X; and no reader may be missing for longer than two of its jobs are apart.
+too long ago for its readers after X; and no reader may be missing for longer than two of its jobs are apart.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ UNIT_HELD = error(
     "the chain that reads what came before it starts at most limit - (WCETs of the chain up to its last job) after "
     "that, the first that reads what comes after it cannot start before it; and two starts of the last task are at "
     "most D + slack * D apart. If the piece is longer than that allows, no schedule exists. For a reaction time, the "
-    "same is said of the first task and of what it missed.",
+    "same holds for the first task and the data it missed.",
 )
 COARSE_GRID = note(
     "HAL0447",

@@ -1,4 +1,4 @@
-"""What every valid schedule of a mode has in common: usable versions, and the time a task takes wherever it starts.
+"""Facts common to every valid schedule of a mode: usable versions, and least time of a task.
 
 All times are integers: nanoseconds times the common denominator of the mode.
 """

@@ -85,7 +85,7 @@ def _parts(tasks: list[TaskFacts], units: frozenset[str], holder: TaskFacts | No
     """Return the busiest tasks that together need more than the units not held, and the holder; none if too few do.
 
     A job that would use a held unit while the holder runs cannot start. So of the holder only what is left after the
-    longest of the others counts: whoever runs then has started meanwhile, on other units.
+    longest of the others counts: jobs that run then have started meanwhile, on other units.
     """
     held = holder.sure_units() if holder is not None else frozenset()
     free = len(units) - len(held)

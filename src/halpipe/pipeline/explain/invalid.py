@@ -1,4 +1,4 @@
-"""Which findings of validate prove that a mode has no schedule, and which only say that the model is wrong."""
+"""Findings of validate that prove that a mode has no schedule."""
 
 from __future__ import annotations
 

@@ -320,7 +320,7 @@ Limits = tuple["Duration | None", "Duration | None"]
 
 
 def _kept(chain: Chain, table: ModeSchedule) -> Limits | None:
-    """Return the least limits not below those of the chain that a schedule keeps; None if nothing gets through."""
+    """Return the least limits not below those of the chain that a schedule keeps; None if no data arrives."""
     latency = next((found for found in table.chains if found.name == chain.name), None)
     if latency is None or latency.reaction is None or latency.age is None:
         return None

@@ -31,7 +31,7 @@ CAPACITY = 60
 
 _BOUNDS = (9, 15, 20, 30, 42, CAPACITY)
 _TRIES = 400
-"""Starts drawn in vain one after the other before the set is left with fewer windows."""
+"""Rejected starts in a row before the set is left with fewer windows."""
 
 _MOST_ON_A_TASK = 4
 

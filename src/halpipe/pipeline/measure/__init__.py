@@ -1,1 +1,1 @@
-"""What a placement is worth: cost, latencies, loads; plainly and exactly, without the search."""
+"""Exact measures of a placement, independent of the search: cost, latencies, loads."""

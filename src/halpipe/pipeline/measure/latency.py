@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def chain_latencies(placement: Placement, chains: Iterable[Chain]) -> tuple[ChainLatency, ...]:
-    """Return reaction time and data age of the chains whose tasks are all active; None where nothing gets through."""
+    """Return reaction time and data age of the chains whose tasks are all active; None where no data arrives."""
     result = []
     for chain in chains:
         if not all(name in placement.by_task for name in chain.tasks):

@@ -1,4 +1,4 @@
-"""What a schedule report says beside the jobs: loads of units and resources, the terms of the cost function."""
+"""Figures of a schedule report beside the jobs: loads of units and resources, terms of the cost function."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a valid schedule is worth: the objectives that a search goes on for, in exact numbers of which less is better.
+"""Objectives for valid schedules, as exact numbers; smaller is better.
 
 - ``chains``: the sum of reaction time and data age over all chains, each times its weight, in nanoseconds (MODEL 3).
 - ``jitter``: the sum over the periodic tasks of their start jitter, the largest less the least delay of their jobs.
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from halpipe.pipeline.jobs import Expansion
 
 LARGEST_MARGIN = Fraction(100)
-"""Beyond a hundred times the WCET nobody asks; a job alone on its unit would have no bound."""
+"""Growth beyond a hundred times the WCET is of no interest; a job alone on its unit would have no bound."""
 
 NEVER = Fraction(10**30)
-"""Stands for the latency of a chain that nothing gets through: worse than any."""
+"""Latency of a chain through which no data arrives: worse than any."""
 
 
 class Objective(StrEnum):

@@ -1,4 +1,4 @@
-"""What the rules of split jobs, bound tasks and sporadic arrivals cost where they are broken (MODEL 8.2 and 8.3).
+"""Cost of broken rules of preemptive jobs, bound tasks and sporadic arrivals (MODEL 8.2 and 8.3).
 
 All costs are in ticks, at least one for every rule broken; what has no distance counts one mean WCET. A mode that uses
 nothing of MODEL 8 costs nothing here.

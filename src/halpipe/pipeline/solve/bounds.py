@@ -1,4 +1,4 @@
-"""How good the best schedule can be at most: lower bounds of objectives, from arithmetic alone.
+"""Lower bounds of objectives, from arithmetic alone.
 
 Along a chain the WCETs add up, and the first task's period for a stimulus that it just missed. Whatever the phases, a
 task k of the chain starts at instants that lie, seen from the jobs of the first task, in D_k / g different places of

@@ -1,4 +1,4 @@
-"""What a search goes on for once a schedule is valid: which objectives, in which order, and what must not get worse."""
+"""Objectives after the first valid schedule: their order, and the limits that must not get worse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much is tried: what the kernel cannot hold is refused, and what it does not try is told."""
+"""Limits of the search: refusals of systems too large for the kernel, and reports of what is not tried."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all tables of one switch have in common, worked out once: the modes around it, and how long it must be."""
+"""Common facts of all tables of one switch: the modes around it, and its least length."""
 
 from __future__ import annotations
 

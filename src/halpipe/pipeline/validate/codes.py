@@ -208,7 +208,7 @@ VERSION_UNUSABLE = warning(
 )
 NEVER_DEMANDED = warning(
     "HAL0255",
-    "Task on demand that nobody demands",
+    "Task on demand without a demand",
     "A task without a period has one job for each precedence constraint that names it, so here it never runs.",
 )
 

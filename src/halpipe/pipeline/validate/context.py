@@ -1,4 +1,4 @@
-"""What the checks look things up in, built once per model, and the shape of a check."""
+"""Look-up tables of the checks, built once per model, and the form of a check."""
 
 from __future__ import annotations
 

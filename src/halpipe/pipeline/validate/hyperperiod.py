@@ -25,7 +25,7 @@ _MAX_COMPARED = 100
 """The most used periods, against which every period is compared to see how well it fits."""
 
 _MAX_COMPARISONS = 200_000
-"""Of more than two thousand periods, each is held against fewer than that."""
+"""Of more than two thousand periods, each is compared with fewer than that."""
 
 _MAX_MISFIT = 100
 """How many times longer than both a hyperperiod may become by a period that still fits it well."""

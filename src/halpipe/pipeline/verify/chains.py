@@ -47,14 +47,14 @@ WHAT = ("reaction time", "data age")
 
 def _fault(what: str, limit: Duration, found: Found, clock: Clock) -> str:
     if found is None:
-        return f"no instance ever gets through, its limit of {what} is {limit}"
+        return f"no data ever arrives, its limit of {what} is {limit}"
     latency, placed = found
     text = f"{what} {clock.text(latency)} for {placed.label} at {clock.text(placed.start)}, the limit is {limit}"
     return text + f": {clock.text(latency - clock.ticks(limit))} too long"
 
 
 def reaction(table: ModeTable, chain: Chain) -> Found:
-    """Return the worst reaction time in ticks and the job that just missed the stimulus; None if none gets through."""
+    """Return the worst reaction time in ticks and the job that just missed the stimulus; None if no data arrives."""
 
     def first(task: str, since: int) -> Found:
         return table.instants.of(task, Anchor.START).earliest(since)
@@ -63,7 +63,7 @@ def reaction(table: ModeTable, chain: Chain) -> Found:
 
 
 def age(table: ModeTable, chain: Chain) -> Found:
-    """Return the worst data age in ticks, with the job that puts the data out; None if none gets through."""
+    """Return the worst data age in ticks, with the job that puts the data out; None if no data arrives."""
 
     def last(task: str, until: int) -> Found:
         return table.instants.of(task, Anchor.END).latest(until)

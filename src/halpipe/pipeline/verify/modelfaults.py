@@ -1,4 +1,4 @@
-"""What must hold of the model for "valid" to have a meaning at all; `halpipe validate` says much more about it."""
+"""Conditions on the model without which "valid" has no meaning; `halpipe validate` reports more."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def _not_nested(outer: Placed, inner: Placed, clock: Clock, path: str) -> Diagno
         text += "jobs of one task do not interrupt each other"
     else:
         text += "neither lies in one gap of the other"
-    help = "let the one that interrupts end before the other goes on"
+    help = "let the preempting job end before the other resumes"
     return codes.NOT_NESTED(text, at=inner.job.at, path=path, help=help)
 
 

@@ -34,7 +34,7 @@ def check_deadline(table: ModeTable) -> Iterator[Diagnostic]:
 
     (D) The phase is the same for both rules: s must satisfy them together. A job outside its slack has no release, so
     of its deadline only C <= deadline can be said. Jobs on demand have no release; their deadline is not checked. Of a
-    task that serves arrivals, each job is held against the one before instead (MODEL 8.2).
+    task that serves arrivals, each job is compared with the one before instead (MODEL 8.2).
     """
     for name, active in table.mode.tasks.items():
         if active.task.distance is None:

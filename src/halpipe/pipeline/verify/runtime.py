@@ -1,7 +1,7 @@
-"""Which tasks must be above which at run time, so that jobs that may be interrupted anywhere are over in time.
+"""Priority relation of tasks at run time that lets fully preemptive jobs end in time.
 
 Fixed priorities that are preemptive play the gaps of such jobs if a task i is above a task k wherever a job of i starts
-in a gap of a job of k, over all modes and tables (MODEL 8.2, run time). The relation is told for each unit, and
+in a gap of a job of k, over all modes and tables (MODEL 8.2, run time). The relation is reported for each unit, and
 where it is a circle: then the table itself must suspend and resume.
 """
 

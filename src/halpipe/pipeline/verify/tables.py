@@ -1,4 +1,4 @@
-"""What the rules look at: the model and the schedule, names resolved, time in exact integer ticks.
+"""Input of the rules: model and schedule with names resolved, time in exact integer ticks.
 
 The ticks are private to the check: one tick is 1/scale ns, where scale is the least common denominator of every
 duration in the model and the schedule. So all sums and comparisons are exact, and fast.

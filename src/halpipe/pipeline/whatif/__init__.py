@@ -1,1 +1,1 @@
-"""What if the design were another one: its size, the growth of its WCETs. Questions that schedules answer."""
+"""Design variants: size of the platform and growth of WCETs, answered by schedules."""

@@ -1,4 +1,4 @@
-"""How much longer the jobs of one version may run while all jobs start where they do.
+"""Growth of the jobs of one version while all start instants stay.
 
 Every rule of MODEL 3 that a WCET enters gives a limit of its own: the next start on the unit, the deadline, windows
 that count from the end, limits of chains. Access phases keep their distance from the start, so they say nothing. All

@@ -1,4 +1,4 @@
-"""How much a WCET may grow: before the schedule at hand breaks, and before no schedule is found."""
+"""Growth of a WCET until the schedule breaks, and until no schedule is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How small the platform can be, or how slow: fewest units, lowest bandwidth, largest common WCET factor."""
+"""Smallest or slowest platform: fewest units, lowest bandwidth, largest common WCET factor."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def complaint(answer: Answer) -> Diagnostic | None:
 
 
 def of_modes(model: TaskModel, mode: str) -> TaskModel:
-    """Return the model with one of its modes only, or with all where `mode` is empty; check what no size can mend."""
+    """Return the model with one of its modes only, or with all where `mode` is empty; check for faults that no size removes."""
     if mode:
         model = model.alone(mode)
     check_otherwise(model)

@@ -86,7 +86,7 @@ def proofs(changed: Changed, ignored: frozenset[str] = frozenset()) -> tuple[Dia
 
 
 def check_otherwise(model: TaskModel) -> None:
-    """Raise `HalpipeError` with the errors of a model that no size of it can mend."""
+    """Raise `HalpipeError` with the errors of a model that no size removes."""
     wrong = [d for d in validate(model) if d.is_error and d.code not in LOADS]
     if wrong:
         raise HalpipeError(*wrong)

@@ -131,7 +131,7 @@ function field(edit, wide) {
   return input;
 }
 
-// Shows a value in its field, but never over what somebody is typing there.
+// Shows a value in its field, but never over text being typed there.
 function tell(input, value) {
   input.actual = value;
   if (input === document.activeElement && input.value !== input.told) return;
@@ -164,7 +164,7 @@ function rowsOf(task) {
   return kept(`task ${task.name}`, [colour, versions.map(version => version.name)], content, task, taskRows);
 }
 
-// Rows stay as long as their form is the same, so that the keyboard stays where it is; what they show is told anew.
+// Rows stay as long as their form is the same, so that the keyboard stays where it is; their content is updated.
 function kept(name, form, content, shown, make) {
   const shape = JSON.stringify(form), text = JSON.stringify(content);
   let known = made.get(name);

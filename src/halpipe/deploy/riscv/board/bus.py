@@ -1,4 +1,4 @@
-"""How long transfers take: channels share the bus, and a regulator may stand between a unit and the memory.
+"""Duration of transfers: channels share the bus, and a regulator may stand between a unit and the memory.
 
 Channels move bytes at their own rates, or at equal shares of the bus where these are too much for it. A regulator
 admits a burst when what is left of the budget of the window covers it; else the burst waits for the next window
@@ -74,7 +74,7 @@ class _Flow:
     is_shut: bool = False
 
     def copy(self) -> _Flow:
-        """Return the same flow, to see how it goes on."""
+        """Return a copy of the flow, to look ahead."""
         return replace(self, spent=replace(self.spent))
 
     def admit(self, now: Fraction) -> None:

@@ -1,4 +1,4 @@
-"""What stands beside the memories: clock and interrupts (CLINT), serial line, registers of the DMA, finisher."""
+"""Devices beside the memories: clock and interrupts (CLINT), serial line, registers of the DMA, finisher."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ class World(Protocol):
         ...
 
     def trapped(self, hart: Hart, cause: int, pc: int, value: int) -> bool:
-        """`hart` takes a trap; return whether the machine dealt with it instead (semihosting)."""
+        """`hart` takes a trap; return whether the machine handled it instead (semihosting)."""
         ...
 
     def sleeps(self, hart: Hart, enabled: int) -> None:

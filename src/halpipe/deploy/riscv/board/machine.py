@@ -155,7 +155,7 @@ class Machine(DmaWork):
         return devices
 
     def _power_up(self) -> None:
-        """Fill with rubbish what nobody has written yet: the scratchpads, and where the program will be."""
+        """Fill unwritten memory with rubbish: the scratchpads, and the place of the program."""
         for region in self.memory.regions:
             size = region.size if region.hart else self.site.control - region.base
             self.memory.write(region.base, RUBBISH * size)

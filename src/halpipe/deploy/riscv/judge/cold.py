@@ -1,4 +1,4 @@
-"""A cold start: what a board does when the power comes and nobody has prepared its main memory."""
+"""A cold start: the behaviour of a board after power-on with unprepared main memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was seen of a run, held against what was planned: every deviation with job, instant, expected and seen."""
+"""Comparison of a run with its plan: every deviation with job, instant, expected and observed value."""
 
 from __future__ import annotations
 
@@ -289,7 +289,7 @@ class Comparison:
                 help = "look for what else writes there: another transfer, or a core that is not confined"
                 self._report(codes.WRONG_DATA, planned, message, help, self._unit(execution.hart))
         for transfer, buffer in self._run.recorder.stale:
-            message = f"was changed by nobody's write phase before it is read at {self._run.since(transfer.begin)}"
+            message = f"was changed outside of any write phase before it is read at {self._run.since(transfer.begin)}"
             help = (
                 "look for what writes to main memory: a core that is not confined, or another buffer that is too small"
             )

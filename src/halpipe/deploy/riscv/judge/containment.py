@@ -1,4 +1,4 @@
-"""Containment proven by faults: every kind of fault in the jobs of every table, each held against its consequence."""
+"""Containment proven by faults: every kind of fault in the jobs of every table, compared with its consequence."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Injected:
             self.jobs.add(by_place[injection.cycle, injection.row].path)
 
     def lines(self) -> Iterator[str]:
-        """Yield what people are told."""
+        """Yield the lines of the summary."""
         if self.kinds:
             kinds = len(self.kinds)
             yield f"injected: {sum(self.kinds.values())} faults of {kinds} kinds into {len(self.jobs)} jobs"
@@ -160,7 +160,7 @@ def _tick(run: Run, instant: int) -> int:
 
 
 def prefixed(found: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Return the findings of a run with faults so that nobody takes them for those of a sound one."""
+    """Return the findings of a run with faults, marked as such."""
     findings = Findings()
     for each in found:
         is_own = each.code in (codes.NOT_CONTAINED.id, codes.NOT_INJECTED.id, codes.WRONG_HEALTH.id)

@@ -1,6 +1,6 @@
-"""What can be said of a bundle without playing it: its parts agree with each other, and its machine with its profile.
+"""Static checks of a bundle: its parts agree with each other, and its machine with its profile.
 
-Whoever loads `bundle.bin` onto a board has to get the program that was checked, and the machine that a check simulates
+A board that loads `bundle.bin` has to get the program that was checked, and the machine that a check simulates
 has to be the one that the profile describes.
 """
 

@@ -1,4 +1,4 @@
-"""How long the management core takes for one operation: measured in a run, held against what its profile reserves.
+"""Service time of the management core for each operation, compared with the reserve of its profile.
 
 The export computes how late operations can be as if each took the same time, `service`. So what counts of a run is the
 least such time that explains all of it: since the core woke up, it has done so many operations by each of its records.

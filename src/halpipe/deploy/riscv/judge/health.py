@@ -1,6 +1,6 @@
-"""What the health rules of a model lead to in a run, derived from the events in it, and held against what happened.
+"""Expected reactions to the health rules of a model, derived from the events of a run.
 
-Written from docs/explanation/model.md, not from the runtime, which is to be held against it.
+Written from docs/explanation/model.md, not from the runtime, which is checked by it.
 """
 
 from __future__ import annotations

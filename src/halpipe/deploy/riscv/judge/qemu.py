@@ -130,5 +130,5 @@ def _data(target: Target, leg: Leg, played: Played) -> Iterator[Diagnostic]:
         if differing:
             message = f"holds other data than in the co-simulation, in {len(differing)} of {area.size} bytes, "
             message += f'first at {differing[0]}, after mode "{leg.first}"' + (f' and "{leg.to}"' if leg.to else "")
-            help = "look for a job whose result depends on what it did not read: memory that nobody set, or time"
+            help = "look for a job whose result depends on what it did not read: uninitialised memory, or time"
             yield codes.WRONG_DATA(message, path=named("buffer", name), help=help)

@@ -1,4 +1,4 @@
-"""What the runtime recorded of a run under QEMU, held against the plan.
+"""Comparison of the runtime's record of a QEMU run with the plan.
 
 All cores have one clock there, which every instruction of any core advances. So a core may begin late because others
 compute at that time. Their computing is recorded, too, and excuses exactly as much lateness as it covers.
@@ -51,7 +51,7 @@ def hold(
 ) -> Held:
     """Hold what the runtime recorded against the plan, and return every deviation.
 
-    Nothing is said of the jobs (cycle and row) that are `starved`, for others take all of the one clock meanwhile.
+    The jobs (cycle and row) that are `starved` are not judged, for others take all of the one clock meanwhile.
     """
     return _Judge(site, recording, starved).judge(tables, jobs)
 

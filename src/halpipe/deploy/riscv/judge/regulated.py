@@ -46,7 +46,7 @@ def with_tables(target: Target, checked: Checked) -> Checked:
 
 @record
 class Held:
-    """Transfers held against the tables: what is wrong, what people are told, and every memory phase as CSV."""
+    """Transfers compared with the tables: findings, lines of the summary, and every memory phase as CSV."""
 
     findings: tuple[Diagnostic, ...] = ()
     lines: tuple[str, ...] = ()

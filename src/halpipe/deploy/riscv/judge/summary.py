@@ -1,4 +1,4 @@
-"""What a check tells people, and the trace of what was seen for other tools."""
+"""Summary of a check for people, and the trace of the run for other tools."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The operation tables as they stand in the program, held against the plan before anything is played.
+"""Operation tables as stored in the program, compared with the plan before anything is played.
 
 Engines that see no DMA registers learn from this what a transfer that the runtime records has moved. Layouts are
 those of docs/reference/riscv-bundle.md.

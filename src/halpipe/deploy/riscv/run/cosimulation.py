@@ -228,7 +228,7 @@ class CoSimulation:
     def run(self, limit: Duration | None = None, *, is_cold: bool = False) -> Run:
         """Play the tables and return what was seen; `limit` (from the beginning of the run) ends it in any case.
 
-        A run that `is_cold` begins as when the power comes: nobody has prepared main memory.
+        A run that `is_cold` begins as after power-on, with unprepared main memory.
         """
         offset = int(BOOT / self.site.tick) or 1
         if is_cold:

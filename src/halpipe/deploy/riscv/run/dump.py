@@ -1,4 +1,4 @@
-"""What a board leaves of a run: memory as a debugger dumps it, or what the runtime prints, as a trace for `compare`."""
+"""Recordings of a board: a memory dump or serial output, converted to a trace for `compare`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def board_csv(bundle: Bundle, recording: Recording, file: str) -> bytes:
 
 
 def told(bundle: Bundle, recording: Recording) -> Iterator[str]:
-    """Yield what people are told of a recording: how much there is, which jobs failed, which health rules fired."""
+    """Yield the summary of a recording: how much there is, which jobs failed, which health rules fired."""
     site = read_site(bundle)
     operations: Any = json.loads(bundle.files["operations.json"])
     cycles = {record.cycle for record in recording.records}

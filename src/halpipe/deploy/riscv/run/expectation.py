@@ -1,4 +1,4 @@
-"""What a target has to do according to model and schedule: executions and transfers with their instants.
+"""Plan of a target from model and schedule: executions and transfers with their instants.
 
 This follows the rules of docs/reference/riscv-bundle.md and shares no code with the exporter, so that a fault in its
 operation tables is a difference and not an agreement. All instants here are ticks from the beginning of the run.
@@ -52,7 +52,7 @@ class PlannedTransfer:
 class PlannedExecution:
     """A function that `hart` has to enter at `begin` and to have left by `end`; `stretch` counts them in the job.
 
-    It is told the `rank` of its core in the job's gang, and that of `ranks` members; `ends` is how it may end.
+    It gets the `rank` of its core in the job's gang, and that of `ranks` members; `ends` is how it may end.
     """
 
     hart: int

@@ -1,4 +1,4 @@
-"""What is seen of a run by the simulator itself, without asking the runtime: executions, transfers, traps, data."""
+"""Observation of a run by the simulator alone: executions, transfers, traps, data."""
 
 from __future__ import annotations
 

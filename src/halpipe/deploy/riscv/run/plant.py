@@ -1,4 +1,4 @@
-"""The world outside the computer, in a closed loop with it: what a plant is told, and what it may do."""
+"""Plants in a closed loop with the computer: their inputs and their actions."""
 
 from __future__ import annotations
 

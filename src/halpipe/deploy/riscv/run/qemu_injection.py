@@ -45,7 +45,7 @@ class Injected:
     findings: list[Diagnostic] = field(default_factory=list)
 
     def lines(self) -> Iterator[str]:
-        """Yield what people are told."""
+        """Yield the lines of the summary."""
         if self.kinds:
             yield f"injected: {self.kinds.total()} faults of {len(self.kinds)} kinds into {len(self.images)} images"
             if not any(found.is_error for found in self.findings):

@@ -1,7 +1,7 @@
-"""Which tables are played, in which order: what mode requests lead to, and which requests lead through all tables.
+"""Sequence of tables in a run: effects of mode requests, and requests that visit every table.
 
 A mode request is taken a little before the end of a mode's hyperperiod; then the table of the transition and the new
-mode follow. Written from docs/reference/riscv-bundle.md, not from the runtime, which is to be held against it.
+mode follow. Written from docs/reference/riscv-bundle.md, not from the runtime, which is checked by it.
 """
 
 from __future__ import annotations

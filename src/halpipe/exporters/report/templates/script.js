@@ -76,7 +76,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
   });
 }
 
-// What is folded is unfolded for print: nobody can open it on paper.
+// What is folded is unfolded for print: it cannot be opened on paper.
 let folded = [];
 addEventListener("beforeprint", () => {
   folded = [...document.querySelectorAll("details:not([open])")];

@@ -39,7 +39,7 @@ class Viewer {
     this.context.font = FONT;
     this.names = Math.max(90, ...scene.units.map(unit => 12 + this.context.measureText(unit).width));
     this.byLane = scene.units.map((_, lane) => this.jobs.filter(job => job.lanes.includes(lane)).sort((a, b) => a.start - b.start));
-    if (this.selected) { // what is said of it is said anew
+    if (this.selected) { // its details are shown again
       this.selected = this.jobs.find(job => job.name === this.selected.name && job.index === this.selected.index) || null;
       this.owner.chosen(this.selected);
     }

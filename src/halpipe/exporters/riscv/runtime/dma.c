@@ -48,7 +48,7 @@ uint32_t dma_state(uint32_t channel, uint64_t owner) {
             }
             c->control = 0U;
             owners[channel] = 0U;
-            fence(); /* what arrived is there before anyone is told */
+            fence(); /* the data is visible before its arrival is announced */
         }
     }
     return state;

@@ -2,7 +2,7 @@
  *
  * A table releases jobs. A job is a program of operations, in progress in the slot of its first unit, from the tick at
  * which it was released. Units are exclusive, so one slot for each is enough, but for tasks whose jobs have gaps: others
- * are in progress in these. Since a program goes on by itself, it does not matter whether the table that released it has
+ * are in progress in these. Since a program continues by itself, it does not matter whether the table that released it has
  * ended meanwhile.
  *
  * Every loop is bounded: by HP_UNITS, HP_CHANNELS, a number of attempts, or an instant of the timer. The one in play()
@@ -337,7 +337,7 @@ static void end_table(void) {
     current.cycle++;
     CONTROL->played = current.cycle;
     if (((CONTROL->cycles != 0U) && (current.cycle >= CONTROL->cycles)) || (health_stops() != 0U)) {
-        keys[TABLE_SLOT] = IDLE; /* what is in progress goes on to its end */
+        keys[TABLE_SLOT] = IDLE; /* what is in progress continues to its end */
     } else {
         begin_table(current.next, end);
     }
@@ -389,7 +389,7 @@ static void clear(uint64_t begin, uint64_t end) {
 }
 
 static void prepare_memory(void) {
-    if (CONTROL->magic != HP_MAGIC) { /* nobody did */
+    if (CONTROL->magic != HP_MAGIC) { /* it was not prepared */
         clear(HP_CONTROL + 8U, HP_CONTROL + (uint64_t)offsetof(hp_control, state));
         CONTROL->offset = HP_TICKS_PER_MS;
         clear(HP_BUFFERS, HP_BUFFERS_END);
@@ -438,7 +438,7 @@ void runtime(void) {
     if (health_stops() != 0U) {
         ended = STATE_STOPPED;
     }
-    CONTROL->state = ended; /* once: whoever watches takes the first state that is no running one */
+    CONTROL->state = ended; /* once: observers take the first state that is not a running one */
     if (CONTROL->report != 0U) {
         print_report();
     }

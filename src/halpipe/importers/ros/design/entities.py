@@ -174,7 +174,7 @@ class Catalogue:
 
 
 def _identity(item: Any) -> Any:
-    """Return what list items are told apart by: the name of a mapping, otherwise the item itself."""
+    """Return the identity of list items: the name of a mapping, otherwise the item itself."""
     if isinstance(item, YamlMap):
         return ("name", item["name"]) if isinstance(item.get("name"), str) else ("item", str(dict(item)))
     return ("item", str(item))

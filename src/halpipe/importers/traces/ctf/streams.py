@@ -1,6 +1,6 @@
 """Reads the packets of CTF streams into events, in the order of time.
 
-A packet that is cut off ends its stream: what comes before it counts, and the damage is told. So does a counter of
+A packet that is cut off ends its stream: what comes before it counts, and the damage is reported. So does a counter of
 events that the tracer discarded.
 """
 

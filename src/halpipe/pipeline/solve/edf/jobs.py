@@ -1,4 +1,4 @@
-"""What a simulation of earliest deadline first is told, and its outcome."""
+"""Input and outcome of a simulation of earliest deadline first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a search over plans stands, as whole numbers, so that a run that was stopped goes on to the same bytes."""
+"""State of a search over plans as whole numbers, so that a resumed run gives the same bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long chains take in a table: measured of every table that is tried, on its grid where that is exact."""
+"""Latencies of chains in simulated tables, on the table's grid where that is exact."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When the jobs of each task are released in a hyperperiod, as a plan has it."""
+"""Release instants of the jobs of each task in a hyperperiod, by a plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulated table is worth, and its jobs in exact time."""
+"""Value of a simulated table, and its jobs in exact time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which unit of its group a job gets: colouring circular arcs.
+"""Unit assignment for groups of identical units (circular-arc colouring).
 
 The kernel keeps the load of a group within its size. On a line that would be enough to give every job its own
 units; on a circle it may fail, because the jobs that cross the cut must end up on the units they began on. The
