@@ -101,7 +101,7 @@ def complaint(answer: Answer) -> Diagnostic | None:
 
 
 def of_modes(model: TaskModel, mode: str) -> TaskModel:
-    """Return the model with one of its modes only, or with all where `mode` is empty; check for faults that no size removes."""
+    """Return the model with one of its modes only, or with all where `mode` is empty; refuse other faults."""
     if mode:
         model = model.alone(mode)
     check_otherwise(model)
