@@ -4,7 +4,7 @@ import ast
 import importlib
 import pkgutil
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from functools import cache
 from pathlib import Path
 
@@ -96,6 +96,11 @@ def test_code_is_well_formed(id):
     assert code.title
     assert not code.title.endswith(".")
     assert code.explanation.endswith(".")
+
+
+def test_titles_are_unique():
+    titles = Counter(code.title for code in REGISTER.values())
+    assert [title for title, count in titles.items() if count > 1] == []
 
 
 def test_every_code_is_the_subject_of_a_test():

@@ -56,7 +56,7 @@ OVER_CAPACITY = error(
 )
 UNSAFE_DEFAULT = error(
     "HAL1020",
-    "Default budgets are not safe",
+    "Loaded default budgets are not safe",
     "The budgets that hold before the tables are played must fit the capacity together and let every unit that is "
     "used make progress, one burst at least.",
 )

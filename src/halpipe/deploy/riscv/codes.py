@@ -32,7 +32,7 @@ NOT_FINISHED = error(
 )
 WRONG_INSTANT = error(
     "HAL1035",
-    "Job starts at another instant than scheduled",
+    "Core enters a job at another instant than scheduled",
     "A core entered the function of a job earlier or later than the schedule says. Lateness up to the tolerance that "
     "is stated with the result is the time which the management core needs.",
 )

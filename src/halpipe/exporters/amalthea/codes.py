@@ -9,7 +9,7 @@ UNKNOWN_RELEASE = error(
 )
 DANGLING_NAME = error(
     "HAL0891",
-    "Model names what is not there",
+    "AMALTHEA export lacks a definition of a name",
     "AMALTHEA refers from element to element, so a task, unit, resource, version or mode that the model names, but "
     "does not define, cannot be written. `halpipe validate` lists them, too.",
 )

@@ -22,7 +22,7 @@ BAD_PREFIX = error(
 )
 DANGLING_NAME = error(
     "HAL0873",
-    "Model names what is not there",
+    "ARXML export lacks a definition of a name",
     "ARXML refers from element to element, so a task, unit, resource, version or mode that the model names, but "
     "does not define, cannot be written. `halpipe validate` lists them, too.",
 )

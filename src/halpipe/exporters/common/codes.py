@@ -53,7 +53,7 @@ NEEDS_HOLD = error(
 )
 PRIORITY_CYCLE = error(
     "HAL0809",
-    "No fixed priorities play the schedule",
+    "Target has no fixed priorities that play the schedule",
     "Jobs that may be interrupted anywhere need a target with preemptive fixed priorities, in which a task is above "
     "each one in whose gaps a job of it starts. On this unit the tasks are above one another in a circle.",
 )

@@ -61,7 +61,7 @@ DOES_NOT_FIT = error(
 )
 UNSAFE_DEFAULTS = error(
     "HAL0830",
-    "Default budgets are not safe",
+    "Exported default budgets are not safe",
     "The defaults hold until regulation starts: with the overshoot they must not exceed the capacity of a window, and "
     "each must be at least one burst, or nobody could start.",
 )

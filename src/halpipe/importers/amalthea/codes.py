@@ -15,7 +15,7 @@ NO_INPUT = error(
 )
 SKIPPED_FILE = warning(
     "HAL1203",
-    "File of a directory was skipped",
+    "AMALTHEA file of a directory was skipped",
     "An .amxmi file found while searching a directory is malformed or no AMALTHEA model. Named directly, such a "
     "file is an error.",
 )
@@ -54,7 +54,7 @@ BAD_VALUE = error(
 )
 DANGLING = warning(
     "HAL1211",
-    "Reference to nothing",
+    "AMALTHEA reference has no target",
     "The element that is referred to is in none of the files given. What depends on it is left out.",
 )
 DUPLICATE = error(
@@ -64,7 +64,7 @@ DUPLICATE = error(
 )
 REPEATED = warning(
     "HAL1213",
-    "Name is used twice",
+    "AMALTHEA name is used twice",
     "References by name reach the first of several elements of the same name and class.",
 )
 RECURSION = error(
@@ -186,7 +186,7 @@ DEFAULT_BOUND = note(
 )
 DEFAULT_UNIT = note(
     "HAL1240",
-    "Execution unit was assumed",
+    "AMALTHEA execution unit was assumed",
     "The files define no processing unit. All tasks are put on one unit, core0, until an overlay names units.",
 )
 UNMAPPED = note(
@@ -228,24 +228,24 @@ EDITED = warning(
 )
 DEFAULT_WINDOW = note(
     "HAL1248",
-    "Precedence windows were assumed",
+    "AMALTHEA precedence windows were assumed",
     "The model states an order, but no times. A task starts between 0 and the longer of both periods after the "
     "end of its predecessor.",
 )
 RENAMED = note(
     "HAL1249",
-    "Name was adapted",
+    "AMALTHEA name was adapted",
     "Names of model elements have no white space and no glob characters; other characters were replaced by _.",
 )
 UNKNOWN_INTERRUPT = warning(
     "HAL1250",
-    "Interrupt routines are not accounted for",
+    "AMALTHEA interrupt routines are not accounted for",
     "An interrupt routine takes time from every job of its unit, which a schedule must reserve. Of these the execution "
     "time, the least distance of their arrivals or the unit is not stated, so that no time is reserved for them.",
 )
 CUT_RUNNABLES = note(
     "HAL1251",
-    "Preemptive tasks are cut within runnables",
+    "AMALTHEA preemptive tasks are cut within runnables",
     "A preemptive task may be interrupted anywhere. Where a runnable is longer than the longest piece (--pieces), jobs "
     "may be interrupted at multiples of that, too: the target has to hold the job there, for example by a call of the "
     "scheduler.",

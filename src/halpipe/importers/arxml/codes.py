@@ -36,7 +36,7 @@ NO_INPUT = error(
 )
 SKIPPED_FILE = warning(
     "HAL0506",
-    "File of a directory was skipped",
+    "ARXML file of a directory was skipped",
     "A file found while searching a directory is broken, or no ARXML. Named directly, such a file is an error.",
 )
 PROCESS_WITHOUT_PERIOD = warning(
@@ -67,7 +67,7 @@ CONFLICT = error(
 )
 DANGLING = warning(
     "HAL0511",
-    "Reference to nothing",
+    "AUTOSAR reference has no target",
     "No file of the input defines the path that a reference names, so that what depends on it is left out.",
 )
 WRONG_DEST = warning(
@@ -156,7 +156,7 @@ SENDERS_DIFFER = warning(
 # ------------------------------------------------------------------------------------------------ the model
 DEFAULT_UNIT = note(
     "HAL0540",
-    "Execution unit was assumed",
+    "AUTOSAR core was assumed",
     "The input configures no core (EcucCoreDefinition, OsApplicationCoreAssignment); one core per ECU is assumed.",
 )
 UNMAPPED = note(
@@ -172,7 +172,7 @@ NO_WCET = note(
 )
 DEFAULT_WINDOW = note(
     "HAL0543",
-    "Precedence windows were assumed",
+    "AUTOSAR precedence windows were assumed",
     "AUTOSAR states an order, not distances. A task starts between 0 and one period (the longer one, where two "
     "tasks differ) after the end of its predecessor.",
 )
@@ -207,7 +207,7 @@ BAD_EXECUTION_TIME = warning(
 )
 RENAMED = note(
     "HAL0549",
-    "Name was adapted",
+    "AUTOSAR name was adapted",
     "Names of model elements have no white space and no glob characters, and are unique; a second task of the same "
     "name is called by its whole AUTOSAR path.",
 )
@@ -351,14 +351,14 @@ SCHEMA_NAME = note(
 )
 UNKNOWN_INTERRUPT = warning(
     "HAL0594",
-    "Interrupt routines are not accounted for",
+    "AUTOSAR interrupt routines are not accounted for",
     "An interrupt routine takes time from every job of its core, which a schedule must reserve. Of these the execution "
     "time, the least distance of their arrivals or the core is not stated, so that no time is reserved for them. Only "
     "a timing protection (OsIsrExecutionBudget, OsIsrTimeFrame) states them in ARXML.",
 )
 CUT_RUNNABLES = note(
     "HAL0595",
-    "Preemptive tasks are cut within runnables",
+    "AUTOSAR preemptive tasks are cut within runnables",
     "An OsTask with OsTaskSchedule FULL may be interrupted anywhere. Where a runnable is longer than the longest piece "
     "(--pieces), jobs may be interrupted at multiples of that, too: the target has to hold the job there.",
 )

@@ -28,7 +28,7 @@ NOT_DOT = error(
 )
 SKIPPED_FILE = note(
     "HAL0605",
-    "File of a directory was skipped",
+    "ROS file of a directory was skipped",
     "A file found while searching a directory is none of the formats that the importer reads (a note), or is "
     "malformed (a warning). Named directly, such a file is an error.",
 )
@@ -39,12 +39,12 @@ MALFORMED = error(
 )
 DUPLICATE = error(
     "HAL0611",
-    "Name is used twice",
+    "ROS name is used twice",
     "Nodes of a graph, and callbacks of a node, are known by their names; a second one cannot be told apart.",
 )
 DANGLING = error(
     "HAL0612",
-    "Reference to nothing",
+    "ROS reference has no target",
     "A name refers to a callback, callback group or node that the file does not declare.",
 )
 BAD_PERIOD = error(
@@ -100,18 +100,18 @@ EXCLUSION = warning(
 )
 DEFAULT_UNIT = note(
     "HAL0626",
-    "Execution unit was assumed",
+    "ROS execution unit was assumed",
     "ROS graphs do not describe the computer. All tasks are put on one unit, core0, until an overlay names units.",
 )
 DEFAULT_WINDOW = note(
     "HAL0627",
-    "Precedence windows were assumed",
+    "ROS precedence windows were assumed",
     "A task starts between 0 and the longer of both periods after the end of the task that publishes its input. "
     "That is the smallest window that holds at every phase, so it never makes a model infeasible.",
 )
 RENAMED = note(
     "HAL0628",
-    "Name was adapted",
+    "ROS name was adapted",
     "Names of model elements have no white space and no glob characters; other characters were replaced by _.",
 )
 PATH_IGNORED = warning(

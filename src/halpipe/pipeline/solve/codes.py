@@ -87,7 +87,7 @@ EXACT_KEEPS_NOTHING = error(
 )
 EXACT_ABSENT = note(
     "HAL0426",
-    "Exact engine is not installed",
+    "Exact engine is not installed as second engine",
     "Small modes that the annealer does not solve are given to the exact engine, which finds what leaves nothing idle. "
     "It is an optional part: pip install 'halpipe[exact]'.",
 )

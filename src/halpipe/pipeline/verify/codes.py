@@ -116,7 +116,7 @@ OVERLAP = error(
 )
 OVERLOAD = error(
     "HAL0328",
-    "Resource overloaded",
+    "Access bounds exceed a resource",
     "The bounds of the access phases in force on a resource sum to more than 1.",
 )
 OUT_OF_WINDOW = error(
@@ -248,7 +248,7 @@ PRIORITIES = note(
 )
 PRIORITY_CIRCLE = warning(
     "HAL0339",
-    "No fixed priorities play the schedule",
+    "Preemptions on a unit form a cycle of priorities",
     "On a unit, tasks of which jobs start in gaps of jobs that may be interrupted anywhere are above one another in a "
     "circle. The schedule is valid: a target that suspends and resumes by the table plays it; one that needs "
     "priorities cannot, and its export refuses the schedule.",
