@@ -12,7 +12,7 @@ from halpipe.core.durations import Duration
 from halpipe.importers.common.base import ImportOptions, quantile_of
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.calibrate import estimate
-from halpipe.importers.ros.measured import Measurements, Sample, read_measured
+from halpipe.importers.ros.sources.measured import Measurements, Sample, read_measured
 
 GRAPH = str(FIXTURES / "calibrated.dot")
 LONG = "callback,duration_us\n/driver,1000\n/filter,2500.5\n/driver,1200\n"

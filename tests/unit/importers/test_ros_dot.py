@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files import TOO_MUCH
-from halpipe.importers.ros import codes, dot
+from halpipe.importers.ros import codes
+from halpipe.importers.ros.sources import dot
 
 
 def edges(text):

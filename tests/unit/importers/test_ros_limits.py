@@ -6,7 +6,7 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.core.files import TOO_MUCH, parse_yaml
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import patterns, reader
-from halpipe.importers.ros import caret, nodes
+from halpipe.importers.ros.sources import caret, nodes
 
 GRAPH = """\
 named_paths: []

@@ -9,7 +9,7 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.activation import Wiring, activate
 from halpipe.importers.ros.dataflow import order_by_data
 from halpipe.importers.ros.loops import components
-from halpipe.importers.ros.rqt import read_dot
+from halpipe.importers.ros.sources.rqt import read_dot
 
 
 def test_topics_view_with_a_deadline_as_period():

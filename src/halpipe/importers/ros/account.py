@@ -8,7 +8,7 @@ from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.drops import is_plumbing
 from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.graph import Kind
+from halpipe.importers.ros.sources.graph import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
     from halpipe.importers.ros.dataflow import DataFlow
-    from halpipe.importers.ros.graph import Callback, Publication, Rate
+    from halpipe.importers.ros.sources.graph import Callback, Publication, Rate
 
 
 @record

@@ -19,7 +19,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.measured import Measurements, read_measured
+from halpipe.importers.ros.sources.measured import Measurements, read_measured
 from halpipe.importers.ros.traced import measure
 from halpipe.importers.traces.ctf import folders
 from halpipe.importers.traces.ros2 import read_ros_trace
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage, ImportOptions
-    from halpipe.importers.ros.graph import Callback
-    from halpipe.importers.ros.measured import Sample
+    from halpipe.importers.ros.sources.graph import Callback
+    from halpipe.importers.ros.sources.measured import Sample
     from halpipe.importers.traces.ros2 import RosTrace
     from halpipe.models import Task, TaskModel
 

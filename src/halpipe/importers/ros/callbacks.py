@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings
 from halpipe.importers.common.base import Coverage
-from halpipe.importers.ros.caret import read_caret
-from halpipe.importers.ros.graph import Kind
 from halpipe.importers.ros.names import Names, task_names
-from halpipe.importers.ros.sniff import FileKind, find
+from halpipe.importers.ros.sources.caret import read_caret
+from halpipe.importers.ros.sources.graph import Kind
+from halpipe.importers.ros.sources.sniff import FileKind, find
 from halpipe.importers.ros.traced import graph_of
 from halpipe.importers.traces.ros2 import read_ros_trace
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
     from halpipe.importers.ros.activation import Activations, Wiring
-    from halpipe.importers.ros.graph import Path, Step
     from halpipe.importers.ros.names import Names
+    from halpipe.importers.ros.sources.graph import Path, Step
 
 
 def chains_of(

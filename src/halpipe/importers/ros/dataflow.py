@@ -15,8 +15,8 @@ from halpipe.core.diagnostics import named
 from halpipe.core.records import record
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.feedback import Vertex, few, report_loops
-from halpipe.importers.ros.graph import Certainty, Kind, Publication
 from halpipe.importers.ros.loops import cut_loops
+from halpipe.importers.ros.sources.graph import Certainty, Kind, Publication
 
 if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from halpipe.importers.ros.graph import Callback, Kind, RosGraph
+from halpipe.importers.ros.sources.graph import Callback, Kind, RosGraph
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

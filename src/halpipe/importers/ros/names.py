@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import named
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Kind
+from halpipe.importers.ros.sources.graph import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.core.diagnostics import Findings, Location
-    from halpipe.importers.ros.graph import RosGraph
+    from halpipe.importers.ros.sources.graph import RosGraph
 
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_./:~+@$%-]")
 

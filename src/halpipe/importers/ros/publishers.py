@@ -10,12 +10,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.importers.ros.graph import Certainty, Kind
+from halpipe.importers.ros.sources.graph import Certainty, Kind
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.importers.ros.graph import Callback
+    from halpipe.importers.ros.sources.graph import Callback
 
 _CARRYING = ("callback_chain", "inherit_unique_stamp", "tilde")
 """Contexts in which a message that comes in makes one go out; the latest message may be published by any callback."""

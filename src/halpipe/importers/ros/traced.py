@@ -14,7 +14,9 @@ from halpipe.core.durations import Duration
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.drops import is_plumbing
 from halpipe.importers.ros.feedback import few
-from halpipe.importers.ros.graph import (
+from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.periods import STATED, snap
+from halpipe.importers.ros.sources.graph import (
     Callback,
     Certainty,
     Group,
@@ -25,8 +27,6 @@ from halpipe.importers.ros.graph import (
     RosGraph,
     Subscription,
 )
-from halpipe.importers.ros.names import printable
-from halpipe.importers.ros.periods import STATED, snap
 from halpipe.importers.traces.ros2 import SERVICE, SUBSCRIPTION, TIMER, Key, RosTrace
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.measured import Measurements
+    from halpipe.importers.ros.sources.measured import Measurements
 
 TRACE = "trace"
 """Where the rate of a topic comes from that nothing in the trace publishes."""

@@ -11,7 +11,7 @@ from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
-from halpipe.importers.ros.yaml_reader import Reader
+from halpipe.importers.ros.sources.yaml_reader import Reader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

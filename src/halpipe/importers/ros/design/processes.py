@@ -16,8 +16,8 @@ from halpipe.core.files import YamlList, YamlMap
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.design.structure import PUBLISHER, SUBSCRIBER, Port
-from halpipe.importers.ros.graph import Callback, Kind, Publication, Subscription
 from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.sources.graph import Callback, Kind, Publication, Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

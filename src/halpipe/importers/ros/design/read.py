@@ -12,8 +12,8 @@ from halpipe.importers.ros import codes
 from halpipe.importers.ros.design.entities import Catalogue
 from halpipe.importers.ros.design.processes import NodeProcesses
 from halpipe.importers.ros.design.structure import Structure
-from halpipe.importers.ros.graph import Callback, Group, Node, Publication, RosGraph, Subscription
 from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.sources.graph import Callback, Group, Node, Publication, RosGraph, Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -11,14 +11,14 @@ from halpipe.core.durations import Duration
 from halpipe.core.files import refuse_more_than
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Callback, Flow, Group, Kind, Publication, Subscription
 from halpipe.importers.ros.periods import STATED, snap
 from halpipe.importers.ros.publishers import Context, Publishers
+from halpipe.importers.ros.sources.graph import Callback, Flow, Group, Kind, Publication, Subscription
 
 if TYPE_CHECKING:
     from halpipe.core.files import YamlMap
     from halpipe.importers.common.base import Coverage
-    from halpipe.importers.ros.yaml_reader import Reader
+    from halpipe.importers.ros.sources.yaml_reader import Reader
 
 MAX_FLOWS = 50_000
 UNDEFINED = "UNDEFINED"

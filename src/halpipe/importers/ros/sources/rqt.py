@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, Location, named
 from halpipe.core.durations import Duration, seconds
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.dot import Digraph, Edge, Vertex, parse, unescape
-from halpipe.importers.ros.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription
 from halpipe.importers.ros.names import printable
+from halpipe.importers.ros.sources.dot import Digraph, Edge, Vertex, parse, unescape
+from halpipe.importers.ros.sources.graph import Callback, Kind, Node, Publication, Rate, RosGraph, Subscription
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -13,9 +13,9 @@ from halpipe.core.diagnostics import Findings, Location, named
 from halpipe.core.files import refuse_more_than
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.ros import codes
-from halpipe.importers.ros.graph import Callback, Group, Node, Path, RosGraph, Step
-from halpipe.importers.ros.nodes import UNDEFINED, NodeReader
-from halpipe.importers.ros.yaml_reader import Reader
+from halpipe.importers.ros.sources.graph import Callback, Group, Node, Path, RosGraph, Step
+from halpipe.importers.ros.sources.nodes import UNDEFINED, NodeReader
+from halpipe.importers.ros.sources.yaml_reader import Reader
 
 if TYPE_CHECKING:
     from halpipe.core.files import YamlMap
