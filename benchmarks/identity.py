@@ -141,9 +141,9 @@ def first(model: Path, folder: Path, workers: int) -> list[object]:
     return [command(model, folder, *BUDGET, "--workers", str(workers))]
 
 
-def improved(model: Path, folder: Path, quality: str) -> list[object]:
-    """Go on for a better schedule."""
-    return [command(model, folder, *BUDGET, "--workers", "2", "--quality", quality)]
+def improved(model: Path, folder: Path, objectives: str) -> list[object]:
+    """Improve the first valid schedule."""
+    return [command(model, folder, *BUDGET, "--workers", "2", "--optimise", objectives)]
 
 
 def frozen(model: Path, folder: Path) -> list[object]:
@@ -161,7 +161,7 @@ def resumed(model: Path, folder: Path) -> list[object]:
     """Stop a search three times after some slices, then go on to its end; a clock that leaps has every slice saved."""
     clock = itertools.count(0, 10)
     found = []
-    way = (*BUDGET, "--quality", "cost", "--workers", "1")
+    way = (*BUDGET, "--optimise", "cost", "--workers", "1")
     with mock.patch("time.monotonic", side_effect=clock):
         for limit in (("--time-limit", "45"),) * 3 + ((),):
             again = ("--resume",) if (folder / "s.resume").exists() else ()

@@ -22,7 +22,6 @@ from halpipe.importers.native import read_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.generate import SetParameters, achieved, generate
 from halpipe.pipeline.measure.circle import Instants
-from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from search_benchmark import jobshop
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from halpipe.models import ModeSchedule, Schedule, TaskModel
+    from halpipe.pipeline.measure.objectives import Objective
     from search_benchmark.suites import Cell
 
 _SECOND = 10**9
@@ -54,7 +54,7 @@ class Instance:
     limit: int
     exact_seconds: int
     exact_workers: int
-    quality: Quality = Quality.FIRST
+    optimise: tuple[Objective, ...] = ()
     workers: int = 1
 
 
@@ -91,7 +91,7 @@ def _schedule(instance: Instance, source: str, target: str, result: dict[str, An
     begin = perf_counter_ns()
     deadline = begin + instance.limit * _SECOND
     options = SearchOptions(
-        seed=instance.seed, budget=instance.budget, quality=instance.quality, workers=Workers(instance.workers)
+        seed=instance.seed, budget=instance.budget, optimise=instance.optimise, workers=Workers(instance.workers)
     )
     if instance.limit:
         options = options.by_the_clock()

@@ -154,7 +154,7 @@ def instances(
             workers=workers,
             exact_seconds=exact_seconds if place < exact_seeds else 0,
             exact_workers=exact_workers,
-            quality=row.quality,
+            optimise=row.optimise,
         )
         for row in rows
         for number, parameters in enumerate(row.cells, 1)

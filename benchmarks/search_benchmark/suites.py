@@ -11,7 +11,7 @@ from halpipe.core.records import record
 from halpipe.importers.native import read_model
 from halpipe.models import Binding
 from halpipe.pipeline.generate import TABLE_III, SetParameters, generate
-from halpipe.pipeline.solve.goals import Quality
+from halpipe.pipeline.measure.objectives import Objective
 from search_benchmark.families import FullSlack, ManyVersions, RigidChains
 from search_benchmark.real import Engine, EngineControl, Waters2019
 
@@ -44,8 +44,8 @@ class Row:
     paper_seconds: tuple[int, int] | None = None
     is_open: bool = False
     """Whether the time limit alone ends a search, as with `schedule --time-limit`, and not a number of moves."""
-    quality: Quality = Quality.FIRST
-    """What a search goes on for, as with `schedule --quality`."""
+    optimise: tuple[Objective, ...] = ()
+    """Objectives, as with `schedule --optimise`."""
 
 
 @record
@@ -215,7 +215,7 @@ def _real() -> Iterator[Row]:
         goal_whole=seconds(30),
     )
     yield Row(name="WATERS 2019, pieces of at most 5 ms", cells=(Waters2019(),), goal_whole=seconds(10))
-    yield Row(name="WATERS 2019, --quality cost", cells=(Waters2019(),), quality=Quality.COST)
+    yield Row(name="WATERS 2019, --optimise chains", cells=(Waters2019(),), optimise=(Objective.CHAINS,))
     cells = [cell for experiment in TABLE_III for cell in experiment.cells]
     for percent in (60, 70):
         bound = tuple(Bound(cell) for cell in cells if cell.utilisation == Fraction(percent, 100))

@@ -129,7 +129,6 @@ def schedule(
     *,
     seed: int = 1,
     budget: int | None = None,
-    quality: str = "first",
     optimise: Iterable[str] = (),
     target: Fraction | int | str | None = None,
     freeze: Schedule | None = None,
@@ -144,7 +143,8 @@ def schedule(
 ) -> Schedule:
     """Return a verified schedule of every mode, or of those named in `modes`; the options are those of the command.
 
-    `optimise` names objectives, the most important first: ``("chains", "jitter", "margin", "preemptions")``.
+    `optimise` names objectives, the most important first: ``("chains", "jitter", "margin", "preemptions", "cost")``.
+    A cost F of at most `target` ends the improvement.
     `progress` is called with mode, moves made, moves allowed and the least cost so far, from several threads; it ends
     the search by returning False. A `time_limit` in seconds does, too; without a `budget` nothing else does, so that
     what is found depends on the machine. Raise `HalpipeError` if no schedule is found, with what the best placement
@@ -153,19 +153,21 @@ def schedule(
     from halpipe.core.diagnostics import Exit, HalpipeError
     from halpipe.core.durations import Duration
     from halpipe.pipeline.checked import explain_failure, schedule_model
-    from halpipe.pipeline.solve.goals import Quality, objectives_of
+    from halpipe.pipeline.solve.goals import check_target, objectives_of
     from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, SearchOptions
     from halpipe.pipeline.solve.workers import Workers
 
     chosen = tuple(modes)
     for name in chosen:
         model.mode(name)
+    objectives = objectives_of(",".join(optimise))
+    end_cost = None if target is None else Fraction(target)
+    check_target(end_cost, objectives)
     options = SearchOptions(
         seed=seed,
         budget=budget,
-        quality=Quality(quality),
-        optimise=objectives_of(",".join(optimise)),
-        target=None if target is None else Fraction(target),
+        optimise=objectives,
+        target=end_cost,
         shipped=freeze,
         near=near,
         modes=chosen,

@@ -104,7 +104,7 @@ def test_the_suites_can_all_be_generated_and_their_rows_told_apart():
                     cell.check()
 
 
-EXAMPLE = Path(__file__).parents[2] / "fixtures" / "split"
+EXAMPLE = Path(__file__).parents[1] / "fixtures" / "split"
 
 
 def test_a_model_of_the_users_is_a_row_with_gaps_and_chains():

@@ -34,8 +34,8 @@ def test_verbs():
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("halpipe schedule --qual", ["--quality"]),
-        ("halpipe schedule --quality c", ["cost"]),
+        ("halpipe schedule --optim", ["--optimise"]),
+        ("halpipe schedule --engine e", ["exact"]),
         ("halpipe export re", ["regulator", "report"]),
         ("halpipe export report --ti", ["--title"]),
     ],

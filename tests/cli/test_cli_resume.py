@@ -15,7 +15,6 @@ from halpipe.importers.native import parse_model
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.checkpoint import NO_CHECKPOINT, Checkpoint, fingerprint
-from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.schedule import SWITCHES, SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from support import access, after, chain, mode, model, task, version
@@ -87,7 +86,7 @@ def test_a_search_stopped_on_a_cluster_goes_on_to_the_same_bytes(tmp_path, monke
     assert resumed.schedule == straight.schedule
 
 
-@pytest.mark.parametrize("aim", [{"quality": Quality.COST}, {"quality": Quality.MARGIN}, {"optimise": tuple(AIMS)}])
+@pytest.mark.parametrize("aim", [("cost", "chains"), ("margin",), tuple(AIMS)])
 def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, aim):
     """Each part of the run has time for one more slice than it needs to come to where the one before was stopped."""
     from halpipe.pipeline.solve import goals
@@ -96,7 +95,7 @@ def test_a_stopped_improvement_goes_on_to_the_same_bytes(tmp_path, monkeypatch, 
     monkeypatch.setattr(kernel_slices, "SLICE_WORK", 400)
     monkeypatch.setattr(goals, "POLISH_BUDGET", 30)
     system = parse_model(format_model(loose_model()), "m.xml")
-    options = SearchOptions(seed=1, **aim)
+    options = SearchOptions(seed=1, optimise=tuple(map(Objective, aim)))
     straight = schedule_model(system, options, lambda *progress: True)
     assert straight.schedule != schedule_model(system, SearchOptions(seed=1), lambda *progress: True).schedule
     parts, resumed = in_parts(tmp_path, system, options, 2)
@@ -131,7 +130,7 @@ def loose_model():
 
 def test_an_improvement_cut_short_leaves_a_valid_schedule_and_goes_on(halpipe, folder):
     (folder / "loose.xml").write_bytes(format_model(loose_model()))
-    command = ("schedule", "loose.xml", "--quality", "cost", "-o")
+    command = ("schedule", "loose.xml", "--optimise", "chains,cost", "-o")
     assert halpipe(*command, "straight.xml").returncode == 0
     cut = halpipe(*command, "s.xml", "--time-limit", "0.000001")
     assert cut.returncode == 0, cut.stderr

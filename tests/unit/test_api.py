@@ -139,7 +139,7 @@ def test_a_mode_that_was_not_come_to_is_no_schedule():
     system = model(*first, *endless(), units="u1 u2 w1 w2 w3", chains=chains, modes=modes)
     asked = []
     with pytest.raises(HalpipeError):
-        halpipe.schedule(system, quality="cost", progress=lambda name, *_: asked.append(name) or len(asked) < 3)
+        halpipe.schedule(system, optimise=["cost"], progress=lambda name, *_: asked.append(name) or len(asked) < 3)
     assert asked[:3] == ["first"] * 3
 
 

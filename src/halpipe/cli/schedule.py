@@ -23,15 +23,6 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
     from halpipe.pipeline.measure.objectives import Objective
     from halpipe.pipeline.solve.away import Away
-    from halpipe.pipeline.solve.goals import Quality
-
-
-class Improve(StrEnum):
-    """What to go on for once a schedule is valid."""
-
-    FIRST = "first"
-    COST = "cost"
-    MARGIN = "margin"
 
 
 class Engine(StrEnum):
@@ -67,13 +58,10 @@ def schedule(
         Engine,
         typer.Option(help="anneal; or exact, for small systems: CP-SAT."),
     ] = Engine.ANNEAL,
-    quality: Annotated[
-        Improve, typer.Option(help="Go on once valid: cost improves bonuses and chain latencies, margin WCET margins.")
-    ] = Improve.FIRST,
     optimise: Annotated[
         str,
         typer.Option(
-            metavar="LIST", help="Go on once valid, the most important first: chains,jitter,margin,preemptions."
+            metavar="LIST", help="Go on once valid, the most important first: chains,jitter,margin,preemptions,cost."
         ),
     ] = "",
     freeze: Annotated[
@@ -97,7 +85,7 @@ def schedule(
         str, typer.Option(metavar="FILE", help="Regulator platform: starts and bounds that it can serve exactly.")
     ] = "",
     resume: Annotated[bool, typer.Option(help="Go on with a search that was stopped; the result is the same.")] = False,
-    target: Annotated[str, typer.Option(help="With --quality cost: stop once the cost F is at most this.")] = "",
+    target: Annotated[str, typer.Option(help="With --optimise cost: stop once the cost F is at most this.")] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -110,7 +98,6 @@ def schedule(
     """
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.importers.native import read_model, read_schedule
-    from halpipe.pipeline.solve.goals import Quality
     from halpipe.pipeline.solve.schedule import SearchOptions
 
     output.choose(format, quiet=quiet, verbose=verbose)
@@ -121,8 +108,8 @@ def schedule(
         system = read_model(model[0])
         _check_modes(system, mode or [])
     options = SearchOptions(seed=seed, budget=budget, tick=grid, modes=tuple(mode or ()), engine=engine.value)
-    options = replace(options, quality=Quality(quality.value), target=_parse_target(target))
-    options = replace(options, optimise=_parse_objectives(optimise, options.quality))
+    options = replace(options, optimise=_parse_objectives(optimise))
+    options = replace(options, target=_parse_target(target, options.optimise))
     options = replace(options, portfolio=portfolio, workers=workers_of(workers))
     if time_limit:
         options = options.by_the_clock()
@@ -174,28 +161,28 @@ def parse_tick(text: str) -> Duration | None:
     return tick
 
 
-def _parse_target(text: str) -> Fraction | None:
+def _parse_target(text: str, objectives: tuple[Objective, ...]) -> Fraction | None:
     from halpipe.core.quantities import parse_rational
+    from halpipe.pipeline.solve.goals import check_target
 
     if not text:
         return None
     sign = -1 if text.startswith("-") else 1
     try:
-        return sign * parse_rational(text.removeprefix("-"))
+        target = sign * parse_rational(text.removeprefix("-"))
+        check_target(target, objectives)
     except ValueError as failure:
         raise typer.BadParameter(str(failure), param_hint="--target") from None
+    return target
 
 
-def _parse_objectives(text: str, quality: Quality) -> tuple[Objective, ...]:
-    from halpipe.pipeline.solve.goals import Quality, objectives_of
+def _parse_objectives(text: str) -> tuple[Objective, ...]:
+    from halpipe.pipeline.solve.goals import objectives_of
 
     try:
-        objectives = objectives_of(text)
+        return objectives_of(text)
     except ValueError as failure:
         raise typer.BadParameter(str(failure), param_hint="--optimise") from None
-    if objectives and quality is not Quality.FIRST:
-        raise typer.BadParameter("give --optimise or --quality, not both", param_hint="--optimise")
-    return objectives
 
 
 def _check_modes(model: TaskModel, chosen: list[str]) -> None:

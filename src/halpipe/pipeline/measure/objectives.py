@@ -5,7 +5,7 @@
 - ``margin``: the share of its own length by which every stay on a unit could last longer before the next begins there,
   the least of all; negated, since more is better.
 - ``preemptions``: the number of gaps of all jobs.
-- ``cost``: the cost function F.
+- ``cost``: the cost function F (paper, section III); of a valid schedule, its bonuses with a minus sign.
 """
 
 from __future__ import annotations
@@ -47,29 +47,23 @@ class Objective(StrEnum):
 
 @record
 class Worth:
-    """The values of the objectives in their order, and of every chain its reaction time and data age."""
+    """The values of the objectives in their order."""
 
     values: tuple[Fraction, ...]
-    latencies: tuple[Fraction, ...]
 
 
 @record
 class Judge:
-    """Tells which of the valid schedules of a mode is the better one.
-
-    With `each_chain`, none is good whose chains are not all at most as long as in the first.
-    """
+    """Comparison of the valid schedules of a mode by their objectives."""
 
     model: TaskModel
     expansion: Expansion
     objectives: tuple[Objective, ...]
-    each_chain: bool = False
 
     def worth(self, jobs: Iterable[Job]) -> Worth:
         """Measure a schedule."""
         placement = Placement.of(self.expansion, jobs, self.model.units)
-        values = tuple(MEASURES[objective](self.model, placement) for objective in self.objectives)
-        return Worth(values, _latencies(self.model, placement) if self.each_chain else ())
+        return Worth(tuple(MEASURES[objective](self.model, placement) for objective in self.objectives))
 
     def better(self, jobs: Iterable[Job], first: Worth, best: Worth) -> Worth | None:
         """Return what a schedule is worth if that is no less than the `best`, and nothing is worse than in the `first`.
@@ -77,15 +71,12 @@ class Judge:
         The objectives are measured one by one, as long as there is hope.
         """
         placement = Placement.of(self.expansion, jobs, self.model.units)
-        latencies = _latencies(self.model, placement) if self.each_chain else ()
-        if _is_worse(latencies, first.latencies):
-            return None
         values: tuple[Fraction, ...] = ()
         for objective in self.objectives:
             values = (*values, MEASURES[objective](self.model, placement))
             if values > best.values[: len(values)] or values[-1] > first.values[len(values) - 1]:
                 return None
-        return Worth(values, latencies)
+        return Worth(values)
 
     @property
     def chain_weights(self) -> tuple[int, ...]:
@@ -99,17 +90,7 @@ class Judge:
 
     def keeps(self, first: Worth, other: Worth) -> bool:
         """Return whether nothing that counts is worse than in the first schedule."""
-        pairs = zip((*first.values, *first.latencies), (*other.values, *other.latencies), strict=True)
-        return all(now <= before for before, now in pairs)
-
-
-def _is_worse(now: tuple[Fraction, ...], before: tuple[Fraction, ...]) -> bool:
-    return any(one > other for one, other in zip(now, before, strict=True))
-
-
-def _latencies(model: TaskModel, placement: Placement) -> tuple[Fraction, ...]:
-    found = chain_latencies(placement, model.chains)
-    return tuple(_nanoseconds(time) for latency in found for time in (latency.reaction, latency.age))
+        return all(now <= before for before, now in zip(first.values, other.values, strict=True))
 
 
 def _nanoseconds(time: Duration | None) -> Fraction:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import field
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
@@ -21,56 +20,41 @@ if TYPE_CHECKING:
     from halpipe.pipeline.measure.objectives import Worth
     from halpipe.pipeline.solve.optimise import Reached
 
+DELAYS, UNITS = "delays", "units"
+"""Stages of the cost F: less delay of all jobs, and fewer units."""
+
 POLISH_BUDGET = 300
 """Moves per task for one step of improving a valid schedule."""
 
 
-class Quality(StrEnum):
-    """What a search goes on for once a schedule is valid: nothing, the bonuses and chains, or WCET margins."""
-
-    FIRST = "first"
-    COST = "cost"
-    MARGIN = "margin"
-
-
 @record
 class Goals:
-    """What to go on for.
+    """Objectives and the stages of their improvement.
 
     - `objectives` come one before the other; none gets worse than in the first valid schedule.
-    - `stages` are the wishes in their order. Each comes with the number of leading objectives in which what it finds
-      may not be worse than the best so far.
-    - With `hold`, no chain may get longer than it was at first.
+    - `stages` are the kinds of tightening in their order. Each comes with the number of leading objectives in which its
+      results may not be worse than the best so far.
     """
 
     objectives: tuple[Objective, ...]
     stages: tuple[tuple[str, int], ...]
-    hold: bool = False
 
     @classmethod
-    def of(cls, quality: Quality, objectives: tuple[Objective, ...] = ()) -> Goals | None:
-        """Return the goals of the objectives named, or of a quality; None where the first valid schedule is enough."""
-        if objectives:
-            return cls(objectives, tuple((objective, place) for place, objective in enumerate(objectives, 1)))
-        return QUALITIES[quality]
+    def of(cls, objectives: tuple[Objective, ...]) -> Goals:
+        """Return the goals of the objectives named."""
+        ranked = enumerate(objectives, 1)
+        return cls(objectives, tuple((stage, rank) for rank, goal in ranked for stage in STAGES.get(goal, (goal,))))
 
 
-QUALITIES = {
-    Quality.FIRST: None,
-    Quality.COST: Goals(
-        (Objective.CHAINS, Objective.COST),
-        (("phases", 0), ("units", 0), ("phases", 0), (Objective.CHAINS, 1)),
-        hold=True,
-    ),
-    Quality.MARGIN: Goals((Objective.MARGIN,), ((Objective.MARGIN, 1),)),
-}
+STAGES: dict[Objective, tuple[str, ...]] = {Objective.COST: (DELAYS, UNITS, DELAYS)}
+"""Stages of objectives that have several: the bonuses of F are for punctual jobs and for idle units."""
 
 
 @record
 class Polish:
-    """The goals, who judges what is found, the moves per task and step, the seed, and when the jobs are good enough.
+    """The goals, the judge of schedules, the moves per task and step, the seed, and the end of the improvement.
 
-    `on_better` is told what each better schedule is worth.
+    `on_better` receives the worth of each better schedule.
     """
 
     goals: Goals
@@ -100,7 +84,7 @@ def polish_of(
     seed: int,
     on_better: Callable[[Worth], None] = lambda worth: None,
 ) -> Polish:
-    """Return how to improve the first valid schedule of a mode, until its cost F is at most `target`."""
+    """Return the improvement of the first valid schedule of a mode, which ends once its cost F is at most `target`."""
 
     def is_enough(jobs: tuple[Job, ...]) -> bool:
         if target is None:
@@ -108,14 +92,14 @@ def polish_of(
         report = mode_report(model, expansion, jobs, Status.VALID)
         return report.cost is not None and report.cost.total <= target
 
-    judge = Judge(model, expansion, goals.objectives, each_chain=goals.hold)
+    judge = Judge(model, expansion, goals.objectives)
     return Polish(goals, judge, POLISH_BUDGET, seed, is_enough, on_better)
 
 
 def objectives_of(text: str) -> tuple[Objective, ...]:
     """Read a list of objectives such as ``chains,jitter``; raise ``ValueError`` that says what is wrong."""
     names = [name.strip() for name in text.split(",") if name.strip()]
-    known = [objective.value for objective in Objective if objective is not Objective.COST]
+    known = [objective.value for objective in Objective]
     for place, name in enumerate(names):
         if name not in known:
             raise ValueError(
@@ -124,3 +108,9 @@ def objectives_of(text: str) -> tuple[Objective, ...]:
         if name in names[:place]:
             raise ValueError(f"{name} is named twice")
     return tuple(map(Objective, names))
+
+
+def check_target(target: Fraction | None, objectives: tuple[Objective, ...]) -> None:
+    """Reject a target that no objective leads to; raise ``ValueError`` with the reason."""
+    if target is not None and Objective.COST not in objectives:
+        raise ValueError("a target ends the improvement of the cost F: optimise cost, too")

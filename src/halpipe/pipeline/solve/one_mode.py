@@ -123,10 +123,10 @@ class _Search:
 
     @cached_property
     def polish(self) -> Polish | None:
-        """What to improve once the mode is valid: nothing unless asked for."""
-        goals = Goals.of(self.options.quality, self.options.optimise)
-        if goals is None:
+        """The improvement of a valid schedule; None without objectives."""
+        if not self.options.optimise:
             return None
+        goals = Goals.of(self.options.optimise)
         from halpipe.pipeline.solve.optimise import telling
 
         tell = partial(self.options.on_better, self.name)
@@ -140,7 +140,7 @@ class _Search:
 
     def finished(self, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
         """Return valid jobs with what they reach of the objectives, or better ones; see `optimise.finish`."""
-        if self.polish is None or not self.options.optimise:
+        if self.polish is None:
             return Finished(jobs)
         from halpipe.pipeline.solve.optimise import finish
 

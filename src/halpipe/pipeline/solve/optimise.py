@@ -85,7 +85,7 @@ WORDS = {
     Objective.JITTER: "sum of start jitters",
     Objective.MARGIN: "least margin of a WCET",
     Objective.PREEMPTIONS: "preemptions",
-    Objective.COST: "cost",
+    Objective.COST: "cost F",
 }
 
 

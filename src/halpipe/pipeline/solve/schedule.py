@@ -11,7 +11,6 @@ from halpipe.core.durations import greatest_common_divisor
 from halpipe.core.records import record
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
-from halpipe.pipeline.solve.goals import Quality
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
 from halpipe.pipeline.solve.workers import Workers
@@ -61,14 +60,14 @@ class SearchOptions:
     - `budget` counts moves per task; without it there are `DEFAULT_BUDGET`, and `LEAST_MOVES` in all.
     - `tick` replaces the natural tick; `modes` are those to schedule (none: all).
     - `attempt` gives other placements for the same seed, between which switches may exist that the first do not allow.
-    - `quality` says what the search goes on for once a schedule is valid, until its cost is at most `target`.
     - `engine` is ``anneal``, or ``exact`` for small systems, which knows neither budget nor tick.
     - `effort` bounds the exact engine, in its own deterministic seconds; None leaves its end to who follows progress.
     - The jobs of a `shipped` schedule stay where they are; of one that is `near`, as many as can. One that it should be
       `like` is tried first.
     - On a `grid`, starts and bounds are those that bandwidth regulators can serve exactly; the stages see to it.
     - `portfolio` searches of a mode take turns once the first has not succeeded quickly.
-    - The objectives to `optimise` take the place of `quality`: one before the other, none worse than at first.
+    - Objectives to `optimise` come one before the other, none worse than at first. A cost F of at most `target` is the
+      end of it.
     - `on_better` is told of a mode how far its objectives are, whenever a better schedule is found.
     - `keeper` saves the search on its way, or goes on with one that was saved.
     - `workers` are the threads for modes and searches; their number changes the time alone.
@@ -80,7 +79,6 @@ class SearchOptions:
     tick: Duration | None = None
     modes: tuple[str, ...] = ()
     attempt: int = 0
-    quality: Quality = Quality.FIRST
     target: Fraction | None = None
     engine: str = ANNEAL
     effort: float | None = DEFAULT_WORK

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import chain
-from operator import le
 from typing import TYPE_CHECKING
 
 from halpipe.pipeline.solve.edf.keeping import State
@@ -45,12 +43,12 @@ class Climb:
         """Return the best table that is found from a valid one on, or from where an earlier run stood."""
         trials, polish, judge = self.trials, self.polish, self.polish.judge
         first = best if state is None else trials.evaluate(state.first[0])
-        bar, held = judge.worth(trials.jobs(first)), first
+        bar = judge.worth(trials.jobs(first))
         polish.first[:] = [bar]
         nearer = trials.evaluate(together(trials.mode, first.plan, self.allowed, trials.model.chains))
         beside = None if nearer.excess else judge.better(trials.jobs(nearer), bar, bar)
         if beside is not None:
-            bar, held = (beside, nearer) if judge.keeps(bar, beside) else (bar, held)
+            bar = beside if judge.keeps(bar, beside) else bar
             best = nearer if state is None else best
             polish.on_better(beside)
         began = trials.placed if state is None else state.began
@@ -60,7 +58,7 @@ class Climb:
         while trials.placed < began + trials.effort.polish and not trials.stopped and not polish.is_enough(jobs):
             plans = best.plan, best.plan, (first.plan,)
             self.memory.keep(State(trials.placed, self.moves.draws.state, *plans, began))
-            moved = self._beside(best, held)
+            moved = self._beside(best)
             if moved is best:
                 continue
             trials.placed += JUDGING * len(moved.table)
@@ -70,22 +68,21 @@ class Climb:
                 polish.on_better(worth)
         return best
 
-    def _beside(self, best: Try, held: Try) -> Try:
+    def _beside(self, best: Try) -> Try:
         """Return a valid table beside the best one; where chains come first, one to which many steps lead."""
         if self.weights and self.polish.judge.is_led_by_chains:
-            return self._walked(best, held)
+            return self._walked(best)
         return self._varied(best) or best
 
-    def _walked(self, best: Try, held: Try) -> Try:
-        """Go to tables whose chains are no longer, all together; nor is one longer than in `held`, if each counts."""
-        most = self.trials.latencies(held) if self.polish.judge.each_chain else None
+    def _walked(self, best: Try) -> Try:
+        """Go to tables whose chains are no longer, all together."""
         current, least = best, self._sum(self.trials.latencies(best))
         for _ in range(STEPS):
             moved = self._varied(current)
             if moved is not None:
-                latencies = self.trials.latencies(moved)
-                if self._sum(latencies) <= least and (most is None or is_held(latencies, most)):
-                    current, least = moved, self._sum(latencies)
+                total = self._sum(self.trials.latencies(moved))
+                if total <= least:
+                    current, least = moved, total
             if self.trials.stopped:
                 break
         return current
@@ -101,8 +98,3 @@ class Climb:
             return None
         moved = self.trials.evaluate(plan)
         return None if moved.excess else moved
-
-
-def is_held(latencies: Iterable[Latency], most: Iterable[Latency]) -> bool:
-    """Return whether none of the latencies is longer than it may be."""
-    return all(map(le, chain.from_iterable(latencies), chain.from_iterable(most)))

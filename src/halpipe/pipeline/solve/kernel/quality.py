@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.records import record
 from halpipe.pipeline.measure import objectives
 from halpipe.pipeline.measure.objectives import Objective
+from halpipe.pipeline.solve import goals
 from halpipe.pipeline.solve.bounds import chain_bounds
 from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal
@@ -224,7 +225,7 @@ def _next(steps: Wishes, granted: bool | None) -> Arrays | None:
 def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
     """Hold what other objectives have reached, and ask for more of one; `plain` are the arrays of the first problem."""
     judge = polish.judge
-    if polish.goals.hold or (Objective.CHAINS in judge.objectives and stage != Objective.CHAINS):
+    if Objective.CHAINS in judge.objectives and stage != Objective.CHAINS:
         _hold_chains(best)
     if Objective.JITTER in judge.objectives and stage != Objective.JITTER:
         best.tighten(option_late=_lateness(best, _delays(best)))
@@ -232,16 +233,15 @@ def _wishes(best: _Best, plain: Arrays, stage: str, polish: Polish) -> Wishes:
         margin = -best.worth.values[judge.objectives.index(Objective.MARGIN)]
         best.tighten(rect=_reserved(plain, best.problem, margin))
     match stage:
-        case "units":
+        case goals.UNITS:
             yield from _fewer_units(best)
-        case "phases":
+        case goals.DELAYS:
             yield from _less_slack(best)
         case Objective.CHAINS:
-            ceiling = best.arrays if polish.goals.hold else plain
             least = [
                 [_ticks(ns, best.problem) for ns in pair] for _, pair in chain_bounds(judge.model, judge.expansion)
             ]
-            yield from _shorter_chains(best, ceiling, judge.chain_weights, least)
+            yield from _shorter_chains(best, plain, judge.chain_weights, least)
         case Objective.JITTER:
             yield from _less_jitter(best)
         case Objective.MARGIN:
