@@ -28,10 +28,10 @@ def system(bounds):
 @st.composite
 def platforms(draw):
     """A platform as a mapping; its numbers may contradict each other, and its back-end may not do."""
-    backend = draw(st.sampled_from(["table", "axi-realm", "qos400", "memguard", "resctrl", "mpam"]))
+    backend = draw(st.sampled_from(["table", "axi-realm", "qos400", "memguard", "resctrl"]))
     rate = st.integers(1, 40).map(lambda n: f"{n * 400}kB/s")
     owners = st.lists(st.integers(0, 9), min_size=3, max_size=3)
-    managers, cores, partids = draw(owners), draw(owners), draw(owners)
+    managers, cores = draw(owners), draw(owners)
     ports, groups = (
         draw(st.lists(st.sampled_from(known), min_size=3, max_size=3)) for known in (PORTS, ("g", "h", "i"))
     )
@@ -45,7 +45,7 @@ def platforms(draw):
         "capacity": draw(rate),
         "backend": backend,
         "units": {
-            unit: {"manager": managers[n], "port": ports[n], "core": cores[n], "group": groups[n], "partid": partids[n]}
+            unit: {"manager": managers[n], "port": ports[n], "core": cores[n], "group": groups[n]}
             for n, unit in enumerate(UNITS)
         },
         "table": {"depth": draw(st.sampled_from(["2", "5", "1024"]))},
@@ -59,7 +59,6 @@ def platforms(draw):
             "write-backs": draw(st.sampled_from(["0", "1"])),
         },
         "resctrl": {"kind": draw(st.sampled_from(["intel", "amd", "mpam"]))},
-        "mpam": {"width": draw(st.sampled_from(["3", "8"])), "partids": draw(st.sampled_from(["4", "16"]))},
     }
 
 

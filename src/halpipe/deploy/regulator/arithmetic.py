@@ -302,7 +302,7 @@ class Arithmetic:
 
 
 MAX_TABLES = 255
-RATES = ("qos400", "memguard", "resctrl", "mpam")
+RATES = ("qos400", "memguard", "resctrl")
 """Back-ends that hold one rate per unit, and no budgets per window: their sums are those of what they are set to."""
 
 

@@ -34,7 +34,6 @@ DEFAULTS: Mapping[str, Mapping[str, str]] = {
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
-    "mpam": {"width": "8", "partids": "32", "base": "0x0"},
 }
 
 

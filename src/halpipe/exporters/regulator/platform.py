@@ -52,14 +52,13 @@ _TOP = (
     "halpipe-regulator", "name", "resource", "clock", "bus", "burst", "window", "guaranteed", "capacity",
     "unspecified", "backend", "overshoot", "units", *BACKENDS,
 )  # fmt: skip
-_UNIT = ("manager", "default-read", "default-write", "port", "core", "group", "partid")
+_UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
 _SETTINGS: dict[str, dict[str, str]] = {
     "table": {"depth": "1024"},
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
-    "mpam": {"width": "8", "partids": "32", "base": "0x0"},
 }
 _FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
@@ -69,7 +68,7 @@ _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 class UnitPort:
     """How a unit reaches memory: its `manager` (bus port), default budgets in bytes per window (None: equal shares).
 
-    `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl, `partid` for MPAM.
+    `port` names it for QoS-400, `core` for MemGuard, `group` for resctrl.
     """
 
     unit: str
@@ -78,7 +77,6 @@ class UnitPort:
     port: str = ""
     core: int | None = None
     group: str = ""
-    partid: int | None = None
     at: Location = field(default=Location(), compare=False)
 
 
@@ -217,7 +215,6 @@ class _Reader:
                 port=f.value("port", _name, ""),
                 core=f.value("core", _INDEX, None),
                 group=f.value("group", _name, ""),
-                partid=f.value("partid", _INDEX, None),
                 at=at,
             )
         free = Free(owner, outward(range(managers)))
@@ -383,9 +380,6 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("memguard", "cores"): _number_text(1, 256),
     ("memguard", "write-backs"): _ratio,
     ("resctrl", "others"): _numbers,
-    ("mpam", "width"): _number_text(1, 16),
-    ("mpam", "partids"): _number_text(1, 2**16),
-    ("mpam", "base"): _address,
     ("resctrl", "kind"): Words("intel", "amd", "mpam"),
     ("resctrl", "min"): _number_text(1, 100),
     ("resctrl", "step"): _number_text(1, 100),

@@ -26,10 +26,10 @@ window: {window}
 guaranteed: 400MB/s
 capacity: {capacity}
 units:
-  core1: {{manager: 0, port: afifm2, core: 0, group: core1, partid: 1}}
-  core2: {{manager: 1, port: afifm3, core: 1, group: core2, partid: 2}}
-  core3: {{manager: 2, port: afifm4, core: 2, group: core3, partid: 3}}
-  core4: {{manager: 3, port: afifm5, core: 3, group: core4, partid: 4}}
+  core1: {{manager: 0, port: afifm2, core: 0, group: core1}}
+  core2: {{manager: 1, port: afifm3, core: 1, group: core2}}
+  core3: {{manager: 2, port: afifm4, core: 2, group: core3}}
+  core4: {{manager: 3, port: afifm5, core: 3, group: core4}}
 {settings}
 """
 SERVING = {
@@ -38,13 +38,11 @@ SERVING = {
     "qos400": ("600MB/s", "qos400: {clock: 200MHz, granularity: phase}"),
     "resctrl": ("1600MB/s", "resctrl: {kind: mpam, width: 6}"),
     "memguard": ("6000MB/s", "memguard: {cores: 4, granularity: phase}"),
-    "mpam": ("1600MB/s", "mpam: {width: 6, partids: 8, base: 0x1000}"),
 }
 REFUSING = {
     "qos400": ("1600MB/s", "qos400: {clock: 200MHz}", "granularity: phase"),
     "resctrl": ("1600MB/s", "resctrl: {others: 1 2}", "finer steps"),
     "memguard": ("1600MB/s", "memguard: {cores: 4}", "granularity: phase"),
-    "mpam": ("440MB/s", "mpam: {width: 8}", "table or axi-realm"),
 }
 
 

@@ -25,19 +25,18 @@ window: 1000
 guaranteed: 6.4MB/s
 capacity: 16MB/s
 units:
-  u1: {manager: 0, port: afifm2, core: 0, group: one, partid: 1}
-  u2: {manager: 2, port: afifm3, core: 1, group: two, partid: 2}
-  u3: {manager: 1, port: afifm4, core: 2, group: three, partid: 3}
+  u1: {manager: 0, port: afifm2, core: 0, group: one}
+  u2: {manager: 2, port: afifm3, core: 1, group: two}
+  u3: {manager: 1, port: afifm4, core: 2, group: three}
 """
 SETTINGS = {
-    "axi-realm": "axi-realm: {pending: 1}",
+    "axi-realm": "axi-realm: {pending: 1, base: 0x1000}",
     "qos400": "qos400: {clock: 2MHz}",
     "qos400-phase": "qos400: {clock: 2MHz, granularity: phase}",
     "memguard": "memguard: {cores: 4}",
     "memguard-phase": "memguard: {cores: 4, granularity: phase}",
     "resctrl": "resctrl: {others: 1 2}",
     "resctrl-mpam": "resctrl: {kind: mpam, width: 6}",
-    "mpam": "mpam: {width: 6, partids: 8, base: 0x1000}",
 }
 
 
@@ -140,15 +139,10 @@ def changed(files, name, old, new, count=1):
         ("resctrl", "0-fast.sh", "put one 'MB:0=10;1=10", "put one 'MB:0=10;1=20", codes.DEVICE_REFUSES),
         ("resctrl", "0-fast.sh", "put one 'MB:0=10;1=10", "put one 'MB:0=90;1=10", codes.DEVICE_OVER_CAPACITY),
         ("resctrl", "0-fast.sh", "mkdir -p one\n", "", codes.DEVICE_REFUSES),
-        ("mpam", "setup.txt", "0x100 0x00000001", "0x100 0x00000009", codes.DEVICE_REFUSES),
-        ("mpam", "0-fast.txt", "0x208 0x8000", "0x208 0x0000", codes.DEVICE_REFUSES),
-        ("mpam", "0-fast.txt", "0x200 0x", "0x204 0x", codes.DEVICE_REFUSES),
-        ("mpam", "load.sh", "exit 1", "exit 0", codes.NOT_UNDERSTOOD),
         ("axi-realm", "load.sh", "0x7fc", "0x7f8", codes.NOT_UNDERSTOOD),
         ("axi-realm", "axi_realm.h", "#define REALM_GUARD 0x7fcu", "#define REALM_GUARD 0x124u", codes.GRANTS_DIFFER),
         ("axi-realm", "axi_realm.h", "return n + 1u;", "return 0u;", codes.NOT_UNDERSTOOD),
         ("qos400", "qos400.h", "? 0u : 1u", "? 0u : 0u", codes.NOT_UNDERSTOOD),
-        ("mpam", "mpam.h", "*at != write[n].value", "*at == write[n].value", codes.NOT_UNDERSTOOD),
         ("memguard", "0-fast.sh", "exit 1", "exit 0", codes.NOT_UNDERSTOOD),
         ("resctrl", "0-fast.sh", 'last_cmd_status)" = ok', 'last_cmd_status)" != ok', codes.NOT_UNDERSTOOD),
     ],
@@ -158,7 +152,7 @@ def test_the_device_says_what_is_wrong(exported, name, file, old, new, code):
     assert code.id in ids(changed(files, f"{backend}/{file}", old, new))
 
 
-@pytest.mark.parametrize("name", ["axi-realm", "qos400", "memguard", "resctrl", "mpam"])
+@pytest.mark.parametrize("name", ["axi-realm", "qos400", "memguard", "resctrl"])
 def test_scripts_of_another_schedule_or_of_none_are_found(exported, name):
     backend, files = exported[name]
     script = next(f for f in sorted(files) if f.startswith(f"{backend}/0-"))
@@ -184,7 +178,6 @@ def test_the_register_file_is_that_of_the_documentation(managers, regions, guard
     ("name", "old", "new"),
     [
         ("memguard", "core: 1", "core: one"),
-        ("mpam", "partid: 2", "partid: x"),
         ("qos400", "clock: 2MHz", "clock: fast"),
     ],
 )
@@ -204,9 +197,7 @@ if [ $# = 3 ]; then [ "$at" = "$STUCK" ] || echo "$3" > "$BOARD/$at"; else cat "
 
 
 @pytest.mark.skipif(os.name != "posix", reason="there is no sh")
-@pytest.mark.parametrize(
-    ("name", "script"), [("axi-realm", "setup.txt"), ("axi-realm", "0-fast.txt"), ("mpam", "setup.txt")]
-)
+@pytest.mark.parametrize(("name", "script"), [("axi-realm", "setup.txt"), ("axi-realm", "0-fast.txt")])
 def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
     """The exported shell script runs, with registers that hold what is written, and with one that does not."""
     backend, files = exported[name]
@@ -214,10 +205,9 @@ def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
         (tmp_path / file).write_bytes(files[f"{backend}/{file}"])
     (tmp_path / "devmem").write_text(DEVMEM)
     (tmp_path / "devmem").chmod(0o755)
-    base = 0x1000 if name == "mpam" else 0
     lines = [line.removeprefix("- ").split() for line in (tmp_path / script).read_text().splitlines()]
     written = [
-        (int(a, 16) + base, int(b, 16)) for a, b in (line for line in lines if len(line) == 2 and line[0] != "#")
+        (int(a, 16) + 0x1000, int(b, 16)) for a, b in (line for line in lines if len(line) == 2 and line[0] != "#")
     ]
     assert len(written) > 3
 
@@ -237,7 +227,7 @@ def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
     at, value = written[-1]
     code, said, _ = load(f"{at:x}")
     assert code == 1
-    assert f"register {at - base:#05x} is 0x12345, not {value:#010x}" in said
+    assert f"register {at - 0x1000:#05x} is 0x12345, not {value:#010x}" in said
 
 
 def test_memguard_by_phase_serves_phases_that_take_turns(tmp_path):

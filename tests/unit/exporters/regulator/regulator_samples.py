@@ -23,8 +23,8 @@ burst: 64B
 window: 1000
 guaranteed: 6.4MB/s
 units:
-  u1: {manager: 0, port: afifm2, core: 0, group: one, partid: 1}
-  u2: {manager: 2, port: afifm3, core: 1, group: two, partid: 2}
+  u1: {manager: 0, port: afifm2, core: 0, group: one}
+  u2: {manager: 2, port: afifm3, core: 1, group: two}
 """
 
 FULL = {"capacity": "6.6MB/s"}
@@ -120,7 +120,6 @@ LOW = {
     "qos400": {"qos400": "{clock: 1MHz}"},
     "memguard": ROOMY,
     "resctrl": ROOMY,
-    "mpam": ROOMY,
 }
 
 

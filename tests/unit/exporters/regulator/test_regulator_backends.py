@@ -62,7 +62,7 @@ def test_every_text_states_the_schedule(tmp_path, name):
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 @pytest.mark.parametrize(
     ("name", "header"),
-    [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h"), ("mpam", "mpam.h")],
+    [("table", "bw_tables.h"), ("axi-realm", "axi_realm.h"), ("qos400", "qos400.h")],
 )
 @pytest.mark.parametrize("sample", [low_bounds, two_units])
 def test_headers_compile_without_a_warning(tmp_path, name, header, sample):

@@ -1,4 +1,4 @@
-"""Back-ends that limit rates and shares, not bytes in windows: QoS-400, MemGuard, resctrl and MPAM."""
+"""Back-ends that limit rates and shares, not bytes in windows: QoS-400, MemGuard and resctrl."""
 
 import json
 import re
@@ -164,7 +164,7 @@ def test_memguard_counts_whole_microseconds(tmp_path):
     assert "period: 1000us" in found[-1].help
 
 
-@pytest.mark.parametrize("name", ["memguard", "resctrl", "mpam"])
+@pytest.mark.parametrize("name", ["memguard", "resctrl"])
 def test_one_limit_per_mode_needs_the_largest_bounds_to_fit(tmp_path, name):
     found = [d for d in made(tmp_path, name, two_units, capacity="8MB/s")[1] if d.is_error]
     assert {d.code for d in found} == {codes.RATE_DOES_NOT_FIT.id}
@@ -223,7 +223,6 @@ def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
     [
         ("qos400", "port: afifm3", "port: afifm2", "port: afifm1"),
         ("resctrl", "group: two", "group: one", "group: one-2"),
-        ("mpam", "partid: 2", "partid: 1", "partid: 2"),
         ("memguard", "core: 1", "core: 0", "core: 1"),
     ],
 )
@@ -248,18 +247,6 @@ def test_the_nearest_that_is_free_is_another_for_each(tmp_path):
             read_platform(str(path))
         named = [re.search(r'"(.*)", the nearest', d.help) for d in refused.value.diagnostics]
         assert [match[1] if match else "" for match in named] == expected
-
-
-def test_mpam_needs_partitions_that_the_component_has(tmp_path):
-    for partid, code in (("0", codes.NO_MANAGER.id), ("32", codes.DOES_NOT_FIT.id)):
-        found = made(tmp_path, "mpam", text=PLATFORM.replace("partid: 2", f"partid: {partid}"))[1]
-        assert [d.code for d in found if d.is_error] == [code]
-
-
-def test_mpam_writes_the_least_parts_with_a_hard_limit(tmp_path):
-    lines = files(tmp_path, "mpam", mpam="{width: 4}")["1-slow.txt"].decode().splitlines()
-    words = [tuple(int(word, 16) for word in line.split()) for line in lines if not line.startswith("#")]
-    assert words[-3:] == [(0x100, 2), (0x208, 0x80002FFF), (0x200, 0x2FFF)]  # 2.56 of 16 MB/s: 3 of 16 parts
 
 
 def test_rate_back_ends_are_not_refused_for_windows_that_they_do_not_have(tmp_path):

@@ -51,13 +51,12 @@ class Device(Protocol):
 
 def device(backend: str) -> Device | None:
     """Return the model of what a back-end writes for, None if its Verilog is simulated instead."""
-    from halpipe.deploy.regulator.devices import axi_realm, memguard, mpam, qos400, resctrl
+    from halpipe.deploy.regulator.devices import axi_realm, memguard, qos400, resctrl
 
     known: dict[str, Device] = {
         "axi-realm": axi_realm.execute,
         "qos400": qos400.execute,
         "memguard": memguard.execute,
         "resctrl": resctrl.execute,
-        "mpam": mpam.execute,
     }
     return known.get(backend)

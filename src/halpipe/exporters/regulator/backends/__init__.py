@@ -8,7 +8,6 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.regulator.backends.axi_realm import AxiRealm
 from halpipe.exporters.regulator.backends.memguard import MemGuard
-from halpipe.exporters.regulator.backends.mpam import Mpam
 from halpipe.exporters.regulator.backends.qos400 import Qos400
 from halpipe.exporters.regulator.backends.resctrl import Resctrl
 from halpipe.exporters.regulator.backends.table import TableUnit
@@ -17,7 +16,7 @@ from halpipe.exporters.regulator.codes import UNKNOWN_BACKEND
 if TYPE_CHECKING:
     from halpipe.exporters.regulator.backends.base import Backend
 
-REGISTER: dict[str, Backend] = {b.name: b for b in (TableUnit(), AxiRealm(), Qos400(), MemGuard(), Resctrl(), Mpam())}
+REGISTER: dict[str, Backend] = {b.name: b for b in (TableUnit(), AxiRealm(), Qos400(), MemGuard(), Resctrl())}
 
 
 def backend(name: str) -> Backend:
