@@ -85,11 +85,39 @@ class AccessKind(Word):
     WRITE = "write"
 
 
+class ResourceKind(Word):
+    """What a shared resource is: one that phases take shares of, or one that a single job holds (MODEL 10.5)."""
+
+    MEMORY = "memory"
+    LOCK = "lock"
+    """Held by one job at a time, from the first to the last instant of its access, gaps included."""
+
+
 class Anchor(Word):
-    """The instant of the predecessor job from which a precedence window counts."""
+    """An instant of a job to which a requirement refers (MODEL 10.1)."""
 
     START = "start"
     END = "end"
+    RELEASE = "release"
+    """The release of a periodic job: phase plus multiple of the period."""
+    POINT = "point"
+    """A stated execution time of the job, at worst-case pace."""
+
+
+class Match(Word):
+    """Which jobs of the predecessor satisfy a precedence constraint (MODEL 10.3)."""
+
+    WINDOW = "window"
+    """Any job in the window."""
+    CYCLE = "cycle"
+    """The job of the same cycle."""
+
+
+class Edge(Word):
+    """Whether jobs may be in progress where the table of a mode begins again (MODEL 10.4)."""
+
+    OPEN = "open"
+    CLOSED = "closed"
 
 
 class Binding(Word):
@@ -154,6 +182,10 @@ class Resource(Element):
     bandwidth: int | None = field(
         default=None, metadata=attribute(BANDWIDTH, "The peak, for exporters; no rule depends on it.")
     )
+    kind: ResourceKind = field(
+        default=ResourceKind.MEMORY,
+        metadata=attribute(word(ResourceKind), "A lock is held by one job at a time, gaps included."),
+    )
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
@@ -187,7 +219,11 @@ class Access(Element):
 
 @record(kw_only=True)
 class Precedence(Element):
-    """A constraint of P_i^v: some job of `task` starts (or ends) between `min` and `max` before this job starts."""
+    """A constraint of P_i^v: an instant of some job of `task` lies between `min` and `max` before one of this job.
+
+    `anchor` is the instant of the predecessor, `to` that of this job: its start or end. With ``match="cycle"`` the job
+    of the predecessor is that of the same cycle (MODEL 10.2 and 10.3).
+    """
 
     task: str = field(metadata=attribute(NAME, "The predecessor."))
     anchor: Anchor = field(
@@ -196,10 +232,27 @@ class Precedence(Element):
             word(Anchor), "The instant of the predecessor from which the window counts.", name="from", always=True
         ),
     )
+    point: Duration | None = field(
+        default=None,
+        metadata=attribute(DURATION, "The execution time of the predecessor from which the window counts."),
+    )
+    to: Anchor = field(
+        default=Anchor.START,
+        metadata=attribute(word(Anchor), "The instant of this job that lies in the window: its start or its end."),
+    )
+    match: Match = field(
+        default=Match.WINDOW,
+        metadata=attribute(word(Match), "Any job of the predecessor in the window, or the one of the same cycle."),
+    )
     min: Duration = field(default=ZERO, metadata=attribute(DURATION, always=True))
     max: Duration = field(metadata=attribute(DURATION))
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
+
+    @property
+    def instant(self) -> str:
+        """The instant of the predecessor, in words."""
+        return f"instant {self.point} of the execution" if self.anchor is Anchor.POINT else str(self.anchor)
 
 
 @record(kw_only=True)
@@ -318,6 +371,12 @@ class Task(Element):
             "The least time between two of the sporadic arrivals that the task serves by polling with its period.",
         ),
     )
+    let: Duration | None = field(
+        default=None,
+        metadata=attribute(
+            POSITIVE, "Logical execution time: data are read at the release and written so long after it."
+        ),
+    )
     binding: Binding = field(
         default=Binding.JOB,
         metadata=attribute(
@@ -345,12 +404,31 @@ class Chain(Element):
 
     name: str = field(metadata=attribute(NAME))
     tasks: tuple[str, ...] = field(metadata=attribute(NAMES, "In the order of the data."))
+    max_latency: Duration | None = field(
+        default=None,
+        metadata=attribute(POSITIVE, "From a job of the first task to the first job of the last that has its data."),
+    )
     max_reaction: Duration | None = field(
         default=None, metadata=attribute(POSITIVE, "From a stimulus to the end of the last task that has seen it.")
     )
     max_age: Duration | None = field(
         default=None,
         metadata=attribute(POSITIVE, "From the start of the first task to the end of the last that uses its data."),
+    )
+    anchor: Anchor | None = field(
+        default=None,
+        metadata=attribute(
+            word(Anchor),
+            "The instant of the first task from which latencies count. Absent: its start, or release with a LET.",
+            name="from",
+        ),
+    )
+    to: Anchor | None = field(
+        default=None,
+        metadata=attribute(
+            word(Anchor),
+            "The instant of the last task to which latencies count. Absent: its end, or release + LET with a LET.",
+        ),
     )
     weight: Fraction = field(
         default=Fraction(1),
@@ -374,6 +452,10 @@ class Mode(Element):
     """An execution mode M_n; a task without a run is not scheduled in it."""
 
     name: str = field(metadata=attribute(NAME))
+    edge: Edge = field(
+        default=Edge.OPEN,
+        metadata=attribute(word(Edge), "Closed: no job and no access is in progress where the table begins again."),
+    )
     runs: tuple[Run, ...]
     origin: Origin | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
@@ -469,6 +551,22 @@ class TaskModel(Element):
         """Return the model of these modes, with no more than these switches and without the health rules."""
         kept = tuple(mode for mode in self.modes if mode.name in modes)
         return replace(self, modes=kept, transitions=transitions, health=())
+
+    def refinements(self) -> Iterator[tuple[str, Location]]:
+        """Yield what the search does not know yet (MODEL 10), by name, with its place."""
+        yield from ((f'lock "{r.name}"', r.at) for r in self.resources if r.kind is ResourceKind.LOCK)
+        yield from ((f'closed edge of mode "{m.name}"', m.at) for m in self.modes if m.edge is Edge.CLOSED)
+        for task in self.tasks:
+            if task.let is not None:
+                yield f'logical execution time of task "{task.name}"', task.at
+            for row in (p for v in task.versions for p in v.precedences):
+                if row.match is Match.CYCLE:
+                    yield f'constraint of task "{task.name}" on the same cycle', row.at
+                if row.to is not Anchor.START or row.anchor not in (Anchor.START, Anchor.END):
+                    yield f'constraint of task "{task.name}" from {row.anchor} to {row.to}', row.at
+        for chain in self.chains:
+            if (chain.anchor, chain.to, chain.max_latency) != (None, None, None):
+                yield f'events or latency of chain "{chain.name}"', chain.at
 
     def allowed_transitions(self) -> Iterator[Transition]:
         """Yield the mode pairs that may be switched: those listed, or every ordered pair when none is (MODEL 2)."""

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.quantities import format_rational
 from halpipe.core.records import record
 from halpipe.models import Access, Precedence, Schedule, Split, TaskModel
+from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -263,7 +264,9 @@ def _text(value: Any) -> str:
         moved = "".join(f" {t.buffer}:{t.symbol}:{t.size}B" for t in value.transfers)
         return f"{value.resource} [{value.start}, {value.end}) {format_rational(value.bound)}{kind}{moved}"
     if isinstance(value, Precedence):
-        return f"{value.task} {value.anchor} [{value.min}, {value.max}]"
+        stated = texts(value, "task", "from", "min", "max")
+        more = "".join(f" {name}={stated[name]}" for name in stated)
+        return f"{value.task} {value.anchor} [{value.min}, {value.max}]{more}"
     if is_dataclass(value) and not isinstance(value, type):
         return " ".join(f"{f.name}={_text(getattr(value, f.name))}" for f in fields(value) if f.compare)
     return str(value.value if isinstance(value, Enum) else value)

@@ -11,6 +11,7 @@ from functools import cached_property
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import Exit, HalpipeError, about, error
 from halpipe.core.durations import ZERO, greatest_common_divisor, least_common_multiple
 from halpipe.core.records import record
 
@@ -19,6 +20,13 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.models import Interrupt, Mode, Task, TaskModel, Version
+
+
+NOT_SEARCHED = error(
+    "HAL0459",
+    "Requirement that the search does not know",
+    "The model format states the requirement, but the search cannot keep it yet. It is refused rather than ignored.",
+)
 
 
 @record
@@ -78,6 +86,7 @@ def demands_for(version: Version, task: str) -> int:
 
 def expand(model: TaskModel, mode: Mode) -> Expansion:
     """Unroll `mode` over its hyperperiod. The model must have passed validation."""
+    refuse_unknown(model)
     running = _running(model, mode)
     periods = [task.period for task, _ in running.values() if task.period is not None]
     hyperperiod = least_common_multiple(periods)
@@ -97,6 +106,14 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
             active[name] = ActiveTask(task, versions, len(demands), demands)
     interrupts = tuple(interrupt for unit in model.units for interrupt in unit.interrupts)
     return Expansion(mode, hyperperiod, tuple(active[name] for name in running), interrupts)
+
+
+def refuse_unknown(model: TaskModel) -> None:
+    """Raise `HalpipeError` with every requirement that the search cannot keep."""
+    path, help = about(model=model.name), "remove it, or check a schedule of another tool with halpipe verify"
+    unknown = [NOT_SEARCHED(f"{n} is not supported", at=at, path=path, help=help) for n, at in model.refinements()]
+    if unknown:
+        raise HalpipeError(*unknown, exit=Exit.UNSUPPORTED)
 
 
 def _running(model: TaskModel, mode: Mode) -> dict[str, tuple[Task, tuple[Version, ...]]]:

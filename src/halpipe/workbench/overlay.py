@@ -66,8 +66,8 @@ def _version(old: Version, new: Version) -> Plain:
 
 
 def _window(window: Precedence) -> Plain:
-    limits = {"min": str(window.min), "max": str(window.max)}
-    return {"from": window.task, "after": str(window.anchor), **limits}
+    renamed = {"task": "from", "from": "after", "to": "until"}
+    return {renamed.get(name, name): text for name, text in texts(window).items()}
 
 
 def _chain(chain: Chain) -> Plain:

@@ -17,14 +17,17 @@ from halpipe.models import (
     Anchor,
     Binding,
     Chain,
+    Edge,
     HealthAction,
     HealthEvent,
     HealthRule,
     Interrupt,
+    Match,
     Mode,
     Origin,
     Precedence,
     Resource,
+    ResourceKind,
     Run,
     Source,
     Split,
@@ -66,6 +69,7 @@ SHUTTLE = TaskModel(
     resources=(
         Resource(name="ddr", bandwidth=19_200_000_000, origin=Origin("board.arxml")),
         Resource(name="can"),
+        Resource(name="spin", kind=ResourceKind.LOCK),
     ),
     tasks=(
         Task(
@@ -75,6 +79,7 @@ SHUTTLE = TaskModel(
             offset=time("500us"),
             deadline=time("80ms"),
             distance=time("120ms"),
+            let=time("75ms"),
             binding=Binding.SYSTEM,
             versions=(
                 Version(
@@ -112,6 +117,14 @@ SHUTTLE = TaskModel(
                             origin=Origin("launch.yaml", 12, "/lidar/odometry"),
                         ),
                         Precedence(task="odometry", min=time("0ms"), max=time("90ms"), anchor=Anchor.START),
+                        Precedence(
+                            task="odometry",
+                            max=time("95ms"),
+                            anchor=Anchor.POINT,
+                            point=time("10us"),
+                            to=Anchor.END,
+                            match=Match.CYCLE,
+                        ),
                     ),
                     source=Source(files=("lidar.c", "filter.c"), entry="lidar_step", defines=("N=4", "FAST")),
                     split=Split(points=(time("4ms"), time("9ms")), resume=time("100us"), max_gaps=2),
@@ -146,8 +159,11 @@ SHUTTLE = TaskModel(
         Chain(
             name="scan-to-pose",
             tasks=("lidar", "odometry"),
+            max_latency=time("150ms"),
             max_reaction=time("250ms"),
             max_age=time("200ms"),
+            anchor=Anchor.RELEASE,
+            to=Anchor.END,
             weight=Fraction(1, 4),
             origin=Origin("limits.yaml", 4, "chains/0"),
         ),
@@ -156,6 +172,7 @@ SHUTTLE = TaskModel(
     modes=(
         Mode(
             name="drive",
+            edge=Edge.CLOSED,
             runs=(Run(task="lidar", versions=("full", "stub")), Run(task="odometry", versions=("only",))),
             origin=Origin("modes.arxml", 20, "/Modes/Drive"),
         ),

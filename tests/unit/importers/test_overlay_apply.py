@@ -7,7 +7,20 @@ from overlay_case import applied, apply, imported, overlay
 
 from halpipe.importers.common.base import Coverage
 from halpipe.importers.overlay import OverlayUse, codes
-from halpipe.models import AccessKind, HealthAction, HealthEvent, Mode, Origin, Run, Source, Transfer
+from halpipe.models import (
+    AccessKind,
+    Anchor,
+    Edge,
+    HealthAction,
+    HealthEvent,
+    Match,
+    Mode,
+    Origin,
+    ResourceKind,
+    Run,
+    Source,
+    Transfer,
+)
 from support import access, mode, model, ms, task, version
 
 BOARD = "platform: {units: [{name: big0, type: a72}, {name: big1, type: a72}, {name: pl0, type: fpga}], "
@@ -379,3 +392,23 @@ def test_health_rules_of_nothing_are_errors(tmp_path):
     tasks = (task("t", 10, version("v", 1)),)
     _, diagnostics, _ = apply(overlay(tmp_path, text), model(*tasks, modes=(mode("a", tasks),)))
     assert len([d for d in diagnostics if d.is_error]) == 2
+
+
+def test_an_overlay_states_instants_cycles_locks_edges_and_logical_execution_times(tmp_path):
+    text = """
+platform: {units: [{name: u0}], resources: [{name: spin, kind: lock}]}
+tasks: {/planning: {let: 40ms}}
+precedence:
+  - {from: /planning, to: /control, after: point, point: 1ms, until: end, match: cycle, max: 9ms}
+modes: {run: {tasks: "*", edge: closed}}
+chains: [{name: drive, tasks: [/planning, /control], max-latency: 90ms, from: release, to: start}]
+"""
+    result, diagnostics, _ = apply(overlay(tmp_path, text))
+    assert [d for d in diagnostics if d.is_error] == []
+    (lock,) = result.resources
+    (run,) = result.modes
+    drive = next(chain for chain in result.chains if chain.name == "drive")
+    (row,) = (row for version in result.task("/control").versions[:1] for row in version.precedences)
+    assert (lock.kind, run.edge, result.task("/planning").let) == (ResourceKind.LOCK, Edge.CLOSED, ms(40))
+    assert (row.anchor, row.point, row.to, row.match) == (Anchor.POINT, ms(1), Anchor.END, Match.CYCLE)
+    assert (drive.max_latency, drive.anchor, drive.to) == (ms(90), Anchor.RELEASE, Anchor.START)

@@ -71,12 +71,13 @@ class InterruptEntry:
 
 @record(kw_only=True)
 class ModeEntry:
-    """A mode: patterns of the tasks that run in it, and for some of them the versions (all, if not stated)."""
+    """A mode: patterns of its tasks, for some of them the versions (default: all), and its attributes by field."""
 
     name: str
     at: Location
     tasks: tuple[Stated[str], ...]
     versions: tuple[tuple[Stated[str], tuple[str, ...]], ...] = ()
+    stated: Mapping[str, Any] = field(default_factory=dict)
 
 
 @record(kw_only=True)

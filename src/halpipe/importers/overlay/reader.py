@@ -20,6 +20,7 @@ from halpipe.models import (
     Chain,
     HealthRule,
     Interrupt,
+    Mode,
     Origin,
     Precedence,
     Resource,
@@ -31,6 +32,7 @@ from halpipe.models import (
     Unit,
     Version,
 )
+from halpipe.models.attributes import attributes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -49,7 +51,8 @@ _INTERRUPT = keys_of(Interrupt)
 _VERSION = (*keys_of(Version, "name"), "split", *keys_of(Split), "access", "precedence", "source")
 _TASK = (*keys_of(Task, "name"), "drop", *_VERSION, "versions")
 _ACCESS = (*keys_of(Access), "transfers")
-_WINDOW = {"task": "from", "anchor": "after", "min": "min", "max": "max"}
+_RENAMED = {"task": "from", "anchor": "after", "to": "until"}
+_WINDOW = {one.field: _RENAMED.get(one.field, one.name) for one in attributes(Precedence)}
 """The keys of a precedence constraint by the fields that they are."""
 
 
@@ -114,7 +117,10 @@ def _overlay(top: Fields) -> Overlay:
         sources=tuple(_sources(top)),
         tasks=tuple(_task(pattern, f, at) for pattern, f, at in top.entries("tasks", _TASK, "task")),
         precedence=_constraints(top),
-        modes={name: _mode(name, f, at) for name, f, at in top.entries("modes", ("tasks", "versions"), "mode")},
+        modes={
+            name: _mode(name, f, at)
+            for name, f, at in top.entries("modes", ("tasks", "versions", *keys_of(Mode, "name")), "mode")
+        },
         transitions=_transitions(top),
         chains=_chains(top),
         health=tuple(_rules(top)),
@@ -284,7 +290,7 @@ def _source(f: Fields) -> Stated[Source] | None:
 
 
 def _window(f: Fields) -> Precedence | None:
-    """Read ``{from: task, after: start|end, min: 0ms, max: 2ms}``; the window counts from that instant of `from`."""
+    """Read ``{from: task, after: start, until: end, min: 0ms, max: 2ms}``: two instants and the time between them."""
     found = complete_attributes(f, Precedence, _WINDOW)
     if found is None:
         return None
@@ -322,6 +328,7 @@ def _mode(name: str, f: Fields, at: Location) -> ModeEntry:
         name=name,
         at=at,
         tasks=tasks,
+        stated={field: one.value for field, one in stated_attributes(f, Mode, "name").items()},
         versions=tuple((pattern, listed.value) for pattern, listed in versions if listed is not None),
     )
 

@@ -159,7 +159,8 @@ def _mode(entry: ModeEntry, tasks: Mapping[str, Task], changes: Changes) -> Mode
             help = changes.suggest(stated.value, chosen, "name a task that the mode runs")
             changes.fault(MATCHES_NOTHING, message, stated.at, path, help)
     runs = (_run(tasks[name], chosen[name], versions, path, changes) for name in tasks if name in chosen)
-    return Mode(name=entry.name, runs=tuple(runs), origin=Origin(entry.at.file, entry.at.line, str(path)), at=entry.at)
+    origin = Origin(entry.at.file, entry.at.line, str(path))
+    return Mode(name=entry.name, **entry.stated, runs=tuple(runs), origin=origin, at=entry.at)
 
 
 def _chosen(entry: ModeEntry, tasks: Mapping[str, Task], path: str, changes: Changes) -> dict[str, Stated[str]]:

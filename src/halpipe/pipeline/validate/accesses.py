@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_rational
+from halpipe.models import ResourceKind
 from halpipe.pipeline.parts import reserved_length, service_of
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, place, version_path
@@ -53,6 +54,25 @@ def check_phases(context: Context) -> Iterator[Diagnostic]:
             text = f"has the bound {format_rational(access.bound)}"
             help = "a bound is a share of the resource, greater than 0 and at most 1"
             yield codes.BAD_BOUND(text, at=at, path=path, help=help)
+
+
+def check_locks(context: Context) -> Iterator[Diagnostic]:
+    """A lock is taken as a whole and moves no data."""
+    locks = {name: resource for name, resource in context.resources.items() if resource.kind is ResourceKind.LOCK}
+    for lock in locks.values():
+        if lock.bandwidth is not None:
+            help = "remove the bandwidth, or the kind"
+            text, owner = "is a lock and has a bandwidth", about(resource=lock.name)
+            yield codes.LOCK_WITH_SHARE(text, at=place(lock), path=owner, help=help)
+    for task, version, access in context.accesses_of_versions if locks else ():
+        lock_of = locks.get(access.resource)
+        if lock_of is None or (access.bound == 1 and not access.transfers):
+            continue
+        at, path = place(access, version, task), _path(task, version, access)
+        what = "moves data" if access.bound == 1 else f"has the bound {format_rational(access.bound)}"
+        text = f'{what}, but "{access.resource}" is a lock'
+        help = "remove the bound and the transfers, or make the resource a memory"
+        yield codes.LOCK_WITH_SHARE(text, at=at, path=path, help=help, places=[place(lock_of)])
 
 
 def check_overlap(context: Context) -> Iterator[Diagnostic]:
@@ -162,6 +182,12 @@ CHECKS = (
         "stretch each phase over what follows in the same part.",
         (codes.PHASES_OVERLOAD,),
         check_overlap,
+    ),
+    Check(
+        "locks",
+        "Accesses to a lock have the bound 1 and move no data, and a lock has no bandwidth.",
+        (codes.LOCK_WITH_SHARE,),
+        check_locks,
     ),
     Check("transfers", "Every data transfer moves at least one byte.", (codes.EMPTY_TRANSFER,), check_transfers),
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import AccessKind
+from halpipe.models import AccessKind, Anchor
 from halpipe.pipeline.validate import codes
 from halpipe.pipeline.validate.context import Check, lookup, place, quoted, repeated
 
@@ -77,10 +77,11 @@ def check_limits(context: Context) -> Iterator[Diagnostic]:
 
 
 def _limits(chain: Chain, mode: ActiveMode) -> Iterator[Diagnostic]:
-    work = Duration(sum(_shortest(mode.tasks[name]).ns for name in chain.tasks))
+    work = Duration(sum(least.ns for least in _least(chain, mode)))
     first = mode.tasks[chain.tasks[0]]
     wait = first.task.period if first.is_periodic and first.task.period is not None else ZERO
     bounds = (
+        ("latency", chain.max_latency, work, f"the WCETs and LETs {work}"),
         ("reaction time", chain.max_reaction, work + wait, f"the period {wait} and the WCETs {work}"),
         ("data age", chain.max_age, work, f"the WCETs {work}"),
     )
@@ -89,6 +90,21 @@ def _limits(chain: Chain, mode: ActiveMode) -> Iterator[Diagnostic]:
             text = f"limits its {what} to {limit}, but in {mode.path} {why} of its tasks make at least {least}"
             help = f"raise the limit to at least {least}, or shorten the tasks"
             yield codes.CHAIN_LIMIT_TOO_LOW(text, at=place(chain), path=_path(chain), help=help)
+
+
+def _least(chain: Chain, mode: ActiveMode) -> Iterator[Duration]:
+    """Yield what each job adds at least: a LET where its data are read and written, else its WCET, or nothing."""
+    last = len(chain.tasks) - 1
+    for number, name in enumerate(chain.tasks):
+        active = mode.tasks[name]
+        begin = chain.anchor if number == 0 else None
+        end = chain.to if number == last else None
+        if begin is Anchor.END or end is Anchor.START:
+            yield ZERO
+        elif active.task.let is not None and begin in (None, Anchor.RELEASE) and end is None:
+            yield active.task.let
+        else:
+            yield _shortest(active)
 
 
 def _shortest(active: ActiveTask) -> Duration:

@@ -75,8 +75,8 @@ BAD_SLACK = error(
 )
 NEEDS_PERIOD = error(
     "HAL0222",
-    "Offset or deadline without a period",
-    "Both count from the releases of a periodic task. A task on demand has no releases; bound it by the precedence "
+    "Offset, deadline or LET without a period",
+    "They count from the releases of a periodic task. A task on demand has no releases; bound it by the precedence "
     "constraints that demand it, or by a chain.",
 )
 SLACK_WITHOUT_PERIOD = warning(
@@ -92,6 +92,12 @@ SPLIT_OUTSIDE = error(
 )
 SPLIT_NOT_ASCENDING = error(
     "HAL0226", "Split points do not ascend", "The split points of a version are listed in order, each once."
+)
+LET_BEYOND_DEADLINE = error(
+    "HAL0218",
+    "LET beyond the deadline",
+    "The data of a job with a logical execution time are written at its release + LET, which is at most the deadline "
+    "of its task (the period, where no deadline is stated).",
 )
 ZERO_DISTANCE = error(
     "HAL0227",
@@ -177,6 +183,12 @@ PHASES_OVERLOAD = error(
     "Phases of one version that overlap on a resource add up, and more than 1 can never be granted. Interrupts of the "
     "units stretch each phase over what follows in the same part.",
 )
+LOCK_WITH_SHARE = error(
+    "HAL0245",
+    "Lock access with a bound or data",
+    "A lock is held by one job at a time, as a whole: an access to it has no bound below 1 and moves no data, and the "
+    "lock itself has no bandwidth.",
+)
 EMPTY_TRANSFER = error("HAL0244", "Transfer of no data", "A transfer moves at least one byte.")
 
 # ---------------------------------------------------------------------------- precedence constraints
@@ -217,6 +229,25 @@ NOTHING_TO_BIND_TO = error(
     "Bound task has no common units",
     "With the binding system a task uses the same set of units in all modes and tables, whatever the version. So there "
     "must be a set that some available version allows in every mode, with the same gang size.",
+)
+
+NO_SUCH_INSTANT = error(
+    "HAL0257",
+    "Instant that a job does not have",
+    "Windows count from the start, the end, the release or a point of the predecessor to the start or the end of the "
+    "job; latencies of chains from the release, the start or the end of the first task to the start or the end of the "
+    "last. Only tasks with a period have releases, and a point lies within the WCET of every version.",
+)
+CYCLE_WITHOUT_PERIOD = error(
+    "HAL0258",
+    "Same cycle without a period",
+    "A constraint with match=cycle pairs jobs by the numbers of their periods, so both tasks need a period.",
+)
+CONTRADICTION = error(
+    "HAL0259",
+    "Requirements contradict each other",
+    "Two statements of the model exclude each other for every schedule: two windows to the job of the same cycle that "
+    "do not meet, or releases and windows of one cycle.",
 )
 
 # ---------------------------------------------------------------------------- chains and transitions

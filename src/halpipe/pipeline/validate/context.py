@@ -13,6 +13,7 @@ from halpipe.core.diagnostics import NOWHERE, Fix, Path, Subject, about
 from halpipe.core.durations import ZERO, Duration, least_common_multiple
 from halpipe.core.records import record
 from halpipe.core.suggest import nearest
+from halpipe.models import ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -164,6 +165,10 @@ class Context:
     def accesses_of_versions(self) -> Iterator[tuple[Task, Version, Access]]:
         """Every access phase with its version and task; kept, so many would burden the garbage collector."""
         return ((task, version, access) for task, version in self.versions_of_tasks for access in version.accesses)
+
+    def is_lock(self, resource: str) -> bool:
+        """Tell whether a resource is a lock."""
+        return resource in self.resources and self.resources[resource].kind is ResourceKind.LOCK
 
     def suggest(self, kind: str, name: str, known: Collection[str]) -> str:
         """Say which known name was probably meant, or what to do; `kind` says what is named."""

@@ -26,10 +26,10 @@ def check_points(context: Context) -> Iterator[Diagnostic]:
     """Split points ascend within (0, C) and lie in no access phase."""
     for task, version in context.versions_of_tasks:
         if version.split.points:
-            yield from _points(task, version, version.split.points)
+            yield from _points(context, task, version, version.split.points)
 
 
-def _points(task: Task, version: Version, points: tuple[Duration, ...]) -> Iterator[Diagnostic]:
+def _points(context: Context, task: Task, version: Version, points: tuple[Duration, ...]) -> Iterator[Diagnostic]:
     at, path, wcet = place(version, task), version_path(task, version), version.wcet
     outside = [p for p in points if p <= ZERO or (wcet is not None and p >= wcet)]
     if outside:
@@ -45,6 +45,8 @@ def _points(task: Task, version: Version, points: tuple[Duration, ...]) -> Itera
         help = f'write split="{ascending}"' if ascending else "leave the split out"
         yield codes.SPLIT_NOT_ASCENDING(text, at=at, path=path, help=help)
     for access in version.accesses:
+        if context.is_lock(access.resource):
+            continue  # held through the gap
         inside = [p for p in points if access.start < p < access.end]
         if inside:
             text = f"has the split point{'s' * (len(inside) > 1)} {_listed(inside)} within its access to "

@@ -40,7 +40,8 @@ def check_tasks(context: Context) -> Iterator[Diagnostic]:
 
 def _without_period(task: Task) -> Iterator[Diagnostic]:
     at, path = place(task), task_path(task)
-    for what, value in (("offset", task.offset), ("deadline", task.deadline), ("distance", task.distance)):
+    stated = ("offset", task.offset), ("deadline", task.deadline), ("distance", task.distance), ("let", task.let)
+    for what, value in stated:
         if value is not None:
             text = f"has the {what} {value} but no period to count it from"
             help = f"give the task a period, or remove the {what}"
@@ -119,6 +120,7 @@ def _durations(context: Context) -> Iterator[tuple[str, Duration | None, tuple[A
         yield "distance", task.distance, (task,)
         yield "offset", task.offset, (task,)
         yield "deadline", task.deadline, (task,)
+        yield "let", task.let, (task,)
         for version in task.versions:
             yield "WCET", version.wcet, (version, task)
             yield "resume", version.split.resume, (version, task)
@@ -127,7 +129,9 @@ def _durations(context: Context) -> Iterator[tuple[str, Duration | None, tuple[A
                 yield "access start", access.start, (access, version, task)
             for constraint in version.precedences:
                 yield "window minimum", constraint.min, (constraint, version, task)
+                yield "point", constraint.point, (constraint, version, task)
     for chain in context.model.chains:
+        yield "limit of latency", chain.max_latency, (chain,)
         yield "limit of reaction time", chain.max_reaction, (chain,)
         yield "limit of data age", chain.max_age, (chain,)
     for transition in context.model.transitions:

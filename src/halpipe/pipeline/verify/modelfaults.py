@@ -70,6 +70,12 @@ def _mode_names(mode: Mode, versions: dict[str, set[str]]) -> Iterator[Diagnosti
             yield _fault(path, f'runs version "{name}" of task "{run.task}", which does not exist', run.at)
 
 
+def refinements(model: TaskModel) -> Iterator[Diagnostic]:
+    """What no rule checks yet makes no schedule valid."""
+    for name, at in model.refinements():
+        yield _fault(about(model=model.name), f"has a requirement that is not checked yet: {name}", at)
+
+
 def interrupts(model: TaskModel) -> Iterator[Diagnostic]:
     """Interrupts come at most once in a positive distance, and take a time that is not negative."""
     for unit in model.units:

@@ -85,6 +85,7 @@ def active_modes(model: TaskModel, clock: Clock, found: Findings) -> dict[str, A
     found.extend(modelfaults.repeated_names(model))
     found.extend(modelfaults.unknown_names(model))
     found.extend(modelfaults.interrupts(model))
+    found.extend(modelfaults.refinements(model))
     platform = _platform(model, clock)
     modes: dict[str, ActiveMode] = {}
     for mode in model.modes:
