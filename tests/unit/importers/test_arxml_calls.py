@@ -157,7 +157,8 @@ def test_the_period_of_a_sender_is_never_taken_silently(tmp_path):
 
 
 def test_what_an_os_task_runs_on_arrival_has_no_period(tmp_path):
-    ecu = package("E", configuration("Os", os_task("Main")), configuration("Rte", rte(mapped("Sink/B/D", "Main", "1"))))
+    maps = rte(mapped("Source/B/E", "Main", "0"), mapped("Sink/B/D", "Main", "1"))
+    ecu = package("E", configuration("Os", os_task("Main")), configuration("Rte", maps))
     path = write(tmp_path, package("T", SOURCE, SINK, CAR), ecu)
     imported = read(path)
     assert periods(imported) == {"a/Make": "10ms"}

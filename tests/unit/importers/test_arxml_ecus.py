@@ -120,7 +120,7 @@ def test_a_task_without_os_task_runs_on_the_cores_of_its_ecu_only(tmp_path):
     car = composition("Car", "p:Pump v:Valve f:Fan")
     split = mappings(on("a", "Front", "Car/p"), on("b", "Rear", "Car/v"), on("d", "Rear", "Car/f"))
     path = write(tmp_path, package("T", PUMP, VALVE, more, car, FRONT, REAR, split), *BOTH)
-    assert units(read(path, ecu="Rear"))["f/Blow"] == ("B0", "B1")
+    assert units(read(path, ecu="Rear", sources={"f/Blow": "50ms"}))["f/Blow"] == ("B0", "B1")
 
 
 @pytest.mark.parametrize("way", ["system", "name"])

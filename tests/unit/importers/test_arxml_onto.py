@@ -65,10 +65,11 @@ def project(folder, *, period="0.01", tick=TICK, bound=True, mapping="Main", eve
     )
 
 
-def model_of(path, drop=""):
+def model_of(path, drop="", source=""):
     overlay = path.parent / "wcet.yaml"
     dropped = f"drop: [{drop}]\n" if drop else ""
-    overlay.write_text(f'halpipe-overlay: 1\n{dropped}tasks:\n  "*": {{wcet: 1ms}}\n')
+    sources = f"sources: {{{source}}}\n" if source else ""
+    overlay.write_text(f'halpipe-overlay: 1\n{dropped}{sources}tasks:\n  "*": {{wcet: 1ms}}\n')
     return import_model("arxml", [str(path.parent)], [str(overlay)], ImportOptions()).model
 
 
@@ -264,7 +265,7 @@ def test_an_event_without_os_task_is_refused(tmp_path):
         "E", configuration("Os", os_task("Main")), configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1")))
     )
     path = write(tmp_path, package("T", pump), parts)
-    model = model_of(path)
+    model = model_of(path, source='"Pump/Other": {period: 10ms}')
     unit = model.units[0].name
     plan = schedule(
         model,

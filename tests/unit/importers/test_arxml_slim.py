@@ -46,7 +46,7 @@ def system(tmp_path, period="0.005"):
     ecu = package(
         "E",
         configuration("Os", os_task("Main"), container("Os/OsStack", "Stack")),
-        configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1"))),
+        configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1"), mapped("Com/B/T", "Main", "2", bsw=True))),
         configuration("Com", other),
     )
     return write(tmp_path, package("T", PUMP, com, *SIGNALS, TYPE), ecu)

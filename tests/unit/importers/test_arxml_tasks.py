@@ -64,7 +64,7 @@ def test_tasks_cut_by_os_task_keep_the_order_of_their_runnables(tmp_path):
     mappings = rte(mapped("Pump/B/A", "Main", "7"), mapped("Pump/B/B", "Main", "3"), mapped("Pump/B/C", "Main", "1"))
     path = write(tmp_path, package("T", pump), package("E", os, configuration("Rte", mappings)))
     imported = read(path, granularity="ostask")
-    assert periods(imported) == {"Main@10ms": "10ms", "Main@5ms": "5ms", "Pump/Loose": "20ms"}
+    assert periods(imported) == {"Main@10ms": "10ms", "Main@5ms": "5ms"}
     assert imported.model.task("Main@10ms").origin.path == "/E/Os/Main: Pump/First, Pump/Last"
 
 

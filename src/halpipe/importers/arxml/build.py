@@ -24,7 +24,7 @@ from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mapp
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import legal_name
 from halpipe.importers.arxml.own.models import find_carried, read_carried
-from halpipe.importers.arxml.system.ecuc import container_kinds
+from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
 from halpipe.importers.arxml.tasks.arrivals import slack_of

@@ -243,8 +243,8 @@ SAME_FUNCTION = note(
 NOT_CALLED = warning(
     "HAL0571",
     "Timing event that no OsTask calls",
-    "Its mapping in the Rte configuration names no OsTask, while others do: the generated RTE never calls its "
-    "runnable, which makes no task. Map it, or give it a period in the overlay (sources).",
+    "Its mapping in the Rte configuration names no OsTask, or it has none, while other events have: the generated RTE "
+    "never calls its runnable, which makes no task. Map it, or give it a period in the overlay (sources).",
 )
 INHERITED = note(
     "HAL0572",

@@ -18,8 +18,9 @@ from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.arxml.system.ecuc import Containers, Ticks
+from halpipe.importers.arxml.system.containers import Containers, standard_modules
 from halpipe.importers.arxml.system.reading import read_system, read_tree
+from halpipe.importers.arxml.system.triggers import Ticks
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
 from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from halpipe.importers.arxml.build import Built
-    from halpipe.importers.arxml.files.tree import Node, Tree
-    from halpipe.importers.arxml.system.ecuc import Container
+    from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.system.containers import Container
     from halpipe.importers.arxml.tasks.activation import Activation
     from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Task, TaskModel
@@ -215,6 +216,7 @@ class _Reader:
         self._built = built
         self._findings = findings
         self._containers = Containers(tree)
+        self._standard = standard_modules(tree)
         units = [unit.name for unit in built.model.units]
         self._only = units[0] if len(units) == 1 else ""
         self._applications = {
@@ -268,7 +270,7 @@ class _Reader:
 
     def _module(self, name: str, inside: set[str]) -> str:
         """Return the path of the module configuration that holds containers, which must be one."""
-        known = [node for node in self._tree.tagged(_MODULE) if self._last(node) == name]
+        known = [node for node in self._tree.tagged(_MODULE) if self._standard.get(node.path) == name]
         holders = [node for node in known if any(_in(path, node.path) for path in inside)] or known
         if len(holders) != 1:
             what = listed([node.path for node in holders]) if holders else "none"
@@ -281,10 +283,6 @@ class _Reader:
             )
             self._findings.stop_on_errors()
         return holders[0].path
-
-    def _last(self, node: Node) -> str:
-        definition = self._tree.text(node, "DEFINITION-REF")
-        return "".join(definition.value.split()).rpartition("/")[2] if definition else ""
 
     def _schema(self, module: str) -> str:
         node = next(node for node in self._tree.tagged(_MODULE) if node.path == module)

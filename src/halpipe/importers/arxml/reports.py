@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.names import listed
-from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_SCHEDULED
+from halpipe.importers.arxml.tasks.periods import NOT_CALLED, NOT_MAPPED, NOT_SCHEDULED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,16 +22,19 @@ if TYPE_CHECKING:
     from halpipe.models import TaskModel
 
 
+_UNCALLED = (NOT_CALLED, NOT_MAPPED)
+
+
 def report_periodless(activations: Sequence[Activation], findings: Findings) -> None:
     """Report events that make no task, one finding for each kind and reason; timing events have theirs already."""
     groups: dict[tuple[str, str], list[Activation]] = {}
     for activation in activations:
-        is_told = activation.event is not None and activation.event.is_timing and activation.reason != NOT_CALLED
+        is_told = activation.event is not None and activation.event.is_timing and activation.reason not in _UNCALLED
         if activation.period is None and activation.process is None and not is_told:
             groups.setdefault((activation.kind, activation.reason), []).append(activation)
     for (kind, reason), found in sorted(groups.items(), key=lambda item: item[0]):
         expected = kind in NOT_SCHEDULED
-        code = codes.NOT_SCHEDULED if expected else codes.NOT_CALLED if reason == NOT_CALLED else codes.NO_PERIOD
+        code = codes.NOT_SCHEDULED if expected else codes.NOT_CALLED if reason in _UNCALLED else codes.NO_PERIOD
         findings.add(
             code(
                 f"{len(found)} {kind} make no task ({reason}): {listed([a.name for a in found])}",

@@ -9,6 +9,8 @@ from collections import Counter
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from halpipe.importers.arxml.files.standard import module_of, steps_of
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -123,10 +125,9 @@ class Slimming:
 
     def _drops_container(self, container: etree._Element) -> bool:
         steps = self._steps(container)
-        for module, kinds in _KEPT.items():
-            if module in steps:
-                return not (self._marks or steps[-1].startswith(kinds)) and self._count(container)
-        return self._count(container)
+        kinds = _KEPT.get(module_of(steps), ())
+        is_kept = bool(kinds) and (self._marks or steps[-1].startswith(kinds))
+        return not is_kept and self._count(container)
 
     def _drops_admin(self, admin: etree._Element) -> bool:
         return not any((e.get("GID") or "").startswith(_OWN) for e in admin.iter(self._ns + "SDG"))
@@ -134,7 +135,7 @@ class Slimming:
     def _drops_parameter(self, value: etree._Element) -> bool:
         """Drop a parameter that nothing reads; one that a symbolic period may be the name of is remembered."""
         steps = self._steps(value)
-        if steps[-1].startswith(_KEPT_PARAMETERS) or (value.tag == self._numerical and "Os" in steps):
+        if steps[-1].startswith(_KEPT_PARAMETERS) or (value.tag == self._numerical and module_of(steps) == "Os"):
             return False
         definition = value.find(self._definition)
         if definition is not None and definition.get("DEST") in (None, "ECUC-FLOAT-PARAM-DEF"):
@@ -145,6 +146,4 @@ class Slimming:
 
     def _steps(self, element: etree._Element) -> list[str]:
         """Return the short names of the path of a definition."""
-        for definition in element.iterchildren(self._definition):
-            return "".join((definition.text or "").split()).split("/")
-        return [""]
+        return steps_of(next((definition.text for definition in element.iterchildren(self._definition)), None))

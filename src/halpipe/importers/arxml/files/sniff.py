@@ -28,7 +28,8 @@ from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.files.dialect import modernise
 from halpipe.importers.arxml.files.slim import Slimming, tags_to_drop
 from halpipe.importers.arxml.files.spelling import report_misspelt
-from halpipe.importers.arxml.files.xdm import MODULES, modules_of, translate
+from halpipe.importers.arxml.files.standard import MODULES
+from halpipe.importers.arxml.files.xdm import modules_of, translate
 from halpipe.importers.common.inputs import read_inputs
 
 if TYPE_CHECKING:

@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING
 
 from lxml import etree
 
+from halpipe.importers.arxml.files.standard import module_with
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-MODULES = ("Os", "Rte", "EcuC")
 _PATH = "ASPath:"
 _MARK = re.compile(r"halpipe\((.*)\)")
 _NUMBERS = ("INTEGER", "FLOAT", "BOOLEAN")
 
 
 def modules_of(root: etree._Element) -> list[str]:
-    """Return the names of the modules that a file configures, as their definitions are called."""
-    return [_definition(module).rpartition("/")[2] for _, _, module in _modules(root)]
+    """Return the modules that a file configures: the standard ones by their names, others as vendors call them."""
+    return [_standard(module) or _definition(module).rpartition("/")[2] for _, _, module in _modules(root)]
 
 
 def translate(root: etree._Element, namespace: str) -> etree._Element:
@@ -53,6 +54,11 @@ def _definition(module: etree._Element) -> str:
     return ""
 
 
+def _standard(module: etree._Element) -> str:
+    """Return which of the standard modules a configuration is of, empty for any other."""
+    return module_with(_definition(module), (part.get("name") or "" for part in module))
+
+
 def is_set(element: etree._Element) -> bool:
     """Whether a value or container is set at all."""
     for attribute in element.iterchildren("{*}a"):
@@ -79,7 +85,7 @@ class _Translator:
         packages = self._add(result, root, "AR-PACKAGES")
         for package, choice, module in _modules(root):
             definition = _definition(module)
-            if definition.rpartition("/")[2] not in MODULES or not is_set(module):
+            if not _standard(module) or not is_set(module):
                 continue
             holder = self._named(packages, package, "AR-PACKAGE", package.get("name") or "")
             elements = self._add(holder, package, "ELEMENTS")

@@ -15,7 +15,7 @@ from halpipe.importers.arxml.files.special import Data, data_of, each_data, edit
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.own import codes as codes
 from halpipe.importers.arxml.own.tasks import Tasks, take_name
-from halpipe.importers.arxml.system.ecuc import container_kinds
+from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.swc import place_of
 from halpipe.models import (
     Chain,

@@ -15,7 +15,7 @@ from halpipe.importers.arxml.system.ecuc import read_configuration
 from halpipe.importers.arxml.system.execution_times import read_execution_times
 from halpipe.importers.arxml.system.instances import find_instances
 from halpipe.importers.arxml.system.modes import read_mode_groups
-from halpipe.importers.arxml.system.selection import keep_own, select_ecu
+from halpipe.importers.arxml.system.selection import keep_own, report_absent, select_ecu
 from halpipe.importers.arxml.system.swc import is_component_type, place_of, read_components, read_twins
 from halpipe.importers.arxml.system.timing import read_timing, report_not_read
 from halpipe.importers.arxml.system.values import System
@@ -59,6 +59,7 @@ def read_system(tree: Tree, ecu: str = "") -> System:
     instances = find_instances(tree, components, compositions, configuration.instances, tree.findings)
     machines, groups = read_machines(tree), read_function_groups(tree)
     report_not_read(tree)
+    report_absent(tree)
     system = System(
         place=_place(tree),
         components=components,

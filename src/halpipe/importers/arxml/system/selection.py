@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -9,6 +10,7 @@ from halpipe.core.diagnostics import Location, named
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import selection_codes as codes
+from halpipe.importers.arxml.meaning_codes import ABSENT_MODULE
 from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.instances import upstream
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
 _COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL/ECUC-MODULE-CONFIGURATION-VALUES-REF"
 _OLD_COLLECTED = "ECUC-VALUES/ECUC-MODULE-CONFIGURATION-VALUES-REF"
+_STANDARD = re.compile(r"(?<![a-z])(?:[a-z]|[A-Z0-9_]+)?(?:Os|Rte|EcuC)$")  # by name: Os, iRte, VTTOs, MyEcu_Rte
 
 
 @record
@@ -85,6 +88,26 @@ def _modules(tree: Tree, ecus: Sequence[Ecu], chosen: Ecu) -> frozenset[str]:
             )
         )
     return found
+
+
+def report_absent(tree: Tree) -> None:
+    """Report the configurations of Os, Rte and EcuC that a collection names, and no file has."""
+    for node in tree.tagged("ECUC-VALUE-COLLECTION"):
+        absent = [
+            ref
+            for path in (_COLLECTED, _OLD_COLLECTED)
+            for ref in tree.refs(node, path)
+            if _STANDARD.search(ref.path) and not tree.has(ref.path, _MODULE)
+        ]
+        if absent:
+            tree.findings.add(
+                ABSENT_MODULE(
+                    f"names {listed([ref.path for ref in absent])}, which no file defines",
+                    at=absent[0].at,
+                    path=named("ECUC-VALUE-COLLECTION", node.path),
+                    help="add the files of the ECU configuration that hold them",
+                )
+            )
 
 
 def _groups(tree: Tree) -> dict[str, list[str]]:

@@ -139,6 +139,7 @@ def _runnable(tree: Tree, node: Node) -> Runnable:
         symbol=_symbol(tree, node),
         writes=tuple(item for role, item in accesses if role in _WRITES),
         reads=tuple(item for role, item in accesses if role in _READS),
+        interval=stated(tree.text(node, "MINIMUM-START-INTERVAL")),
     )
 
 

@@ -57,12 +57,16 @@ class DataItem:
 
 @record(kw_only=True)
 class Runnable:
-    """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads; `symbol` is its C function."""
+    """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads; `symbol` is its C function.
+
+    `interval` is the least time between two starts of it.
+    """
 
     place: Place
     symbol: str = ""
     writes: tuple[DataItem, ...] = ()
     reads: tuple[DataItem, ...] = ()
+    interval: Stated | None = None
 
 
 @record(kw_only=True)
@@ -237,7 +241,8 @@ class Mapping:
     """RteEventToTaskMapping or RteBswEventToTaskMapping: an event (path) of an instance, run by an OsTask (path).
 
     `prototype` is what the configuration calls the instance: often a prototype of the flattened ECU extract.
-    `is_called` tells a mapping that names no OsTask from one whose OsTask is in no file.
+    `is_called` tells a mapping that names no OsTask from one whose OsTask is in no file. `period` replaces that of the
+    event.
     """
 
     place: Place
@@ -248,6 +253,7 @@ class Mapping:
     offset: Stated | None
     triggers: tuple[str, ...]
     is_called: bool = True
+    period: Stated | None = None
 
 
 @record(kw_only=True)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Diagnostic, Location, about, named
 from halpipe.core.durations import ZERO, Duration, seconds
 from halpipe.core.records import record
-from halpipe.importers.arxml import codes
+from halpipe.importers.arxml import codes, meaning_codes
 from halpipe.importers.arxml.files.numbers import is_symbolic, parse_number, parse_seconds
-from halpipe.importers.arxml.system.ecuc import symbolic_values
+from halpipe.importers.arxml.system.containers import symbolic_values
 from halpipe.importers.arxml.tasks.arrivals import compare, polled, report_sporadic
 from halpipe.importers.arxml.tasks.dataflow import item_at
 
@@ -37,6 +37,7 @@ NOT_SCHEDULED = {
     "OsTask": "OS task without mapped events, alarm, schedule table or period",
 }
 NOT_CALLED = "no OsTask calls it: its mapping in the Rte configuration names none"
+NOT_MAPPED = "no OsTask calls it: the Rte configuration maps other events, but not its own"
 _ON_ARRIVAL = "the RTE calls it when data arrives, whatever the period of its sender"
 _NO_SENDER = "no periodic runnable is known to send its data"
 _NO_PERIOD = {
@@ -73,11 +74,12 @@ def decide_periods(
     decided = [found for activation in activations for found in periods.of(activation)]
     if overlay is not None:
         decided = _from_overlay(decided, overlay)
-    decided = polled(_from_arrivals(decided))
+    decided = [_spaced(activation, tree.findings) for activation in polled(_from_arrivals(decided))]
     for activation in decided:
         compare(activation, tree.findings)
     report_sporadic(decided, tree.findings)
     decided = _inherited([_arriving(activation) for activation in decided], dataflow, tree.findings)
+    decided = [_spaced(activation, tree.findings) for activation in decided]
     return [a if a.period is not None else replace(a, reason=a.reason or _reason(a.kind)) for a in decided]
 
 
@@ -99,13 +101,17 @@ class Periods:
         }
         self._triggers = system.configuration.triggers
         self._is_mapped = any(mapping.task is not None for mapping in system.configuration.mappings)
+        self._mapped = {mapping.event for mapping in system.configuration.mappings}
         self._seen: set[Diagnostic] = set()
 
     def of(self, activation: Activation) -> list[Activation]:
         """Return the activation once for every way it recurs; unchanged if it does not."""
         event, mapping = activation.event, activation.mapping
-        if mapping is not None and not mapping.is_called and self._is_mapped and event is not None and event.is_timing:
-            return [replace(activation, reason=NOT_CALLED)]
+        if event is not None and event.is_timing and self._is_mapped:
+            if mapping is not None and not mapping.is_called:
+                return [replace(activation, reason=NOT_CALLED)]
+            if mapping is None and event.place.path not in self._mapped:
+                return [replace(activation, reason=NOT_MAPPED)]
         if activation.process is not None:
             found = self._of_process(activation)
         elif event is None:
@@ -124,6 +130,17 @@ class Periods:
         stated = event.period
         for prototype in reversed(activation.context):
             stated = self._overrides.get((event.place.path, prototype), stated)
+        mapping = activation.mapping
+        if mapping is not None and mapping.period is not None:
+            before = f", instead of {stated.text} s" if stated is not None else ""
+            stated = mapping.period
+            self._report(
+                meaning_codes.PERIOD_OF_MAPPING(
+                    f'gives "{activation.name}" the period {stated.text} s{before}',
+                    at=stated.at,
+                    path=named(mapping.place.kind, mapping.place.path),
+                )
+            )
         period = self._evaluate(event, stated)
         if isinstance(period, Duration):
             return [Recurrence(period, ZERO, ())]
@@ -287,6 +304,24 @@ def _what(event: Event) -> str:
 
 
 _PERIOD_HELP = "write it in seconds, such as 0.01, or give a period in the overlay (sources)"
+
+
+def _spaced(activation: Activation, findings: Findings) -> Activation:
+    """Give what starts sooner than its runnable may the least time between two starts as its period."""
+    stated = activation.runnable.interval if activation.runnable else None
+    interval = parse_seconds(stated.text) if stated else None
+    if stated is None or interval is None or activation.period is None or interval <= activation.period:
+        return activation
+    findings.add(
+        meaning_codes.START_INTERVAL(
+            f'MINIMUM-START-INTERVAL {interval} lets "{activation.name}" start less often than every '
+            f"{activation.period}; {interval} is its period",
+            at=stated.at,
+            path=named(activation.place.kind, activation.place.path),
+            help="make the period of the event at least as long as the interval",
+        )
+    )
+    return replace(activation, period=interval)
 
 
 # ---------------------------------------------------------------------------- periods from outside the event

@@ -1,0 +1,34 @@
+"""The diagnostics of what elements mean for a schedule: HAL0515 to HAL0519, HAL0529 and HAL0533 to HAL0539."""
+
+from halpipe.core.diagnostics import note, warning
+
+ABSENT_MODULE = warning(
+    "HAL0515",
+    "Configuration of Os, Rte or EcuC is missing",
+    "An ECUC-VALUE-COLLECTION names a module configuration that no file defines. Without the Rte, no function has an "
+    "OsTask, an order or a core; without the Os, none has a priority, and nothing but events has a period.",
+)
+PERIOD_OF_MAPPING = note(
+    "HAL0516",
+    "Period comes from the Rte configuration",
+    "The mapping of an event to an OsTask states a period of its own (RtePeriod, RteBswPeriod), which replaces that of "
+    "the event.",
+)
+START_INTERVAL = warning(
+    "HAL0517",
+    "Runnable starts less often than its event",
+    "MINIMUM-START-INTERVAL is longer than the period of the event: the RTE delays starts that come sooner, so that "
+    "the runnable recurs with the interval. The phase of such starts depends on the RTE.",
+)
+UNSTARTED_TABLE = warning(
+    "HAL0518",
+    "Schedule table that the OS does not start",
+    "Another table, which the OS starts, has the same counter or activates the same OsTasks. The table is what runs "
+    "in another mode, after code has switched to it, and does not run beside that one. Its actions give no periods.",
+)
+TABLE_PHASE = warning(
+    "HAL0519",
+    "Phase of a schedule table is not known",
+    "A table with the autostart SYNCHRON begins when code provides the value of a synchronisation counter, and an "
+    "adjustable expiry point moves with it. Periods are read, and offsets as if the table began at 0.",
+)

@@ -1,0 +1,206 @@
+"""Containers of the ECU configuration of Os, Rte and EcuC, with their parameters and references by name.
+
+Containers and parameters are known by the short names of their definitions, which vendors keep (`files.standard`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import named
+from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.files.numbers import parse_number
+from halpipe.importers.arxml.files.special import Data, each_data
+from halpipe.importers.arxml.files.standard import module_with, steps_of
+from halpipe.importers.arxml.files.tree import NS, place, qualified
+from halpipe.importers.arxml.system.values import Place, Stated
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from fractions import Fraction
+
+    from lxml import etree
+
+    from halpipe.importers.arxml.files.tree import Node, Ref, Tree
+
+_CONTAINER = "ECUC-CONTAINER-VALUE"
+_MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
+_VALUE_PATHS = tuple(map(qualified, ("VALUE-REF", "VALUE-IREF/TARGET-REF")))
+
+
+class Container:
+    """An ECU configuration container: the short name of its definition, its parameters and references by theirs."""
+
+    def __init__(self, tree: Tree, node: Node, kind: str) -> None:
+        self.node = node
+        self.kind = kind
+        self._tree = tree
+        self._parameters: dict[str, list[tuple[etree._Element, str]]] | None = None
+        self._references: dict[str, list[tuple[etree._Element, str]]] | None = None
+
+    def data(self) -> list[Data]:
+        """Return the special data of a container that halpipe put on top of a project."""
+        return list(each_data(self._tree, self.node, "delta"))
+
+    @property
+    def place(self) -> Place:
+        """Where the container is, with the name of its definition as its kind."""
+        return Place(self.node.path, self.kind, self.node.at)
+
+    def value(self, name: str) -> Stated | None:
+        """Return the parameter `name`; report a conflict if two parts of the container state it differently."""
+        first: Stated | None = None
+        if self._parameters is None:
+            self._parameters = self._by_definition("PARAMETER-VALUES/*")
+        for element, file in self._parameters.get(name, ()):
+            text = (element.findtext(NS + "VALUE") or "").strip()
+            found = Stated(text, place(element, file))
+            if first is None:
+                first = found
+            elif first.text != found.text:
+                self._tree.report_conflict(self.node, name, (first.text, first.at), (found.text, found.at))
+        return first if first is not None and first.text else None
+
+    def number(self, name: str) -> Fraction | None:
+        """Return the parameter `name` as an exact number; report it if it is none."""
+        stated = self.value(name)
+        if stated is None:
+            return None
+        number = parse_number(stated.text)
+        if number is None or number < 0:
+            self._tree.findings.add(
+                codes.BAD_NUMBER(
+                    f'{name} "{stated.text}" is no non-negative number',
+                    at=stated.at,
+                    path=named(self.kind, self.node.path),
+                    help="write a number such as 20, 0x14 or 2.5E-8",
+                )
+            )
+            return None
+        return number
+
+    def refs(self, *names: str) -> list[Ref]:
+        """Return the targets of the references called one of `names`."""
+        if self._references is None:
+            self._references = self._by_definition("REFERENCE-VALUES/*")
+        found: dict[str, Ref] = {}
+        for name in names:
+            for element, file in self._references.get(name, ()):
+                for path in _VALUE_PATHS:
+                    value = element.find(path)
+                    ref = self._tree.reference(self.node, value, file) if value is not None else None
+                    if ref is not None:
+                        found[ref.path] = ref
+        return list(found.values())
+
+    def _by_definition(self, path: str) -> dict[str, list[tuple[etree._Element, str]]]:
+        """Return values with their files by the short names of their definitions."""
+        found: dict[str, list[tuple[etree._Element, str]]] = {}
+        for element, file in self.node.elements(path):
+            found.setdefault(_last(element.findtext(NS + "DEFINITION-REF")), []).append((element, file))
+        return found
+
+    def targets(self, *names: str) -> list[str]:
+        """Return the paths of the existing targets of references; report those that dangle."""
+        what = f'{self.kind} "{self.node.path}"'
+        found = (self._tree.find(ref, what) for ref in self.refs(*names))
+        return [node.path for node in found if node is not None]
+
+    def target(self, *names: str) -> str | None:
+        """Return the path of the first existing target of a reference."""
+        return next(iter(self.targets(*names)), None)
+
+
+def _last(definition: str | None) -> str:
+    return "".join((definition or "").split()).rpartition("/")[2]
+
+
+class Containers:
+    """Every container of the modules Os, Rte and EcuC, by path; of `modules` only, if given (paths)."""
+
+    def __init__(self, tree: Tree, modules: frozenset[str] | None = None) -> None:
+        self.tree = tree
+        self.by_path: dict[str, Container] = {}
+        self.added: dict[str, Container] = {}
+        standard = standard_modules(tree)
+        for node in tree.tagged(_CONTAINER):
+            module = _module_of(node).path
+            if module not in standard or (modules is not None and module not in modules):
+                continue
+            definition = tree.text(node, "DEFINITION-REF")
+            container = Container(tree, node, steps_of(definition.value if definition else None)[-1])
+            self.by_path[node.path] = container
+            if container.data():
+                self.added[node.path] = container
+
+    def of(self, *kinds: str) -> list[Container]:
+        """Return the project's own containers of the given definitions, in document order.
+
+        What an export put on top of the project plays a schedule; it is no source of that schedule's model.
+        """
+        return [c for path, c in self.by_path.items() if c.kind in kinds and path not in self.added]
+
+    def own(self, path: str | None) -> str | None:
+        """Return the path of a container unless an export put it on top of the project."""
+        return None if path in self.added else path
+
+    def beside(self, container: Container, kind: str) -> list[Container]:
+        """Return the containers of a definition in the module configuration that holds `container`."""
+        inside = (self.by_path.get(node.path) for node in _module_of(container.node).inside(_CONTAINER))
+        return [found for found in inside if found is not None and found.kind == kind]
+
+    def below(self, container: Container) -> Iterator[Container]:
+        """Yield the container and everything inside it."""
+        yield container
+        for node in container.node.inside(_CONTAINER):
+            if node.path in self.by_path:
+                yield from self.below(self.by_path[node.path])
+
+
+def _module_of(node: Node) -> Node:
+    """Return the module configuration that holds a container."""
+    while node.parent is not None and node.tag != _MODULE:
+        node = node.parent
+    return node
+
+
+def standard_modules(tree: Tree) -> dict[str, str]:
+    """Return which standard module each module configuration (path) is of.
+
+    One that is of a standard module by its containers only does not count beside one that is by its definition: it
+    adds to that what a vendor's tool, or a simulator, needs.
+    """
+    found: dict[str, str] = {}
+    others: list[tuple[Node, str]] = []
+    for node in tree.tagged(_MODULE):
+        stated = tree.text(node, "DEFINITION-REF")
+        definition = stated.value if stated else None
+        inside = (tree.text(container, "DEFINITION-REF") for container in node.inside(_CONTAINER))
+        module = module_with(definition, ()) or module_with(None, (_last(text.value) for text in inside if text))
+        if module and module == module_with(definition, ()):
+            found[node.path] = module
+        elif module:
+            others.append((node, module))
+    taken = {(path.rpartition("/")[0], module) for path, module in found.items()}
+    others = [(node, module) for node, module in others if (node.path.rpartition("/")[0], module) not in taken]
+    return found | {node.path: module for node, module in others}
+
+
+def container_kinds(tree: Tree) -> dict[str, str]:
+    """Return the short name of the definition of every container of Os, Rte and EcuC, by the container's path."""
+    return {path: container.kind for path, container in Containers(tree).by_path.items()}
+
+
+def symbolic_values(tree: Tree) -> dict[str, list[Stated]]:
+    """Return the values of every numerical ECU configuration parameter by the short name of its definition.
+
+    Some BSW module descriptions state a period as the name of the parameter that holds it.
+    """
+    found = {name: [Stated(text.value, text.at) for text in texts] for name, texts in tree.symbols.items()}
+    for node in tree.tagged(_CONTAINER):
+        for element, file in node.elements("PARAMETER-VALUES/*"):
+            name = _last(element.findtext(NS + "DEFINITION-REF"))
+            text = (element.findtext(NS + "VALUE") or "").strip()
+            if name and text:
+                found.setdefault(name, []).append(Stated(text, place(element, file)))
+    return found

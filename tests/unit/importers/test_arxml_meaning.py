@@ -1,0 +1,219 @@
+"""What elements of AUTOSAR mean for a schedule, where the plain values in the files say something else."""
+
+import pytest
+from arxml_case import (
+    alarm,
+    component,
+    configuration,
+    container,
+    counter,
+    el,
+    event,
+    every,
+    found,
+    mapped,
+    module,
+    named,
+    os_task,
+    package,
+    periods,
+    read,
+    ref,
+    refusal,
+    rte,
+    schedule_table,
+    write,
+)
+
+from halpipe.core.diagnostics import Exit
+from halpipe.importers.arxml import codes, meaning_codes
+
+
+def autostart(kind="RELATIVE", value="0"):
+    definition = "/Vendor/X/Os/OsScheduleTable/OsScheduleTableAutostart"
+    return named(
+        "ECUC-CONTAINER-VALUE",
+        "Start",
+        ref("DEFINITION-REF", definition),
+        el(
+            "PARAMETER-VALUES",
+            el(
+                "ECUC-TEXTUAL-PARAM-VALUE",
+                ref("DEFINITION-REF", f"{definition}/OsScheduleTableAutostartType"),
+                el("VALUE", kind),
+            ),
+            el(
+                "ECUC-NUMERICAL-PARAM-VALUE",
+                ref("DEFINITION-REF", f"{definition}/OsScheduleTableStartValue"),
+                el("VALUE", value),
+            ),
+        ),
+    )
+
+
+def table(name, points, start="", counter="Ticks"):
+    """A table of 20 ticks with an autostart."""
+    text = schedule_table(name, "20", points).replace("/E/Os/Ticks", f"/E/Os/{counter}")
+    head, tail = text.rsplit("</SUB-CONTAINERS>", 1)
+    return f"{head}{start}</SUB-CONTAINERS>{tail}"
+
+
+def system(tmp_path, *os):
+    """The Os alone, with the OsTasks T and U."""
+    return write(tmp_path, package("E", configuration("Os", counter(), os_task("T"), os_task("U"), *os)))
+
+
+def offsets(imported):
+    return {task.name: str(task.offset) if task.offset else "" for task in imported.model.tasks}
+
+
+# ------------------------------------------------------------------------------------------- schedule tables
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [
+        ("RELATIVE", "7", {"T": "10ms", "U": "14ms"}),
+        ("ABSOLUTE", "7", {"T": "10ms", "U": "14ms"}),
+        ("RELATIVE", "19", {"T": "2ms", "U": "6ms"}),
+        ("RELATIVE", "0", {"T": "3ms", "U": "7ms"}),
+    ],
+)
+def test_a_table_begins_at_its_start_value(tmp_path, kind, value, expected):
+    path = system(tmp_path, table("Plan", [("P", "3", "T"), ("Q", "7", "U")], autostart(kind, value)))
+    assert offsets(read(path, strict=True)) == expected
+
+
+def test_a_table_that_waits_for_its_counter_has_no_phase(tmp_path):
+    path = system(tmp_path, table("Plan", [("P", "3", "T")], autostart("SYNCHRON", "7")))
+    imported = read(path)
+    assert offsets(imported) == {"T": "3ms"}
+    (told,) = found(imported, meaning_codes.TABLE_PHASE)
+    assert told.code == "HAL0519"
+    assert told.help
+    assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
+
+
+def test_an_adjustable_expiry_point_moves_its_table(tmp_path):
+    adjusted = container("Os/OsScheduleTable/OsScheduleTableExpiryPoint/OsScheduleTblAdjustableExpPoint", "Moves")
+    text = table("Plan", [("P", "3", "T")], autostart()).replace("</SUB-CONTAINERS>", f"{adjusted}</SUB-CONTAINERS>", 1)
+    assert found(read(system(tmp_path, text)), meaning_codes.TABLE_PHASE)
+
+
+@pytest.mark.parametrize(
+    ("points", "counter_of_second", "is_left_out"),
+    [
+        ([("P", "0", "U")], "Ticks", True),
+        ([("P", "0", "T")], "Others", True),
+        ([("P", "0", "U")], "Others", False),
+    ],
+    ids=["same counter", "same OsTask", "nothing in common"],
+)
+def test_a_table_of_another_mode_does_not_run_beside_the_one_that_is_started(
+    tmp_path, points, counter_of_second, is_left_out
+):
+    first = table("Run", [("P", "3", "T")], autostart())
+    second = table("Limp", points, counter=counter_of_second)
+    path = system(tmp_path, first, second, counter(name="Others"))
+    imported = read(path)
+    told = found(imported, meaning_codes.UNSTARTED_TABLE)
+    assert bool(told) == is_left_out
+    assert list(periods(imported)) == (["T"] if is_left_out else ["T", "U"])
+    if is_left_out:
+        assert (told[0].code, told[0].path) == ("HAL0518", 'OsScheduleTable "/E/Os/Limp"')
+        assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
+
+
+def test_tables_that_code_starts_run_together(tmp_path):
+    imported = read(system(tmp_path, table("A", [("P", "0", "T")]), table("B", [("P", "0", "U")])), strict=True)
+    assert periods(imported) == {"T": "20ms", "U": "20ms"}
+
+
+# --------------------------------------------------------------------------------------------- Rte and events
+
+
+def pumped(tmp_path, mapping, event="0.01", more=()):
+    pump = component("Pump", every(event, "Tick", "Pump/Step"), *more, runnables="Step Other")
+    return write(tmp_path, package("T", pump), package("E", configuration("Os", os_task("Main")), mapping))
+
+
+@pytest.mark.parametrize("bsw", [False, True])
+def test_the_mapping_may_state_another_period(tmp_path, bsw):
+    text = mapped("Pump/B/Tick", "Main", "1", bsw=bsw)
+    name = "RteBswPeriod" if bsw else "RtePeriod"
+    stated = text.replace("RteBswPositionInTask" if bsw else "RtePositionInTask", name).replace(
+        "<VALUE>1</VALUE>", "<VALUE>0.05</VALUE>"
+    )
+    pump = (
+        module("Pump", event("BSW-TIMING-EVENT", "Tick", "Pump/Step", el("PERIOD", "0.01")), entities="Step")
+        if bsw
+        else component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    )
+    holder = container("Rte/RteBswModuleInstance", "Pump", stated) if bsw else rte(stated)
+    parts = package("E", configuration("Os", os_task("Main")), configuration("Rte", holder))
+    imported = read(write(tmp_path, package("T", pump), parts), strict=True)
+    assert list(periods(imported).values()) == ["50ms"]
+    (told,) = found(imported, meaning_codes.PERIOD_OF_MAPPING)
+    assert (told.code, "instead of 0.01 s" in told.message) == ("HAL0516", True)
+
+
+def test_an_event_that_the_rte_does_not_map_is_not_called(tmp_path):
+    mapping = configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1")))
+    path = pumped(tmp_path, mapping, more=[every("0.02", "Loose", "Pump/Other")])
+    imported = read(path)
+    assert list(periods(imported)) == ["Pump/Step"]
+    (told,) = found(imported, codes.NOT_CALLED)
+    assert "Pump/Other" in told.message
+    assert "overlay" in told.help
+    assert periods(read(path, sources={"Pump/Other": "20ms"}))["Pump/Other"] == "20ms"
+    assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
+
+
+@pytest.mark.parametrize(("interval", "period"), [("0.05", "50ms"), ("0.01", "10ms"), ("0.002", "10ms"), ("0", "10ms")])
+def test_the_least_time_between_starts_bounds_the_period(tmp_path, interval, period):
+    step = named("RUNNABLE-ENTITY", "Step", el("MINIMUM-START-INTERVAL", interval))
+    path = write(tmp_path, package("T", component("Pump", every("0.01", "Tick", "Pump/Step"), runnables=[step])))
+    imported = read(path)
+    assert periods(imported) == {"Pump/Step": period}
+    told = found(imported, meaning_codes.START_INTERVAL)
+    assert [t.code for t in told] == (["HAL0517"] if period == "50ms" else [])
+
+
+# ---------------------------------------------------------------------------------------------------- modules
+
+
+def collection(*modules):
+    refs = [
+        el(
+            "ECUC-MODULE-CONFIGURATION-VALUES-REF-CONDITIONAL",
+            ref("ECUC-MODULE-CONFIGURATION-VALUES-REF", path, "ECUC-MODULE-CONFIGURATION-VALUES"),
+        )
+        for path in modules
+    ]
+    return named("ECUC-VALUE-COLLECTION", "All", el("ECUC-VALUES", *refs))
+
+
+@pytest.mark.parametrize(
+    ("absent", "is_told"),
+    [("/E/Rte", True), ("/X/iRte", True), ("/X/MyEcu_EcuC", True), ("/E/Com", False), ("/E/DiagOs", False)],
+)
+def test_a_module_that_is_missing_is_named(tmp_path, absent, is_told):
+    path = write(
+        tmp_path,
+        package("E", configuration("Os", counter(), os_task("T"), alarm("A", "10", activates="T"))),
+        package("C", collection("/E/Os", absent)),
+    )
+    told = found(read(path), meaning_codes.ABSENT_MODULE)
+    assert [t.code for t in told] == (["HAL0515"] if is_told else [])
+    assert all(absent in t.message for t in told)
+    if is_told:
+        assert refusal(path, strict=True).exit is Exit.UNSUPPORTED
+
+
+def test_a_vendor_may_call_its_modules_anything(tmp_path):
+    mapping = rte(mapped("Pump/B/Tick", "Main", "1")).replace("/Vendor/X/Rte/", "/Vendor/iRte/")
+    os = configuration("Kernel", counter(), os_task("Main"), prefix="/Vendor").replace("/X/Os/", "/Kernel/")
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    text = package("T", pump), package("E", os, configuration("iRte", mapping, prefix="/Vendor"))
+    path = write(tmp_path, *(part.replace("/E/Os/", "/E/Kernel/") for part in text))
+    assert periods(read(path, granularity="ostask")) == {"Main": "10ms"}
