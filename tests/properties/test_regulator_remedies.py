@@ -43,6 +43,7 @@ def platforms(draw):
         "window": draw(st.sampled_from(["3", "7", "100", "300", "1000", "2500", "5000"])),
         "guaranteed": draw(rate),
         "capacity": draw(rate),
+        "peak": draw(st.sampled_from(["16MB/s", "8MB/s", "400MB/s"])),
         "backend": backend,
         "units": {
             unit: {"manager": managers[n], "port": ports[n], "core": cores[n], "group": groups[n]}
@@ -58,7 +59,10 @@ def platforms(draw):
             "cores": draw(st.sampled_from(["0", "4", "10"])),
             "write-backs": draw(st.sampled_from(["0", "1"])),
         },
-        "resctrl": {"kind": draw(st.sampled_from(["intel", "amd", "mpam"]))},
+        "resctrl": {
+            "kind": draw(st.sampled_from(["intel", "amd", "mpam"])),
+            "width": draw(st.sampled_from(["1", "4", "8"])),
+        },
     }
 
 

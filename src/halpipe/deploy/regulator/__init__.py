@@ -90,8 +90,10 @@ def _execute(
         text = f"has a value that the model of {tables.backend} cannot use: {failure}"
         at, help = target.bundle.at("platform.yaml"), "correct the platform file, and export the bundle again"
         raise HalpipeError(UNUSABLE_TABLES(text, at=at, help=help)) from None
-    wrong = f"{len(case.findings)} findings" if case.findings else "grants what is promised"
-    return case.findings, [f"device: {tables.backend} {wrong}; {case.steps} writes executed on its model"]
+    errors = sum(found.is_error for found in case.findings)
+    wrong = f"{errors} findings" if errors else "grants what is promised"
+    caveat = f" ({case.caveat})" if case.caveat else ""
+    return case.findings, [f"device: {tables.backend} {wrong}{caveat}; {case.steps} writes executed on its model"]
 
 
 def _prove(target: Target, tables: Tables) -> tuple[list[Diagnostic], list[str]]:

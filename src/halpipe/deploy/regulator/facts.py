@@ -33,8 +33,10 @@ DEFAULTS: Mapping[str, Mapping[str, str]] = {
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
-    "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
-}
+    "resctrl": {
+        "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
+    },
+}  # fmt: skip
 
 
 @record(kw_only=True)
@@ -47,6 +49,7 @@ class Facts:
     cycles: int
     guaranteed: int
     capacity: int
+    peak: int | None
     unspecified: str
     resource: str
     name: str
@@ -91,6 +94,7 @@ def _facts(document: Any) -> Facts:
         cycles=cycles.numerator,
         guaranteed=guaranteed,
         capacity=parse_bandwidth(document["capacity"]) if "capacity" in document else guaranteed,
+        peak=parse_bandwidth(document["peak"]) if "peak" in document else None,
         unspecified=document.get("unspecified", "read"),
         resource=document.get("resource", ""),
         name=document.get("name", ""),

@@ -1,7 +1,14 @@
-"""The diagnostics of the regulator export: HAL0820 to HAL0839."""
+"""Diagnostics of the regulator export: HAL0819 to HAL0839."""
 
 from halpipe.core.diagnostics import error, warning
 
+APPROXIMATE = warning(
+    "HAL0819",
+    "Rates of the regulator are approximate",
+    "The regulator takes shares of a bandwidth that was neither measured nor stated. MBA of Intel delays each core, so "
+    "that a percentage is no part of a bandwidth; MPAM takes parts of what its component has at most. State what was "
+    "measured, or treat the shares as a preference and not as a bound.",
+)
 NOT_A_PLATFORM = error(
     "HAL0820",
     "File is no regulator platform",

@@ -50,7 +50,7 @@ MAX_BURST = 4096
 
 _TOP = (
     "halpipe-regulator", "name", "resource", "clock", "bus", "burst", "window", "guaranteed", "capacity",
-    "unspecified", "backend", "overshoot", "units", *BACKENDS,
+    "peak", "unspecified", "backend", "overshoot", "units", *BACKENDS,
 )  # fmt: skip
 _UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
 _SETTINGS: dict[str, dict[str, str]] = {
@@ -58,8 +58,10 @@ _SETTINGS: dict[str, dict[str, str]] = {
     "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
-    "resctrl": {"kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "width": "8"},
-}
+    "resctrl": {
+        "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
+    },
+}  # fmt: skip
 _FREQUENCY = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,12})?)\s*(Hz|kHz|MHz|GHz)")
 _HERTZ = {"Hz": 1, "kHz": 10**3, "MHz": 10**6, "GHz": 10**9}
 
@@ -86,6 +88,7 @@ class Platform:
 
     `guaranteed` is what a bound of 1 promises; `capacity` is what memory surely serves, of which the rest is room for
     `overshoot`: bytes per window that a regulator lets pass above a budget (None: what the back-end is known for).
+    `stated_peak` is the device's own maximum, of which resctrl takes parts (None: not stated).
     """
 
     name: str
@@ -96,6 +99,7 @@ class Platform:
     cycles: int
     guaranteed: int
     capacity: int
+    stated_peak: int | None
     unspecified: str
     backend: str
     overshoot: int | None
@@ -103,6 +107,16 @@ class Platform:
     settings: Mapping[str, Mapping[str, str]]
     source: bytes = field(repr=False)
     at: Location = field(default=Location(), compare=False)
+
+    @property
+    def peak(self) -> int:
+        """Bytes per second that the device has at most; the capacity where no peak is stated."""
+        return self.capacity if self.stated_peak is None else self.stated_peak
+
+    @property
+    def is_peak_stated(self) -> bool:
+        """Whether the peak is stated."""
+        return self.stated_peak is not None
 
     @property
     def window(self) -> Duration:
@@ -185,6 +199,7 @@ class _Reader:
             cycles=cycles,
             guaranteed=guaranteed,
             capacity=capacity,
+            stated_peak=top.value("peak", _positive_bandwidth, None),
             unspecified=top.value("unspecified", Words(*DIRECTIONS), READ),
             backend=backend,
             overshoot=top.value("overshoot", parse_size, None),
@@ -249,6 +264,9 @@ class _Reader:
         if p.capacity < min(p.guaranteed, peak):  # what is guaranteed above the peak comes down to it
             text = f"{format_bandwidth(p.capacity)} are less than the {format_bandwidth(p.guaranteed)} guaranteed"
             self._contradict("capacity", text, f"state at least {format_bandwidth(min(p.guaranteed, peak))}")
+        if p.peak < p.capacity:
+            text = f"{format_bandwidth(p.peak)} are less than the capacity of {format_bandwidth(p.capacity)}"
+            self._contradict("peak", text, f"state at least {format_bandwidth(p.capacity)}")
         if p.burst > p.window_capacity:
             least = -(-p.burst * p.clock // p.capacity)
             text = f"{p.cycles} cycles carry {p.window_capacity} bytes, less than one burst of {p.burst}"
@@ -357,6 +375,20 @@ def _numbers(text: str) -> str:
     return " ".join(str(_INDEX(word)) for word in text.split())
 
 
+def levels_of(text: str) -> dict[int, int]:
+    """Read measured bandwidths by value, as ``10=4GB/s 20=6.1GB/s``; both ascend."""
+    pairs = [word.partition("=") for word in text.split()]
+    found = {_INDEX(value): _positive_bandwidth(rate) for value, _, rate in pairs}
+    if len(found) != len(pairs) or list(found) != sorted(found) or list(found.values()) != sorted(found.values()):
+        raise ValueError(f"{quoted(text)} does not ascend; write each value once, as 10=4GB/s 20=6.1GB/s")
+    return found
+
+
+def _levels(text: str) -> str:
+    levels_of(text)
+    return " ".join(text.split())
+
+
 def _size_text(text: str) -> str:
     _positive_size(text)
     return text
@@ -381,7 +413,9 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("memguard", "write-backs"): _ratio,
     ("resctrl", "others"): _numbers,
     ("resctrl", "kind"): Words("intel", "amd", "mpam"),
-    ("resctrl", "min"): _number_text(1, 100),
+    ("resctrl", "min"): _number_text(0, 100),
     ("resctrl", "step"): _number_text(1, 100),
+    ("resctrl", "max"): _number_text(1, 2**20),
+    ("resctrl", "levels"): _levels,
     ("resctrl", "width"): _number_text(1, 16),
 }

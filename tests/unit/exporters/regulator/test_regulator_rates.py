@@ -179,7 +179,7 @@ def test_resctrl_takes_the_least_step_that_keeps_the_promise(tmp_path):
     found, warnings = shares(tmp_path, "{kind: intel, min: 10, step: 10}", capacity="6.4MB/s")
     assert found["slow"] == {"u1": 10, "u2": 40}
     assert found["fast"]["u1"] == 30  # for 25 per cent
-    assert warnings == []
+    assert [d.code for d in warnings] == [codes.APPROXIMATE.id]
 
 
 def test_resctrl_with_three_groups_and_the_rest_fits_by_the_next_step(tmp_path):
@@ -192,30 +192,21 @@ def test_resctrl_with_three_groups_and_the_rest_fits_by_the_next_step(tmp_path):
     changes = {"clock": "1GHz", "guaranteed": "1200MB/s", "window": "1ms"}
     tables, _ = build(tmp_path, system, schedule, backend_name="resctrl", text=text, **changes)
     found = backend("resctrl").check(tables)
-    assert [(d.code, d.path) for d in found] == [(codes.COARSE_RATE.id, 'mode "m" unit "u2"')]  # 360 for 250
+    assert [(d.code, d.path) for d in found] == [
+        (codes.APPROXIMATE.id, "platform resctrl"),
+        (codes.COARSE_RATE.id, 'mode "m" unit "u2"'),  # 360 for 250
+    ]
     assert backend("resctrl").facts(tables)["shares"] == {"m": {"u1": 30, "u2": 30, "u3": 20}}
     script = backend("resctrl").write(tables, DIGEST)["0-m.sh"].decode()
     assert "put . 'MB:0=10'" in script
 
 
-@pytest.mark.parametrize("width", [4, 6, 8])
-def test_resctrl_on_arm_takes_the_least_part_that_keeps_the_promise(tmp_path, width):
-    found, _ = shares(tmp_path, f"{{kind: mpam, width: {width}}}", capacity="6.4MB/s")
-    step = max(1, 100 // 2**width)
-
-    def given(percent):
-        return Fraction(max(1, int(Fraction(percent * 2**width, 100) + Fraction(1, 2))), 2**width)
-
-    for percent, share in ((found["fast"]["u1"], Fraction(1, 4)), (found["slow"]["u2"], Fraction(4, 10))):
-        assert given(percent - step) < share <= given(percent)
-
-
 def test_resctrl_limits_the_other_domains_to_the_least(tmp_path):
     script = files(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 2}")["0-fast.sh"].decode()
-    assert "put one 'MB:1=10;0=10;2=10'" in script
-    assert "put . 'MB:1=10;0=10;2=10'" in script
+    assert "put one 'MB:0=10;1=10;2=10' 'MB:0=10;1=10;2=10'" in script
+    assert "put . 'MB:0=10;1=10;2=10'" in script
     found = made(tmp_path, "resctrl", resctrl="{domain: 1, others: 0 1}")[1]
-    assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id]
+    assert [d.code for d in found if d.is_error] == [codes.RATE_DOES_NOT_FIT.id]
 
 
 @pytest.mark.parametrize(
@@ -274,7 +265,8 @@ def test_resctrl_needs_groups(tmp_path):
 
 def test_platform_settings_are_kept_with_their_defaults(tmp_path):
     assert platform(tmp_path, resctrl="{min: 5}").settings["resctrl"] == {
-        "kind": "intel", "domain": "0", "others": "", "min": "5", "step": "", "width": "8",
+        "kind": "intel", "domain": "0", "others": "", "min": "5", "step": "", "max": "", "width": "8",
+        "levels": "",
     }  # fmt: skip
 
 

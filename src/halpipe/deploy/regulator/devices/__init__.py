@@ -28,6 +28,8 @@ class Case:
     planned: Sequence[Planned]
     findings: list[Diagnostic] = field(default_factory=list)
     steps: int = 0
+    caveat: str = ""
+    """What a grant of this device depends on, for the line of the verdict; empty: nothing beside the tables."""
 
     @property
     def folder(self) -> str:

@@ -73,11 +73,11 @@ def over_limit(
     promised: Mapping[str, Fraction],
     other: str,
     *,
-    shares: Shares | None = None,
+    most: int | None = None,
 ) -> list[Diagnostic]:
-    """Return a finding if the rates `given`, by owner, exceed the capacity together; `other` says what helps.
+    """Return a finding if the rates `given`, by owner, exceed the capacity together; `other` names a remedy.
 
-    Of regulators whose steps are parts of the capacity, `shares` says what they give for another one.
+    The capacity proposed is at most `most`, the peak of a device whose steps are parts of it (None: the bus decides).
     """
     limit, total = limit_of(tables), sum(given.values(), Fraction(0))
     if total <= limit:
@@ -87,34 +87,11 @@ def over_limit(
         f"one rate per unit for the whole {table.frame.kind} comes to {rate_text(total)}, there is room for "
         f"{rate_text(limit)}: the least that can be set for what is promised is {each}"
     )
-    capacity = tables.platform.capacity + ceil(total - limit) if shares is None else _capacity(tables, shares)
-    is_possible = capacity is not None and capacity <= tables.platform.bus * tables.platform.clock
-    help = other
-    if capacity is not None and is_possible:
-        help = f'state "capacity: {format_bandwidth(capacity)}" if memory serves it, or {other}'
+    capacity = tables.platform.capacity + ceil(total - limit)
+    carried = tables.platform.bus * tables.platform.clock
+    is_possible = capacity <= (carried if most is None else min(most, carried))
+    help = f'state "capacity: {format_bandwidth(capacity)}" if memory serves it, or {other}' if is_possible else other
     return [RATE_DOES_NOT_FIT(message, at=table.frame.at, path=table.frame.path, help=help)]
-
-
-@record
-class Shares:
-    """Rates that are parts of the capacity: what is given in all for another capacity, and where that may change.
-
-    `total` returns None where a rate is more than the largest part.
-    """
-
-    total: Callable[[int], Fraction | None]
-    turns: Iterable[Fraction]
-
-
-def _capacity(tables: Tables, shares: Shares) -> int | None:
-    """Return the least capacity, of those at which a rate needs one part less, for which everything fits."""
-    now = tables.platform.capacity
-    reserve = now - limit_of(tables)
-    for capacity in sorted({ceil(turn) for turn in shares.turns if turn > now}):
-        total = shares.total(capacity)
-        if total is not None and total <= capacity - reserve:
-            return capacity
-    return None
 
 
 def coarse(tables: Tables, table: Table, unit: str, given: Fraction, promised: Fraction) -> list[Diagnostic]:

@@ -1,22 +1,22 @@
-"""Linux resctrl: shares of the memory bandwidth for groups of tasks, in the coarse steps of the processor.
+"""Linux resctrl: shares of the memory bandwidth for groups of tasks, in the steps of processor and kernel.
 
-Every value is the least step that keeps the promise, and what belongs to no unit (the root group, and other domains)
-gets the least there is. Shares are approximate and no hard bound. Source: Linux, Documentation/filesystems/resctrl.rst.
+Every value is the least that keeps the promise after the kernel has rounded it, and what belongs to no unit (the root
+group, and other domains) gets the least there is. Sources: Linux, fs/resctrl (ranges, rounding up to multiples of the
+step), arch/x86 resctrl (AMD: least 0) and drivers/resctrl (MPAM: parts of the component's maximum).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import count
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import about
-from halpipe.core.quantities import format_bandwidth
-from halpipe.core.records import record
 from halpipe.exporters.regulator.backends.base import falls_first, file_names, predecessors, render
-from halpipe.exporters.regulator.backends.rates import Shares, check_owners, coarse, over_limit, rate_text, unit_rates
-from halpipe.exporters.regulator.codes import NO_MANAGER, RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.backends.rates import check_owners, coarse, over_limit, rate_text, unit_rates
+from halpipe.exporters.regulator.codes import APPROXIMATE, NO_MANAGER, RATE_DOES_NOT_FIT
+from halpipe.exporters.regulator.platform import levels_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,38 +38,71 @@ KERNELS = {
 }
 
 
-@record
 class Steps:
-    """The values that the processor takes: from `least` on in steps of `step` up to `most`."""
+    """Values that the kernel takes: from `least` to `most`, each rounded up to a multiple of `step`.
 
-    kind: str
-    least: int
-    step: int
-    most: int
-    width: int
-    capacity: int
+    `levels` are measured bytes per second by value; without, shares are of `peak`.
+    """
+
+    def __init__(self, platform: Platform) -> None:
+        settings = platform.settings[Resctrl.name]
+        self.kind, self.peak, self.parts = settings["kind"], platform.peak, 1 << int(settings["width"])
+        least, step = {"intel": (10, 10), "amd": (0, 1), "mpam": (_nearest(100, self.parts), -(-100 // self.parts))}[
+            self.kind
+        ]
+        self.least, self.step = int(settings["min"] or least), int(settings["step"] or step)
+        self.most = int(settings["max"] or (2048 if self.kind == "amd" else 100))
+        self.levels = levels_of(settings["levels"])
+
+    @cached_property
+    def values(self) -> list[int]:
+        """Values to write, ascending with what they grant: one for each that the kernel makes of them.
+
+        A limit of 0 is written only where it is known to mean the least part (MPAM).
+        """
+        first = self.least if self.kind == "mpam" else max(1, self.least)
+        found: list[int] = []
+        for value in (min(n, self.most) for n in range(self.rounded(first), self.most + self.step, self.step)):
+            is_taken = self.kind == "mpam" or self.rounded(value) <= self.most
+            is_known = not self.levels or value in self.levels
+            if is_taken and is_known and (not found or self.given(value) > self.given(found[-1])):
+                found.append(value)
+        return found
+
+    def rounded(self, value: int) -> int:
+        """Return what the kernel makes of a value."""
+        return -(-value // self.step) * self.step
 
     def given(self, value: int) -> Fraction:
         """Return the bytes per second that a value stands for."""
         if self.kind == "amd":
-            return Fraction(value * EIGHTH)
+            return Fraction(self.rounded(value) * EIGHTH)
+        if self.levels:
+            return Fraction(self.levels[value])
         if self.kind == "intel":
-            return Fraction(value * self.capacity, 100)
-        parts = 2**self.width  # the driver takes the nearest part, at least one
-        return Fraction(max(1, (value * parts * 2 + 100) // 200) * self.capacity, parts)
+            return Fraction(self.rounded(value) * self.peak, 100)
+        return Fraction(self._part(value) * self.peak, self.parts)
+
+    def shown(self, value: int) -> int:
+        """Return what schemata has after a value was written."""
+        return _nearest(self._part(value) * 100, self.parts) if self.kind == "mpam" else self.rounded(value)
+
+    def _part(self, value: int) -> int:
+        """Return the parts that the driver of MPAM takes, the nearest number from 1 on; beyond its field it wraps."""
+        return (max(1, _nearest(self.rounded(value) * self.parts, 100)) - 1) % self.parts + 1
 
     def least_for(self, rate: Fraction) -> int | None:
         """Return the smallest value that gives `rate`, None if there is none."""
-        low, high = 0, (self.most - self.least) // self.step
-        if self.given(self.least + high * self.step) < rate:
-            return None
-        while low < high:
-            middle = (low + high) // 2
-            if self.given(self.least + middle * self.step) < rate:
-                low = middle + 1
-            else:
-                high = middle
-        return self.least + low * self.step
+        return next((value for value in self.values if self.given(value) >= rate), None)
+
+    def value_for(self, rate: Fraction) -> int:
+        """Return the smallest value that gives `rate`, the largest there is for what no value gives."""
+        value = self.least_for(rate)
+        return self.values[-1] if value is None else value
+
+
+def _nearest(numerator: int, denominator: int) -> int:
+    return (2 * numerator + denominator) // (2 * denominator)
 
 
 class Resctrl:
@@ -87,18 +120,19 @@ class Resctrl:
         return 0
 
     def check(self, tables: Tables) -> list[Diagnostic]:
-        """Return units without a group of their own, rates that do not fit, and shares far above the promise."""
-        found = list(_check_groups(tables))
-        for table in () if found else tables.tables:
+        """Return units without a group of their own, rates that do not fit, and shares that are approximate."""
+        found = [*_check_groups(tables), *_check_steps(tables.platform)]
+        for table in () if any(d.is_error for d in found) else tables.tables:
             found += _check_shares(tables, table)
         return found
 
     def facts(self, tables: Tables) -> dict[str, Any]:
         """Return the value of every group in every table, and what the rest gets."""
         names = {tables.platform.units[unit.name].group: unit.name for unit in tables.units}
+        steps = Steps(tables.platform)
         return {
-            "kernel": KERNELS[tables.platform.settings[self.name]["kind"]],
-            "least": steps_of(tables.platform).least,
+            "kernel": KERNELS[steps.kind],
+            "least": steps.values[0],
             "shares": {
                 t.name: {names[g]: v for g, v in _values(tables, t).items() if g in names} for t in tables.tables
             },
@@ -108,45 +142,68 @@ class Resctrl:
         """Return a script for every table."""
         settings = tables.platform.settings[self.name]
         groups = [tables.platform.units[unit.name].group for unit in tables.units]
-        steps = steps_of(tables.platform)
-        tail = "".join(f";{domain}={steps.least}" for domain in settings["others"].split())
+        steps = Steps(tables.platform)
+        own, others = int(settings["domain"]), [int(domain) for domain in settings["others"].split()]
+        domains = sorted([own, *others])
+
+        def line(value: int) -> str:
+            return "MB:" + ";".join(f"{d}={value if d == own else steps.values[0]}" for d in domains)
+
+        def shown(value: int) -> str:
+            return "MB:" + ";".join(f"{d}={steps.shown(value if d == own else steps.values[0])}" for d in domains)
+
         values = {
             "platform": tables.platform,
             "model": tables.model,
             "digest": digest,
             "groups": groups,
-            "kernel": KERNELS[settings["kind"]],
+            "kernel": KERNELS[steps.kind],
             "steps": steps,
-            "settings": settings,
+            "domains": domains,
         }
         files = {}
         for stem, table in zip(file_names(t.name for t in tables.tables), tables.tables, strict=True):
             before = [_values(tables, t) for t in predecessors(tables, table)]
-            lines = [
-                (group, f"MB:{settings['domain']}={value}{tail}")
-                for group, value in falls_first(before, _values(tables, table))
-            ]
+            lines = [(group, line(n), shown(n)) for group, n in falls_first(before, _values(tables, table))]
             files[f"{stem}.sh"] = render("resctrl.sh.j2", table=table, lines=lines, **values)
         return files
 
 
-def steps_of(platform: Platform) -> Steps:
-    """Return the steps of the platform: those stated, else those that the kernel has for this kind."""
-    settings = platform.settings[Resctrl.name]
-    kind, width = settings["kind"], int(settings["width"])
-    grain = {"intel": 10, "amd": 1, "mpam": max(1, 100 // 2**width)}[kind]
-    least, step = int(settings["min"] or grain), int(settings["step"] or grain)
-    return Steps(kind, least, step, 2048 if kind == "amd" else 100, width, platform.capacity)
-
-
 def _values(tables: Tables, table: Table) -> dict[str, int]:
     """Return the value of every group; of what cannot be served the largest."""
-    steps = steps_of(tables.platform)
-    values = {ROOT: steps.least}
-    for unit, rate in unit_rates(tables, table).items():
-        value = steps.least_for(rate)
-        values[tables.platform.units[unit].group] = steps.most if value is None else value
-    return values
+    steps = Steps(tables.platform)
+    rates = unit_rates(tables, table)
+    return {
+        ROOT: steps.values[0],
+        **{tables.platform.units[unit].group: steps.value_for(r) for unit, r in rates.items()},
+    }
+
+
+def _check_steps(platform: Platform) -> Iterator[Diagnostic]:
+    """Yield steps without a value to write, levels that are no steps, and shares of what was not stated."""
+    steps, path = Steps(platform), "platform resctrl"
+    strange = [n for n in steps.levels if not max(1, steps.least) <= n <= steps.most or n % steps.step]
+    if steps.kind != "intel" and steps.levels:
+        message = f"levels are of kind intel, the platform states {steps.kind}"
+        yield RATE_DOES_NOT_FIT(message, at=platform.at, path=path, help='remove "levels", or state "kind: intel"')
+    elif strange:
+        message = (
+            f"the level of {strange[0]} is of no value from {steps.least} to {steps.most} in steps of {steps.step}"
+        )
+        help = "state levels of values that the kernel takes, or min and step as info/MB has them"
+        yield RATE_DOES_NOT_FIT(message, at=platform.at, path=path, help=help)
+    elif not steps.values:
+        message = f"there is no value from {steps.least} to {steps.most} in steps of {steps.step}"
+        help = "state min, max and step as info/MB/min_bandwidth and bandwidth_gran have them"
+        yield RATE_DOES_NOT_FIT(message, at=platform.at, path=path, help=help)
+    elif steps.kind == "intel" and not steps.levels:
+        message = "percentages are taken as parts of the peak; MBA delays each core, and its effect is not linear"
+        help = 'measure the bandwidth of a group at each value, and state "levels: 10=4GB/s 20=6.1GB/s ..."'
+        yield APPROXIMATE(message, at=platform.at, path=path, help=help)
+    elif steps.kind == "mpam" and not platform.is_peak_stated:
+        message = "shares are parts of what the memory component has at most, which is taken to be the capacity"
+        help = 'state "peak", the largest bandwidth of the component'
+        yield APPROXIMATE(message, at=platform.at, path=path, help=help)
 
 
 def _check_groups(tables: Tables) -> Iterator[Diagnostic]:
@@ -174,41 +231,21 @@ _RESERVED = {"info", "mon_groups", "mon_data", "schemata", "tasks", "cpus", "cpu
 
 
 def _check_shares(tables: Tables, table: Table) -> Iterator[Diagnostic]:
-    steps = steps_of(tables.platform)
+    """Yield rates that no value gives, those far above the promise, and sums above the capacity."""
+    steps, platform = Steps(tables.platform), tables.platform
     found: list[Diagnostic] = []
     promised = {"everything else": Fraction(0), **unit_rates(tables, table)}
-    given = {}
+    given = {unit: steps.given(steps.value_for(rate)) for unit, rate in promised.items()}
     for unit, rate in promised.items():
-        value = steps.least_for(rate)
-        given[unit] = steps.given(steps.most if value is None else value)
-        if value is None:
+        if given[unit] < rate:
             message = f"is promised {rate_text(rate)}; the largest share is {rate_text(given[unit])}"
-            capacity = -(-rate.numerator // rate.denominator)
-            help = f'state "capacity: {format_bandwidth(capacity)}" or lower the bound'
             path = about(table.frame.path, unit=unit)
+            help = "lower the bound, or measure the level of a higher value"
             found.append(RATE_DOES_NOT_FIT(message, at=table.frame.at, path=path, help=help))
         else:
             found += coarse(tables, table, unit, given[unit], rate)
     yield from found
     if not any(d.is_error for d in found):
         other = "use a processor with finer steps, or the back-end table or axi-realm"
-        shares = None if steps.kind == "amd" else _shares(steps, list(promised.values()))
-        yield from over_limit(tables, table, given, promised, other, shares=shares)
-
-
-def _shares(steps: Steps, rates: list[Fraction]) -> Shares:
-    """Return what these rates take of another capacity."""
-
-    def total(capacity: int) -> Fraction | None:
-        other, given = replace(steps, capacity=capacity), Fraction(0)
-        for rate in rates:
-            value = other.least_for(rate)
-            if value is None:
-                return None
-            given += other.given(value)
-        return given
-
-    parts = [Fraction(value, 100) for value in range(steps.least, steps.most + 1, steps.step)]
-    if steps.kind == "mpam":
-        parts = [steps.given(value) / steps.capacity for value in range(steps.least, steps.most + 1, steps.step)]
-    return Shares(total, [rate / part for rate in rates for part in parts])
+        most = None if steps.kind == "amd" or steps.levels else platform.peak
+        yield from over_limit(tables, table, given, promised, other, most=most)
