@@ -29,11 +29,11 @@ from halpipe.core.diagnostics import HalpipeError, render_text
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT
 from halpipe.deploy.regulator.engines import Icarus
-from halpipe.deploy.regulator.formal import missing
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import choose_engine, design_of, play
 from halpipe.deploy.regulator.stimuli import TRAFFIC, plan
+from regulator_proof import missing
 
 
 def stress(configurations: int, seeds: list[int], windows: int) -> dict[str, object]:

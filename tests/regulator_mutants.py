@@ -4,12 +4,12 @@ import tempfile
 
 import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.deploy.regulator.formal import prove
 from halpipe.deploy.regulator.observe import judge
 from halpipe.deploy.regulator.reading import read_tables
 from halpipe.deploy.regulator.simulate import design_of, play
 from halpipe.deploy.regulator.stimuli import STEPPED, TRAFFIC, plan
 from one_fault import with_fault
+from regulator_proof import ProofError, prove
 
 PARTS = {"gate": "_gate", "player": "_player", "unit": "_unit", "frame": "", "axil": "_axil"}
 """Parts, as the proof calls them, and their files."""
@@ -139,9 +139,9 @@ def simulated(files, engine):
 
 
 def refuted(files, part):
-    """What the solver says of the properties of a part that it refutes, or why it has no such part to look at."""
+    """The properties of a part that the solver refutes, or the reason why it has no such part."""
     bundle = bundles.target(files).bundle
     try:
         return [d for proof in prove(bundle, read_tables(bundle), part) for d in proof.findings]
-    except HalpipeError as failure:  # a register that does nothing any more is gone
-        return list(failure.diagnostics)
+    except ProofError as failure:  # a register that does nothing any more is gone
+        return [str(failure)]

@@ -76,7 +76,7 @@ WORLD = {
     "random": {"pipeline.generate", "selftest"},
     "signal": {"cli", "pipeline.solve.run"},
     # What keeps a program from starting is told in one place; the package graphviz has exceptions of its own.
-    "subprocess": {"core.programs", "exporters.graph", "deploy.regulator.formal"},
+    "subprocess": {"core.programs", "exporters.graph"},
     "multiprocessing": {"cli", "pipeline.solve.run"},
     "concurrent": {"cli", "pipeline.solve.run", "pipeline.solve.workers", "exporters.riscv"},
     "threading": {

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.reading import Tables
     from halpipe.deploy.regulator.simulate import Played
 
-ARITHMETIC, FORMAL = "arithmetic", "formal"
+ARITHMETIC = "arithmetic"
 
 
 class RegulatorDeployment:
@@ -23,7 +23,7 @@ class RegulatorDeployment:
 
     name = "regulator"
     summary = "budgets of memory regulators: exact arithmetic, and what is loaded executed"
-    engines = ("auto", ARITHMETIC, "verilator", "icarus", FORMAL)
+    engines = ("auto", ARITHMETIC, "verilator", "icarus")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Check the tables, then play them; a simulation of tables that are wrong is only made when asked for."""
@@ -96,19 +96,6 @@ def _execute(
     return case.findings, [f"device: {tables.backend} {wrong}{caveat}; {case.steps} writes executed on its model"]
 
 
-def _prove(target: Target, tables: Tables) -> tuple[list[Diagnostic], list[str]]:
-    """Prove the Verilog for all traffic and all time."""
-    from halpipe.deploy.regulator.formal import prove
-
-    proofs = list(prove(target.bundle, tables))
-    findings = [found for proof in proofs for found in proof.findings]
-    lines = ["proof by k-induction, for all traffic and all time (yosys, cvc5):"]
-    for proof in proofs:
-        wrong = f"{len(proof.findings)} not proven" if proof.findings else "proven"
-        lines.append(f"  {proof.part}: {proof.properties} properties, {wrong}")
-    return findings, lines
-
-
 def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[list[Diagnostic], list[str]]:
     """Play the tables where they are those of the generic unit and a simulator is there."""
     from halpipe.core.caches import why_no_cache
@@ -117,8 +104,6 @@ def _simulate(target: Target, tables: Tables, options: CheckOptions) -> tuple[li
 
     if options.engine == ARITHMETIC:
         return [], []
-    if options.engine == FORMAL:
-        return _prove(target, tables)
     engine, told = choose_engine(options.engine)
     if engine is None:
         return [], [told]

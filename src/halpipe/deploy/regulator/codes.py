@@ -132,12 +132,6 @@ DEVICE_OVER_CAPACITY = error(
     "What was loaded has been executed on a model of the device. What all units together are then granted, with what "
     "passes above a budget and while settings change, is more than the memory surely serves.",
 )
-NOT_PROVEN = error(
-    "HAL1064",
-    "Regulator has traffic that breaks a property",
-    "The solver found cycles after which the Verilog of the bundle breaks one of the properties that it is to keep for "
-    "all traffic, or could not show that there are none.",
-)
 USED_ABOVE_BUDGET = error(
     "HAL1065",
     "Unit used more than its budget",

@@ -1,6 +1,6 @@
-"""Proof that the Verilog of a bundle keeps its properties for all traffic and all time: k-induction, by yosys and cvc5.
+"""Formal proof of the Verilog of a bundle, for all traffic and all time: k-induction by yosys and cvc5.
 
-Each part of the regulator is proven on its own, in ``*.sv`` beside this file: the gate (a window never gets more than
+Each part of the regulator is proven on its own, in ``formal/*.sv``: the gate (a window never gets more than
 its budget, or the one burst that was waiting; VALID is never withdrawn; a burst that fits passes), the player (windows
 and tables in their order, from the tables and the requests alone), the unit (data never ahead of its address,
 registers), the block around the units (windows as long as stated, orders to all in one cycle) and the AXI4-Lite front.
@@ -12,17 +12,13 @@ from __future__ import annotations
 
 import re
 import shutil
-import time
 from dataclasses import field, replace
-from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.files.scratch import scratch_folder
 from halpipe.core.programs import TimeoutExpired, run
 from halpipe.core.records import record
-from halpipe.deploy.regulator.codes import ENGINE_FAILED, NO_ENGINE, NOT_PROVEN
 from halpipe.deploy.regulator.forms import header_lines, image_names
 
 if TYPE_CHECKING:
@@ -30,14 +26,12 @@ if TYPE_CHECKING:
     from subprocess import CompletedProcess
 
     from halpipe.core.bundles import Bundle
-    from halpipe.core.diagnostics import Diagnostic
     from halpipe.deploy.regulator.reading import Tables, Unit
 
-FOLDER = files("halpipe.deploy.regulator.formal")
+FOLDER = Path(__file__).parent / "rtl" / "formal"
 SECONDS = 600
 RTL = "table/rtl/"
-TOOLS = {"yosys": "yosys", "yosys-smtbmc": "yosys", "cvc5": "cvc5"}
-"""Programs, and the packages of Debian that have them."""
+TOOLS = ("yosys", "yosys-smtbmc", "cvc5")
 
 _UNIT_PORTS = (
     "m_arvalid", "m_arready", "m_awvalid", "m_awready", "m_wvalid", "m_wready",
@@ -147,17 +141,8 @@ PARTS = (
 )
 
 
-MOST_ENTRIES = 64
-"""Of a unit: with more the solver takes more than a minute; such images are followed row by row, exactly."""
-
-
 MOST_UNITS = 8
 """That are proven to be wired as one block; a block of more is proven with so many of them."""
-
-
-def can_prove(tables: Tables, unit: Unit) -> bool:
-    """Return whether the solver can go through the images of a unit in a reasonable time."""
-    return sum(len(table.entries[unit.name]) for table in tables.tables) <= MOST_ENTRIES
 
 
 def image_part(tables: Tables, unit: Unit) -> Part:
@@ -182,14 +167,17 @@ def image_part(tables: Tables, unit: Unit) -> Part:
     return Part("image", _ALL[1:2], inside, 2, fills, images, unit.name)
 
 
+class ProofError(Exception):
+    """The Verilog lacks what a property names, or a tool did not end."""
+
+
 @record
 class Proof:
-    """What came of a part: the properties that fail, none if all are proven, and how long it took."""
+    """The properties of a part and those that fail, each with the reason."""
 
     part: str
     properties: int
-    findings: tuple[Diagnostic, ...]
-    seconds: float
+    findings: tuple[str, ...]
 
 
 def missing() -> str:
@@ -198,15 +186,7 @@ def missing() -> str:
 
 
 def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
-    """Yield the proof of every part of the bundle's Verilog and of its images, or of those that are named.
-
-    Raise `HalpipeError` where the tools cannot be used.
-    """
-    lacking = missing()
-    if lacking:
-        packages = " ".join(dict.fromkeys(TOOLS[tool] for tool in lacking.split(", ")))
-        help = f"install them (Debian: apt-get install {packages}), or use --engine auto, which simulates"
-        raise HalpipeError(NO_ENGINE(f"formal: {lacking} not installed", help=help))
+    """Yield the proof of every part of the bundle's Verilog and of its images, or of those that are named."""
     depth = min(max(tables.platform.table_depth, 2), 1 << 16)  # an index has 16 bits
     sizes = {"depth": str(1 << (depth - 1).bit_length()), "tables": str(header_lines(tables))}
     units = min(len(tables.units), MOST_UNITS)
@@ -219,18 +199,14 @@ def prove(bundle: Bundle, tables: Tables, *names: str) -> Iterator[Proof]:
         )
         for part in PARTS
     )
-    for part in (*sized, *(image_part(tables, unit) for unit in tables.units if can_prove(tables, unit))):
+    for part in (*sized, *(image_part(tables, unit) for unit in tables.units)):
         if names and part.name not in names:
             continue
         with scratch_folder() as folder:
             yield _prove(bundle, part, Path(folder))
-    for unit in tables.units if not names or "image" in names else ():
-        if not can_prove(tables, unit):
-            yield follow(bundle, tables, unit)
 
 
 def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
-    begin = time.monotonic()
     text = FOLDER.joinpath(f"{part.name}.sv").read_text("utf-8")
     for name, value in part.fills.items():
         text = text.replace(f"@{name}@", value)
@@ -243,62 +219,14 @@ def _prove(bundle: Bundle, part: Part, folder: Path) -> Proof:
     done = _run(["yosys", "-q", "part.ys"], folder)
     if done.returncode:
         said = [line for line in (done.stdout + done.stderr).splitlines() if "ERROR" in line] or ["no message"]
-        help = "the Verilog of the bundle was changed so that its parts are not there any more; export it again"
-        raise HalpipeError(ENGINE_FAILED(f"yosys: {said[0][:300]}", at=bundle.at(RTL + part.sources[-1]), help=help))
+        raise ProofError(f"yosys: {said[0][:300]}")
     found: dict[str, str] = {}
     for mode, why in ((["-t", str(part.depth + 1)], "is broken"), (["-i", "-t", str(part.depth)], "cannot be shown")):
         for name in _solve(folder, mode) if not found else ():
             found[name] = why
-    at = bundle.at(next(iter(part.images.values()), RTL + part.sources[-1]))
-    help = "the Verilog or the tables of the bundle were changed; export it again"
-    findings = tuple(
-        NOT_PROVEN(f'property "{name}" {why} for some traffic', at=at, path=f"proof of the {_title(part)}", help=help)
-        for name, why in found.items()
-    )
+    findings = tuple(f'{_title(part)}: property "{name}" {why} for some traffic' for name, why in found.items())
     properties = len(re.findall(r"\bassert \(", text))
-    return Proof(_title(part), properties, findings, time.monotonic() - begin)
-
-
-def follow(bundle: Bundle, tables: Tables, unit: Unit) -> Proof:
-    """Return whether a player of any content, as proven, plays tables.json from the words of a unit's images.
-
-    By induction over the windows: a table begins with the entry at its base; while an entry is in force, the next word
-    says when it ends. So it is enough to hold each row, and the word after it, against the entry of tables.json. All of
-    it is exact, and read from the images; a word that is missing or is no number is a finding, never an exception.
-    """
-    begin = time.monotonic()
-    entry_name, header_name = image_names(unit)
-    entries, headers = _words(bundle, entry_name, 24), _words(bundle, header_name, 16)
-    found: list[tuple[str, str]] = []
-    rows = 0
-    for table in tables.tables:
-        head = headers[table.index] if table.index < len(headers) else -1
-        base = head >> 32 & 0xFFFFFF
-        if head < 0 or (head >> 56, head & 0xFFFFFFFF) != (table.successor, table.windows):
-            found.append((header_name, f'row {table.index} is not the header of table "{table.name}"'))
-            continue
-        own = table.entries[unit.name]
-        for place, (entry, end) in enumerate(
-            zip(own, [*(e.window for e in own[1:]), table.windows], strict=True), start=base
-        ):
-            rows += 1
-            word = entries[place] if place < min(len(entries), tables.platform.table_depth) else -1
-            after = entries[place + 1] if place + 1 < min(len(entries), tables.platform.table_depth) else -1
-            ends = after >> 64 == end or (end == table.windows and not entry.window < after >> 64 < end)
-            if word != entry.window << 64 | entry.read << 32 | entry.write or after < 0 or not ends:
-                found.append(
-                    (entry_name, f'row {place} does not play windows {entry.window} to {end - 1} of "{table.name}"')
-                )
-    help = "the tables of the bundle were changed; export it again"
-    path = f"proof of the image of {unit.name}"
-    findings = tuple(NOT_PROVEN(text, at=bundle.at(name), path=path, help=help) for name, text in found)
-    return Proof(f"image of {unit.name}, row by row", rows + len(tables.tables), findings, time.monotonic() - begin)
-
-
-def _words(bundle: Bundle, name: str, digits: int) -> list[int]:
-    """Return the words of a memory image; what is no word of so many digits is -1."""
-    lines = bundle.files.get(name, b"").decode("latin-1").splitlines()
-    return [int(line, 16) if re.fullmatch(f"[0-9a-f]{{{digits}}}", line) else -1 for line in lines]
+    return Proof(_title(part), properties, findings)
 
 
 def _title(part: Part) -> str:
@@ -338,5 +266,4 @@ def _run(command: list[str], folder: Path) -> CompletedProcess[str]:
     try:
         return run(command, folder, seconds=SECONDS)
     except TimeoutExpired:
-        help = "run it on a machine that is not busy; --engine auto simulates"
-        raise HalpipeError(ENGINE_FAILED(f"{command[0]} took more than {SECONDS} s", help=help)) from None
+        raise ProofError(f"{command[0]} took more than {SECONDS} s") from None
