@@ -26,8 +26,8 @@ MISSING_FILE = error("HAL0844", "Source file is missing", "A source file that a 
 OUTSIDE_FILE = error(
     "HAL0845",
     "Source file lies outside the source folder",
-    "Sources are read below one folder only, after links and .. are resolved, so that a model from elsewhere cannot "
-    "copy other files of yours into a bundle.",
+    "Sources and the files that they include with quotes lie below one folder, after links and .. are resolved, and "
+    "have no .incbin. Sources are compiled with your rights: this is no protection from hostile ones.",
 )
 COMPILE_FAILED = error("HAL0846", "Compiler refuses a source", "The message is the compiler's own.")
 LINK_FAILED = error(

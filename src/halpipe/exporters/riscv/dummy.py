@@ -5,7 +5,6 @@ The result is an ordinary model with ordinary sources, so that all that follows 
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -15,11 +14,8 @@ from halpipe.exporters.riscv.phases import functions_of, spans
 from halpipe.models import Access, AccessKind, Source, Transfer
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from halpipe.exporters.riscv.phases import Clock
     from halpipe.exporters.riscv.profile import Profile
-    from halpipe.exporters.riscv.render import Renderer
     from halpipe.models import Task, TaskModel, Version
 
 FILE = "halpipe_dummy.c"
@@ -34,7 +30,6 @@ START = Duration.parse("5us")
 INSTRUCTIONS = 2
 """Instructions of one count, see templates/dummy.c."""
 
-_NUMBER = re.compile(r"(?:WORDS|COUNT_[0-9]+)=[0-9]+")
 
 _LEAST, _MOST = 64, 8192
 """Bytes that a memory phase moves; whole DMA transactions."""
@@ -72,13 +67,6 @@ def _dummy(task: Task, version: Version, profile: Profile, clock: Clock) -> Vers
     entry = " ".join(f"dummy_{n}" for n in range(len(executions)))
     source = Source(files=(FILE,), entry=entry or "dummy_0", defines=(f"WORDS={transfer.size // 8}", *counts))
     return replace(version, source=source)
-
-
-def is_dummy(content: bytes, defines: Iterable[str], render: Renderer) -> bool:
-    """Return whether a source is the one that `with_dummies` names, with numbers for what it leaves open."""
-    if not all(map(_NUMBER.fullmatch, defines)):
-        return False
-    return content == render.dummy(content.count(b"#ifdef COUNT_")).encode()
 
 
 def _is_window(access: Access) -> bool:

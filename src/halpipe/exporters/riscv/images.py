@@ -18,13 +18,10 @@ from halpipe.exporters.riscv.codes import (
     MISSING_ENTRY,
     MISSING_SYMBOL,
     NAME_CLASH,
-    OUTSIDE_FILE,
     OVERWRITTEN,
     SYMBOL_TOO_SMALL,
 )
-from halpipe.exporters.riscv.confinement import assembler_reads
 from halpipe.exporters.riscv.cores import LINE, aligned
-from halpipe.exporters.riscv.dummy import is_dummy
 from halpipe.exporters.riscv.elf import read_elf
 from halpipe.exporters.riscv.phases import functions_of, phases_of
 from halpipe.exporters.riscv.profile import MONITOR
@@ -33,7 +30,7 @@ from halpipe.exporters.riscv.workshop import Compile, Link
 from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from halpipe.exporters.riscv.cores import Core
     from halpipe.exporters.riscv.elf import Elf, Segment
@@ -113,8 +110,7 @@ def compile_parts(
         needs[part] = (*(objects[source, part.defines][0] for source in part.sources), MINIMAL.target)
     steps = [Compile(source, target, defines) for (source, defines), (target, _) in objects.items()]
     findings = Findings()
-    known = {step for step in steps if is_dummy(tree.files[step.source], step.defines, render)}
-    compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings, known)
+    compile_sources(shop, steps, [part.path for _, part in objects.values()], tree, findings)
     findings.extend(_broken(failure) for failure in shop.compile([MINIMAL]))
     findings.stop_on_errors()
     return needs
@@ -126,30 +122,10 @@ def compile_sources(
     owners: Sequence[str],
     tree: SourceTree,
     findings: Findings,
-    known: Collection[Compile] = (),
 ) -> None:
-    """Compile sources that others wrote, and collect what the compiler refuses; `owners` name them in messages.
-
-    Raise `HalpipeError` where one, unless its text is `known`, would read a file from elsewhere.
-    """
-    strange = [(step, owner) for step, owner in zip(steps, owners, strict=True) if step not in known]
-    findings.extend(_reading(shop, strange, tree))
-    findings.stop_on_errors()
+    """Compile the user's sources, and collect the compiler's errors; `owners` name the sources in messages."""
     for failure in shop.compile(steps):
         findings.extend(_refused(failure, steps[failure.position], owners[failure.position], tree))
-
-
-def _reading(shop: Workshop, steps: list[tuple[Compile, str]], tree: SourceTree) -> Iterable[Diagnostic]:
-    """Yield the sources whose assembler text, their own or that of their C, could read files.
-
-    Their C need not look like it: attributes of GCC write any text, and words are put together by other headers.
-    """
-    for (step, path), text in zip(steps, shop.translate([step for step, _ in steps]), strict=True):
-        what = assembler_reads(shop.read(step.source) if step.source.endswith(".s") else text)
-        if what:
-            at = Location(str(tree.folder / step.source.removeprefix("src/")))
-            help = "state the bytes in the source itself; for parameters, use macros of the preprocessor"
-            yield OUTSIDE_FILE(f"{what}, which may read files from elsewhere", at=at, path=path, help=help)
 
 
 def _broken(failure: Failure) -> Diagnostic:

@@ -11,7 +11,6 @@ from halpipe.core.diagnostics import HalpipeError, Location
 from halpipe.core.files import read_bytes
 from halpipe.core.settings import Stated
 from halpipe.exporters.riscv.codes import BAD_NAME, MISSING_FILE, NO_SOURCE, OUTSIDE_FILE
-from halpipe.exporters.riscv.confinement import outside_includes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 
 COMPILED = (".c", ".S", ".s")
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
+_INCBIN = re.compile(rb"\.incbin\b", re.IGNORECASE)
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,200}")
 _DEFINE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(=[^\s$]*)?")
 _FILE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*(/[A-Za-z0-9_][A-Za-z0-9_.+-]*)*")
@@ -52,8 +52,6 @@ class SourceTree:
             if _DEFINE.fullmatch(define) is None:
                 help = "write NAME or NAME=value, without blanks and $"
                 self.findings.add(BAD_NAME(f'"{define[:60]}" is no definition', at=source.at, path=path, help=help))
-            for _, what in outside_includes("", define.encode()):
-                self.findings.add(OUTSIDE_FILE(f'"{define[:60]}" {what}', at=source.at, path=path, help="remove it"))
         return self.take([Stated(name, source.at) for name in source.files], path)
 
     def take(self, files: Iterable[Stated[str]], path: str) -> list[str]:
@@ -79,14 +77,14 @@ class SourceTree:
 
     def _included(self, name: str, content: bytes) -> list[str]:
         """Return the files that a file includes with quotes, as far as they are there; the compiler misses others."""
-        folder = posixpath.dirname(name)
-        found = [
-            posixpath.normpath(posixpath.join(folder, n.decode("utf-8", "replace"))) for n in _INCLUDE.findall(content)
-        ]
-        return [name for name in found if not name.startswith(("..", "/")) and (self.folder / name).is_file()]
+        found = [self._resolved(name, stated[1]) for stated in _INCLUDE.finditer(content)]
+        return [name for name in found if not _leaves(name) and (self.folder / name).is_file()]
+
+    def _resolved(self, name: str, stated: bytes) -> str:
+        return posixpath.normpath(posixpath.join(posixpath.dirname(name), stated.decode("utf-8", "replace")))
 
     def _content(self, normal: str, at: Location, path: str) -> bytes | None:
-        if normal.startswith(("..", "/")):
+        if _leaves(normal):
             self._outside(normal, at, path)
             return None
         if _FILE.fullmatch(normal) is None:
@@ -109,14 +107,25 @@ class SourceTree:
             return None
 
     def _confine(self, name: str, content: bytes, path: str) -> None:
-        """Report what in a source would have a file from elsewhere read."""
-        for line, what in outside_includes(name, content):
-            help = f"include files below {self.folder} by their literal relative names"
-            at = Location(str(self.folder / name), line)
-            self.findings.add(OUTSIDE_FILE(f"{what}, which may lie outside", at=at, path=path, help=help))
+        """Report quoted includes that leave the folder, and `.incbin`: the image would hold files from elsewhere.
+
+        That keeps a model's own sources together. It is no sandbox: sources are compiled with the user's rights.
+        """
+        for found in (*_INCLUDE.finditer(content), *_INCBIN.finditer(content)):
+            if found.re is _INCLUDE and not _leaves(self._resolved(name, found[1])):
+                continue
+            at = Location(str(self.folder / name), content.count(b"\n", 0, found.start()) + 1)
+            text = found[0].decode("utf-8", "replace").strip()
+            help = f"include files below {self.folder} by their relative names, and state bytes in the source itself"
+            self.findings.add(OUTSIDE_FILE(f"{text[:80]} reads a file from elsewhere", at=at, path=path, help=help))
 
     def _outside(self, name: str, at: Location, path: str) -> None:
         help = f"move it below {self.folder}, or name a folder that holds it all with --sources"
         if name not in self.complained:
             self.complained.add(name)
             self.findings.add(OUTSIDE_FILE(f'source "{name}" lies outside', at=at, path=path, help=help))
+
+
+def _leaves(normal: str) -> bool:
+    """Return whether a normal path leads out of the folder."""
+    return normal.startswith("/") or normal.split("/")[0] == ".."

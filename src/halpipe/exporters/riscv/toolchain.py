@@ -57,13 +57,6 @@ class Toolchain:
         """Return the command that compiles one file."""
         return [*self.compiler, *self.flags, *(f"-D{d}" for d in defines), "-c", source, "-o", target]
 
-    def translate(self, source: str, target: str, defines: Iterable[str] = ()) -> list[str]:
-        """Return the command that turns one file into the text that the assembler would get."""
-        # clang's own assembler would obey what is sought here, and write what it has read.
-        plain = ["-fno-integrated-as"] if self.name == "zig" else []
-        stop = "-S" if source.endswith(".c") else "-E"
-        return [*self.compiler, *self.flags, *plain, *(f"-D{d}" for d in defines), stop, source, "-o", target]
-
     def link(self, script: str, target: str, objects: Iterable[str]) -> list[str]:
         """Return the command that links objects by a script."""
         return [*self.linker, *self.link_flags, "-T", script, "-o", target, *objects]

@@ -60,15 +60,6 @@ class Workshop:
         self.compiles += steps
         return run_all([self.toolchain.compile(s.source, s.target, s.defines) for s in steps], self.folder, JOBS)
 
-    def translate(self, steps: list[Compile]) -> list[bytes]:
-        """Return what the assembler would get of each file; empty where the compiler refuses it."""
-        targets = [f"build/text/{number}.s" for number in range(len(steps))]
-        self._make_room(targets)
-        pairs = list(zip(steps, targets, strict=True))
-        run_all([self.toolchain.translate(s.source, target, s.defines) for s, target in pairs], self.folder, JOBS)
-        found = [self.folder / target for target in targets]
-        return [file.read_bytes() if file.is_file() else b"" for file in found]
-
     def link(self, steps: list[Link], *, is_final: bool = True) -> list[Failure]:
         """Link; return what failed, by position. A link that is not final is no part of the recipe."""
         self._make_room([step.target for step in steps])
