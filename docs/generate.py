@@ -76,11 +76,51 @@ def pages() -> dict[str, str]:
         "cli.md": cli_page(),
         "schemas.md": schemas_page(),
         "formats.md": formats_page(),
+        "amalthea.md": amalthea_page(),
     }
 
 
 def _page(title: str, *paragraphs: str) -> str:
     return "\n\n".join((f"# {title}", GENERATED, *(p for p in paragraphs if p))) + "\n"
+
+
+# --------------------------------------------------------------------------------------------------- amalthea
+
+
+def amalthea_page() -> str:
+    """Which kinds and features of AMALTHEA are read, and which are harmless, by the lists of the importer."""
+    from halpipe.importers.amalthea.meaning import HARMLESS, READ, UNREACHED
+
+    read = [f"| {_ticked(kinds)} | {_ticked(features)} |" for kinds, features in READ.items()]
+    harmless = [f"| {reason} | {_ticked(words)} |" for reason, words in HARMLESS.items()]
+    unreached = [f"| {reason} | {_ticked(words)} |" for reason, words in UNREACHED.items()]
+    return _page(
+        "AMALTHEA: what is read, what is not, and what that means",
+        "Every element, attribute and value of a model is read, or is harmless, or is reported as "
+        f"{_link('HAL1252')}. `--strict` then ends with exit code 5. Kinds that a later release adds stand in none of "
+        "these lists, so they are reported. [What the elements mean](../explanation/amalthea.md) for a schedule is "
+        "explained elsewhere.",
+        "Tests change each harmless kind and feature, and the task model stays the same. Other tests add every class, "
+        "attribute and value of the official metamodels (releases 1.2.0 to 3.3.0) to a model: none is dropped in "
+        "silence.",
+        "## Read",
+        "Kinds are classes; elements without a class of their own stand under their tag, with a small first letter. "
+        "A feature that holds elements is looked into. "
+        "After `=` stand the values that are read; others are reported.",
+        "\n".join(("| kind | features |", "|---|---|", *read)),
+        "## Harmless",
+        "Without influence on what a target may do; `*` stands for every kind.",
+        "\n".join(("| reason | kinds and features |", "|---|---|", *harmless)),
+        "## Harmless where nothing reaches them",
+        "The import reads these kinds. Where tasks, constraints and mappings do not lead to them, they decide nothing.",
+        "\n".join(("| reason | kinds |", "|---|---|", *unreached)),
+    )
+
+
+def _ticked(words: str) -> str:
+    return ", ".join(f"`{word}`" for word in words.replace("|", " or ").split(" ") if word).replace(
+        "`, `or`, `", " or "
+    )
 
 
 # ------------------------------------------------------------------------------------------------ diagnostics

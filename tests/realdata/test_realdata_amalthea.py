@@ -3,12 +3,12 @@
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache
 from pathlib import Path
 
 import pytest
 from lxml import etree
 
+from amalthea_metamodel import Metamodel
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.amalthea import FORMAT as OUT
@@ -265,72 +265,6 @@ def test_an_imported_model_is_a_fixed_point_of_export_and_import(file, tmp_path)
 
 
 # The metamodels say what classes have which features; an export is held to them, element by element.
-
-
-class Metamodel:
-    def __init__(self, path):
-        root = etree.parse(path).getroot()
-        self.classes = {c.get("name"): c for c in root.iter("eClassifiers")}
-
-    @cache  # noqa: B019 - one per release
-    def features(self, name):
-        found = {}
-        for parent in (self.classes[name].get("eSuperTypes") or "").replace("#//", "").split():
-            found |= self.features(parent)
-        return found | {f.get("name"): f for f in self.classes[name].findall("eStructuralFeatures")}
-
-    @cache  # noqa: B019
-    def ancestors(self, name):
-        parents = (self.classes[name].get("eSuperTypes") or "").replace("#//", "").split()
-        return {name}.union(*(self.ancestors(parent) for parent in parents))
-
-    def target(self, feature):
-        return (feature.get("eType") or "").rpartition("//")[2]
-
-    def violations(self, element, name, ids):
-        features = self.features(name)
-        plain = {key: value for key, value in element.attrib.items() if not key.startswith("{")}
-        for key, value in plain.items():
-            feature = features.get(key)
-            if feature is None or feature.get("containment") == "true":
-                yield f"{name} has no attribute {key}"
-            elif feature.get("{http://www.w3.org/2001/XMLSchema-instance}type") == "ecore:EReference":
-                yield from self._references(name, key, value, feature, ids)
-            else:
-                yield from self._literal(name, key, value, self.target(feature))
-        for child in element:
-            feature = features.get(child.tag)
-            if feature is None or feature.get("containment") != "true":
-                yield f"{name} has no element {child.tag}"
-                continue
-            stated = child.get("{http://www.w3.org/2001/XMLSchema-instance}type")
-            kind = stated.removeprefix("am:") if stated else self.target(feature)
-            if self.target(feature) not in self.ancestors(kind) or self.classes[kind].get("abstract") == "true":
-                yield f"{name}.{child.tag} cannot be a {kind}"
-                continue
-            yield from self.violations(child, kind, ids)
-        for key, feature in features.items():
-            count = len(element.findall(key))
-            if feature.get("upperBound") != "-1" and count > 1:
-                yield f"{name} has {count} {key}"
-            if feature.get("lowerBound") == "1" and not count and key not in plain and feature.get("derived") != "true":
-                yield f"{name} lacks {key}"
-
-    def _references(self, name, key, value, feature, ids):
-        tokens = value.split(" ")
-        if feature.get("upperBound") != "-1" and len(tokens) > 1:
-            yield f"{name}.{key} refers to several"
-        for token in tokens:
-            kind = ids.get(token)
-            if kind is None or self.target(feature) not in self.ancestors(kind):
-                yield f"{name}.{key} refers to {token}, which is {kind}"
-
-    def _literal(self, name, key, value, type):
-        classifier = self.classes.get(type)
-        if classifier is not None and classifier.findall("eLiterals"):
-            literals = {literal.get("literal") or literal.get("name") for literal in classifier.findall("eLiterals")}
-            if value not in literals:
-                yield f"{name}.{key} is {value}"
 
 
 def metamodel(release):

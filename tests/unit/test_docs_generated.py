@@ -24,7 +24,9 @@ def pages():
     return load_script().pages()
 
 
-@pytest.mark.parametrize("name", ["diagnostics.md", "checks.md", "exit-codes.md", "cli.md", "schemas.md", "formats.md"])
+@pytest.mark.parametrize(
+    "name", ["diagnostics.md", "checks.md", "exit-codes.md", "cli.md", "schemas.md", "formats.md", "amalthea.md"]
+)
 def test_page_is_up_to_date(pages, name):
     on_disk = SCRIPT.parent / "reference" / name
     assert on_disk.exists(), "run make docs"

@@ -1,90 +1,25 @@
-"""The account of every element: each is mapped or ignored, once, with a reason."""
+"""The coverage of an import: each element and attribute is read, harmless by a listed reason, or reported."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING
 
+from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.meaning import CONTAINERS, RULES, is_part
+from halpipe.importers.amalthea.names import few
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from halpipe.importers.amalthea.memory import Memories
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.xmi import Forest, Item
     from halpipe.importers.common.base import Coverage
 
-# Elements that are a value, or a part, of the element that holds them: they are accounted for with it.
-_PARTS = frozenset(
-    (
-        *("recurrence", "offset", "nextOccurrence", "jitter", "minDistance", "stimulusDeviation", "occurrenceTimes"),
-        *("time", "shift", "period", "scenario", "occurrence", "burstLength", "occurrenceMinDistance", "step"),
-        *("value", "values", "key", "default", "extended", "needs", "deviation", "distribution", "mean", "statistic"),
-        *("lowerBound", "upperBound", "lowerTimeBorder", "upperTimeBorder", "read", "write", "size", "frequency"),
-        *("defaultValue", "limit", "limitValue", "lower", "upper", "minimum", "maximum", "dataAge", "maximumTime"),
-        *("minimumTime", "readLatency", "writeLatency", "accessLatency", "dataRate", "accessPath", "lineSize"),
-        *("prescaler", "delay", "latencies", "attribute", "definition", "deadline", "min", "max", "schedulingUnit"),
-        *("entries", "defaultEntry", "condition", "executionCondition", "enablingModeValueList", "eventMask"),
-        *("disablingModeValueList", "setModeValueList", "valueProvider", "activityGraph", "callGraph", "eventChain"),
-        *("schedulingAlgorithm", "schedulingParameters", "parameterExtensions", "parentAssociation", "parameter"),
-        *(
-            "group",
-            "groups",
-            "target",
-            "runnableGroups",
-            "process",
-            "data",
-            "stimuli-ref",
-            "maxBudget",
-            "replenishment",
-        ),
-    )
-)
-
-_REASONS = {
-    "Task": "has no period",
-    "ISR": "has no period",
-    "Runnable": "no task calls it",
-    "Label": "no access to it in a memory is known",
-    "LabelAccess": "its label is in no memory that the unit reaches, or no task makes it",
-    "PeriodicStimulus": "activates no task",
-    "RunnableCall": "no task makes it",
-    "TaskRunnableCall": "no task makes it",
-    "Ticks": "no task runs it, or it has no upper bound",
-    "ModeLabel": "is data of the tasks, not a mode of the system",
-    "ModeLiteral": "is data of the tasks, not a mode of the system",
-    "EnumMode": "is data of the tasks, not a mode of the system",
-    "NumericMode": "is data of the tasks, not a mode of the system",
-    "Mode": "is data of the tasks, not a mode of the system",
-    "ModeLabelAccess": "takes no time that is stated",
-    "SemaphoreAccess": "a schedule needs no locks between tasks on one unit, and knows none between units",
-    "SetEvent": "no task waits for it",
-    "ClearEvent": "a schedule starts a part after what it waits for",
-    "WaitEvent": "no task sets its event",
-    "OsEvent": "no task waits for it",
-    "Memory": "no access to it is known",
-    "MemoryMapping": "no task accesses the label there",
-    "TaskScheduler": "is responsible for no unit, or no task is allocated to it",
-    "ProcessRequirement": "has no counterpart in the model",
-    "RunnableRequirement": "has no counterpart in the model",
-    "EventChain": "names no tasks",
-    "ProcessPrototype": "is a task in design; tasks are read",
-    "Tag": "has no influence on timing",
-    "CustomProperty": "is not one of halpipe",
-    "FrequencyDomain": "no unit runs at it",
-    "Quartz": "no unit runs at it",
-}
-_BY_MODEL = {
-    "CommonElements": "has no influence on timing",
-    "ComponentsModel": "has no influence on timing",
-    "ConfigModel": "has no influence on timing",
-    "MeasurementModel": "measurements are not requirements",
-    "PropertyConstraintsModel": "limits mappings yet to be made",
-    "EventModel": "no constraint uses it",
-    "HWModel": "has no influence on the times of tasks",
-    "OSModel": "has no influence on a static schedule",
-    "StimuliModel": "activates no task",
-    "ConstraintsModel": "has no counterpart in the model",
-    "MappingModel": "binds no task",
-}
+_STATED = "has a warning of its own"
+_UNKNOWN = "is not read, and not known to be harmless"
+_HELP = "remove it, or state in an overlay what matters of it for the schedule"
 
 
 def account(
@@ -94,27 +29,116 @@ def account(
     for access, label in accesses.items():
         if label.is_used:
             access.use_all()
+    accounting = _Accounting(forest, drafts, memories, coverage)
+    accounting.made = {*accesses, *accesses.values()}
     for root in forest.roots:
         coverage.mapped("file")
-        for item in root.walk():
-            if item is root or item.tag in _PARTS or (item.get("href") and not item.children):
-                continue
+        accounting.visit(root)
+    accounting.report()
+
+
+class _Accounting:
+    def __init__(self, forest: Forest, drafts: Drafts, memories: Memories, coverage: Coverage) -> None:
+        self.forest = forest
+        self.coverage = coverage
+        self.reasons = {**drafts.without, **dict.fromkeys(memories.unplaced, "is mapped to no memory")}
+        self.kinds: defaultdict[str, list[Item]] = defaultdict(list)
+        self.features: defaultdict[tuple[str, str, str], list[Item]] = defaultdict(list)
+        tasks = forest.within("SWModel", "tasks", "isrs")
+        self.made: set[Item] = set()
+        """Accesses and labels that are looked into although no phase of a memory comes of them."""
+        self.active = {stimulus for task in tasks for stimulus in forest.refs(task, "stimuli")}
+
+    def visit(self, root: Item) -> None:
+        """Account for an element and all within it."""
+        rest = [root]
+        while rest:
+            item = rest.pop()
+            if item is not root:
+                reason = self.reason(item)
+                if reason and item in self.made:
+                    self.coverage.ignored(item.kind, item.name or item.path, reason, item.at)
+                elif reason:
+                    self.ignore(item, reason)
+                    continue
+                else:
+                    self.count(item)
+            self.attributes(item)
+            for child in reversed(item.children):
+                if reason := RULES.reason(item.kind, child.tag):
+                    self.ignore(child, reason)
+                elif RULES.reads(item.kind, child.tag):
+                    rest.append(child)
+                else:
+                    self.unknown(child)
+
+    def reason(self, item: Item) -> str:
+        """Return why an element and all within it is ignored, empty if it is looked into."""
+        if harmless := RULES.reason(item.kind):
+            return harmless if not item.is_used else ""
+        if item.is_used or item.kind in CONTAINERS or not _is_entity(item):
+            return ""
+        if reason := self.reasons.get(item) or self.unreached(item):
+            return reason
+        if item in self.forest.reported:
+            return _STATED
+        self.kinds[item.kind].append(item)
+        return _UNKNOWN
+
+    def unreached(self, item: Item) -> str:
+        """Return why an element that is not used decides nothing; empty if it may."""
+        if item in self.active:
+            return ""
+        if item.kind == "HwAccessElement":
+            memory = self.forest.ref(item, "destination")
+            return "" if memory is not None and memory.is_used else "no access takes its way"
+        return RULES.unreached.get(item.kind, "")
+
+    def attributes(self, item: Item) -> None:
+        """Note the attributes that are neither read nor harmless."""
+        for name, value in item.element.attrib.items():
+            if not name.startswith("{") and not RULES.is_understood(item.kind, str(name), str(value)):
+                shown = str(value) if name in RULES.read.get(item.kind, {}) else ""
+                self.features[item.kind, str(name), shown].append(item)
+
+    def unknown(self, item: Item) -> None:
+        if item in self.forest.reported:
+            self.ignore(item, _STATED)
+            return
+        self.kinds[item.kind].append(item)
+        self.ignore(item, _UNKNOWN)
+
+    def count(self, item: Item) -> None:
+        if _is_entity(item):
             if item.is_used:
-                coverage.mapped(item.kind)
+                self.coverage.mapped(item.kind)
             else:
-                coverage.ignored(item.kind, item.name or item.path, _reason(item, drafts, memories), item.at)
+                self.coverage.ignored(item.kind, item.name or item.path, "holds nothing of influence", item.at)
+
+    def ignore(self, item: Item, reason: str) -> None:
+        for inner in item.walk():
+            if _is_entity(inner):
+                self.coverage.ignored(inner.kind, inner.name or inner.path, reason, inner.at)
+
+    def report(self) -> None:
+        """Report what may decide times, by kind and by attribute."""
+        for kind, items in self.kinds.items():
+            message = f"{_times(len(items), kind)} not imported: {_places(items)}"
+            self.forest.findings.add(codes.NOT_READ(message, at=items[0].at, help=_HELP))
+        for (kind, name, value), items in self.features.items():
+            stated = f'{name}="{value}"' if value else name
+            message = f"{stated} of {_times(len(items), kind)} not imported: {_places(items)}"
+            self.forest.findings.add(codes.NOT_READ(message, at=items[0].at, help=_HELP))
 
 
-def _reason(item: Item, drafts: Drafts, memories: Memories) -> str:
-    if item in drafts.without:
-        return drafts.without[item]
-    if item in memories.unplaced:
-        return "is mapped to no memory"
-    return _REASONS.get(item.kind) or _BY_MODEL.get(_model(item)) or "has no influence on timing"
+def _is_entity(item: Item) -> bool:
+    """Return whether an element counts on its own; values and references count with what holds them."""
+    return not is_part(item.kind) and not (item.get("href") and not item.children)
 
 
-def _model(item: Item) -> str:
-    owner: Item | None = item
-    while owner is not None and owner.kind not in _BY_MODEL:
-        owner = owner.owner
-    return "" if owner is None else owner.kind
+def _times(count: int, kind: str) -> str:
+    return f"{kind} is" if count == 1 else f"{count} of {kind} are"
+
+
+def _places(items: Sequence[Item]) -> str:
+    return few([f"{item.name or item.path} (line {item.at.line})" for item in items])

@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1249."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1252."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -249,4 +249,11 @@ CUT_RUNNABLES = note(
     "A preemptive task may be interrupted anywhere. Where a runnable is longer than the longest piece (--pieces), jobs "
     "may be interrupted at multiples of that, too: the target has to hold the job there, for example by a call of the "
     "scheduler.",
+)
+NOT_READ = warning(
+    "HAL1252",
+    "Part of an AMALTHEA model is not imported",
+    "An element, an attribute or a value of one is not read, and is not on the list of those without influence on "
+    'timing. It may decide when work has to run, where, or for how long. The page "AMALTHEA: what is read" has the '
+    "lists.",
 )

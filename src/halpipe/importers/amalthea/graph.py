@@ -6,7 +6,7 @@ The same graph is a ``callGraph`` with ``graphEntries`` and ``calls`` and flat `
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, NoReturn
 
@@ -28,6 +28,7 @@ _GRAPHS = ("activityGraph", "callGraph")
 GROUPS = ("Group", "CallSequence", "WhileLoop")
 SWITCHES = ("ModeSwitch", "Switch", "RunnableModeSwitch", "ProbabilitySwitch", "RunnableProbabilitySwitch")
 CALLS = {"RunnableCall": "runnable", "TaskRunnableCall": "runnable", "SynchronousServerCall": "serverRunnable"}
+_COUNTS = {"upper": "max", "average": "avg", "lower": "min"}
 _MOST_LEVELS = 100
 
 
@@ -96,6 +97,14 @@ def _sum(amounts: Sequence[Amount]) -> Amount:
     return _joined(sum((a.cycles for a in amounts), Fraction(0)), amounts, lambda one, other: one + other)
 
 
+def _repeated(amount: Amount, count: Fraction) -> Amount:
+    """Return what some steps come to that are made so often."""
+    if count == 1:
+        return amount
+    reads, writes = ({label: n * count for label, n in found.items()} for found in (amount.reads, amount.writes))
+    return replace(amount, cycles=amount.cycles * count, reads=reads, writes=writes)
+
+
 def _largest(amounts: Sequence[Amount]) -> Amount:
     """Return the upper bound of several branches: most cycles, and of every label the most accesses."""
     return _joined(max((a.cycles for a in amounts), default=Fraction(0)), amounts, max)
@@ -151,7 +160,9 @@ class Evaluator:
         if step.kind in CALLS:
             called = self._forest.ref(step, CALLS[step.kind])
             step.use()
-            return _NOTHING if called is None else self._call(called, mode, unit)
+            if called is None:
+                return _NOTHING
+            return _repeated(self._call(called, mode, unit), self._count(step, "statistic"))
         if step.kind in SWITCHES:
             return self._switch(step, mode, unit)
         if step.kind in GROUPS:
@@ -177,11 +188,19 @@ class Evaluator:
             return _NOTHING
         self.accesses[step] = label
         writes = step.get("access") == "write"  # what is not stated is a read, as in ITEA
-        statistic = step.one("statistic")
-        counted = None if statistic is None else statistic.one("write" if writes else "read")
-        stated = None if counted is None else self._forest.number(counted, "value")
-        count = {label: Fraction(1) if stated is None else stated}
+        count = {label: self._count(step, "value", "write" if writes else "read")}
         return Amount(writes=count) if writes else Amount(reads=count)
+
+    def _count(self, step: Item, *spellings: str) -> Fraction:
+        """Return how often a step is made: once, unless a statistic states a number or its bounds."""
+        statistic = step.one("statistic")
+        stated = None if statistic is None else statistic.one(*spellings)
+        if stated is None:
+            return Fraction(1)
+        number = self._forest.number(stated, "value")
+        if number is None:
+            number = self._forest.number(stated, _COUNTS[self._statistic])
+        return Fraction(1) if number is None else number
 
     def _call(self, runnable: Item, mode: SystemMode, unit: Pu) -> Amount:
         key = (runnable, mode.name, unit.item)

@@ -31,7 +31,7 @@ def is_interrupt(forest: Forest, task: Item) -> bool:
 
 def interrupts_of(
     forest: Forest,
-    routines: Mapping[Item, Duration | None],
+    routines: Mapping[Item, Sequence[Duration]],
     hardware: Hardware,
     allocation: Allocation | None,
     evaluator: Evaluator,
@@ -40,33 +40,40 @@ def interrupts_of(
 ) -> dict[Item, tuple[Interrupt, ...]]:
     """Return the interrupts of every unit; report the routines whose time, distance or unit is not known.
 
-    `routines` have the least distance of their arrivals. One that may run on several units interrupts each of them.
+    `routines` have the least distances of their arrivals: one interrupt for each, since activations of several
+    stimuli may come at one time. A routine that may run on several units interrupts each of them.
     """
     names = Names(forest.findings)
     found: dict[Item, tuple[Interrupt, ...]] = {}
     lacking: list[Item] = []
-    for routine, distance in routines.items():
+    accessing: list[Item] = []
+    for routine, distances in routines.items():
         if overlay is not None and overlay.states_interrupt(legal(routine.name)):
             routine.use()
             continue
         bound = None if allocation is None else allocation.units(routine)
         units = [unit for unit in hardware.units if bound is None or unit.item in bound]
         times = {unit.item: _time(routine, unit, evaluator, modes) for unit in units}
-        if not distance or not times or not all(times.values()):
+        if any(step.kind == "LabelAccess" for step in everything(forest, steps(routine))):
+            accessing.append(routine)
+        if not distances or not times or not all(times.values()):
             lacking.append(routine)
             continue
         routine.use()
-        name = names.unique(routine.name, "interrupt", routine.at)
         origin = Origin(routine.at.file, routine.at.line, routine.name)
-        for unit, time in times.items():
-            if time is not None:
-                interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
-                found[unit] = (*found.get(unit, ()), interrupt)
+        for distance in distances:
+            name = names.unique(routine.name, "interrupt", routine.at)
+            for unit, time in times.items():
+                if time is not None:
+                    interrupt = Interrupt(name=name, distance=distance, wcet=time, origin=origin)
+                    found[unit] = (*found.get(unit, ()), interrupt)
     if lacking:
         listed = ", ".join(routine.name for routine in lacking)
         message = f"{len(lacking)} interrupt routines have no time, distance or unit: {listed}"
         help = "state them as interrupts of their unit under platform: in an overlay"
         forest.findings.add(codes.UNKNOWN_INTERRUPT(message, at=lacking[0].at, help=help))
+    help = "let the ticks of the routine contain them, and state shares of the memory in an overlay"
+    forest.report_each(codes.NOT_READ, "interrupt routines access labels, which takes no share", accessing, help)
     return found
 
 

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import heapq
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import CALLS, GROUPS, everything, steps
 from halpipe.importers.amalthea.interrupts import is_interrupt
@@ -23,6 +21,7 @@ from halpipe.importers.common.polling import polling_period
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
@@ -65,8 +64,8 @@ class Drafts:
     by_task: dict[Item, list[Draft]] = field(default_factory=dict)
     parts: dict[Item, list[Part]] = field(default_factory=dict)
     without: dict[Item, str] = field(default_factory=dict)
-    routines: dict[Item, Duration | None] = field(default_factory=dict)
-    """Interrupt routines, with the least distance of their arrivals."""
+    routines: dict[Item, list[Duration]] = field(default_factory=dict)
+    """Interrupt routines, with the least distances of their arrivals, by activation."""
 
     def of(self, task: Item) -> list[Draft]:
         """Return the drafts of a task."""
@@ -194,12 +193,11 @@ class _Drafting:
             self.forest.report(codes.SPORADIC, what, stimulus, help)
 
     def _interrupts(self) -> None:
-        """Note the least distance of the arrivals of each interrupt routine."""
+        """Note the least distances of the arrivals of each interrupt routine; several may come at one time."""
         for routine in self.routines:
             found = [a for s in self.forest.refs(routine, "stimuli") for a in activations_of(self.forest, s)]
-            several = sum((1 / Fraction(a.distance.ns if a.distance else a.period.ns) for a in found), Fraction(0))
             stated = None if self.overlay is None else self.overlay.task_period(routine.name)
-            self.result.routines[routine] = stated or (Duration(1 / several) if several else None)
+            self.result.routines[routine] = [stated] if stated else [a.distance or a.period for a in found]
 
     def _carried(self, task: Item, stimuli: Sequence[Item]) -> None:
         activation = activation_of(self.forest, task, stimuli)
@@ -307,7 +305,8 @@ class _Drafting:
             for draft in self.by_task.get(task, ()):
                 if draft.part.index and previous is not None:
                     draft.after[previous] = task
-                    self._edges(draft, [found for e in draft.part.waits for found in self.setters.get(e, ())], lost)
+                    setters = [found for e in draft.part.waits for found in self.setters.get(e, ())]
+                    self._edges(draft, [found for found in setters if self._is_set_for(found[1], task)], lost)
                 previous = draft
         for task in self.tasks:
             sources = [(part, step) for _, part, step in self._triggering(task)]
@@ -317,6 +316,11 @@ class _Drafting:
             self._report_several(task, sources)
         help = "state the period of the task where the loop should begin, in an overlay"
         self.forest.report_each(codes.FEEDBACK, "activations close a loop and order nothing", lost, help)
+
+    def _is_set_for(self, step: Item, task: Item) -> bool:
+        """Return whether an event is set for a task: for the one that the step names, or for all."""
+        process = self.forest.ref(step, "process")
+        return process is None or process is task
 
     def _edges(self, draft: Draft, sources: Sequence[tuple[Part, Item]], lost: list[Item]) -> None:
         for part, cause in sources:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.durations import seconds
 from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.hardware import Pu
 from halpipe.importers.amalthea.memory import length_of, placed
 from halpipe.importers.amalthea.names import legal
 from halpipe.models import WHOLE, Version
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Amount, Evaluator
-    from halpipe.importers.amalthea.hardware import Pu
     from halpipe.importers.amalthea.memory import Memories
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.parts import Draft
@@ -67,6 +67,9 @@ class VersionMaker:
         modes = [mode for mode in self._modes if mode.name in draft.modes]
         result = Versions(by_mode={mode.name: [] for mode in modes})
         works = []
+        if not candidates:  # nothing is timed, but what the steps state is looked at
+            for mode in modes:
+                self._evaluator.amount(draft.part.steps, mode, Pu(draft.task, None, None))
         for group in _groups(candidates):
             amounts = {mode.name: self._evaluator.amount(draft.part.steps, mode, group[0]) for mode in modes}
             works.append((group, amounts))

@@ -10,7 +10,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 from urllib.parse import unquote_plus
 
-from halpipe.core.diagnostics import Location, Path, Subject, named
+from halpipe.core.diagnostics import Location, Path, Severity, Subject, named
 from halpipe.core.durations import Duration
 from halpipe.core.quantities import quoted
 from halpipe.core.suggest import did_you_mean
@@ -79,6 +79,30 @@ _CLASSES = {
     "tags": "Tag",
     "semaphores": "Semaphore",
     "customProperties": "CustomProperty",
+    "channels": "Channel",
+    "sections": "Section",
+    "customEntities": "CustomEntity",
+    "osOverheads": "OsOverhead",
+    "apiOverhead": "OsAPIOverhead",
+    "isrCategory1Overhead": "OsISROverhead",
+    "isrCategory2Overhead": "OsISROverhead",
+    "osDataConsistency": "OsDataConsistency",
+    "dataStability": "DataStability",
+    "nonAtomicDataCoherency": "NonAtomicDataCoherency",
+    "schedulerDefinitions": "SchedulerDefinition",
+    "schedulingParameterDefinitions": "SchedulingParameterDefinition",
+    "physicalSectionMapping": "PhysicalSectionMapping",
+    "physicalSectionConstraints": "PhysicalSectionConstraint",
+    "dataCoherencyGroups": "DataCoherencyGroup",
+    "dataStabilityGroups": "DataStabilityGroup",
+    "namespaces": "Namespace",
+    "coreClassifiers": "CoreClassifier",
+    "memoryClassifiers": "MemoryClassifier",
+    "connections": "HwConnection",
+    "internalConnections": "HwConnection",
+    "ports": "HwPort",
+    "accessElements": "HwAccessElement",
+    "eventsToTrace": "EventConfig",
 }
 _QUALIFIED = ("HwFeature", "HwPort", "ModeLiteral")  # referred to as owner/name
 _ALIASES = {"Periodic": "PeriodicStimulus", "Core": "ProcessingUnit", "Mode": "EnumMode"}
@@ -175,6 +199,8 @@ class Forest:
         self._by_name: dict[tuple[str, str], Item] = {}
         self._names: dict[str, list[str]] = {}
         self._dangling: set[tuple[str, str]] = set()
+        self.reported: set[Item] = set()
+        """The items that a warning of their own names."""
         for document in documents:
             self._enter(document)
         self._report_repeated()
@@ -328,10 +354,16 @@ class Forest:
 
     def report(self, code: Code, message: str, item: Item, help: str) -> None:
         """Collect a finding about one item."""
+        self._note([item], code)
         self.findings.add(code(message, at=item.at, path=item.path, help=help))
+
+    def _note(self, items: Sequence[Item], code: Code) -> None:
+        if code.severity is Severity.WARNING:
+            self.reported.update(items)
 
     def report_each(self, code: Code, what: str, items: Sequence[Item], help: str) -> None:
         """Collect one finding about several items: how many, which, and where the first stands."""
         if items:
+            self._note(items, code)
             names = few([item.name or item.path for item in items])
             self.findings.add(code(f"{len(items)} {what}: {names}", at=items[0].at, help=help))
