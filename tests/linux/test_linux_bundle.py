@@ -480,6 +480,8 @@ def test_a_faithful_recording_is_sound():
         (lambda seen: [seen[0]._replace(start=4_700_000, end=4_800_000), *seen[1:]], deploy_codes.WRONG_ORDER),
         (lambda seen: [seen[0]._replace(end=4_300_000), *seen[1:]], deploy_codes.OVERLAP),
         (lambda seen: [seen[0]._replace(end=2_000_002), *seen[1:]], deploy_codes.LATE_JOB),
+        (lambda seen: [seen[0]._replace(has_data=False), *seen[1:]], deploy_codes.NO_DATA),
+        (lambda seen: [*seen[:-1], seen[-1]._replace(end=2**62)], deploy_codes.ENDLESS_JOB),
         (
             lambda seen: [r._replace(table="both") if r.table == "one->both" else r for r in seen],
             deploy_codes.FOREIGN_JOB,
@@ -497,7 +499,7 @@ def test_without_rights_only_order_and_completeness_count():
     assert found(owner, tables, late, is_timed=False) == []
 
 
-ROW = b"task,job,mode,cycle,start,end,units,busy,planned\na,0,m,%d,0,1,u,1,0\n"
+ROW = b"task,job,mode,cycle,start,end,units,busy,planned,data\na,0,m,%d,0,1,u,1,0,1\n"
 DAMAGED = [b"", b"a,b\n", ROW.splitlines()[0], b"\xff", b"a" * 200_000, ROW % 10**20, ROW % -1]
 
 

@@ -152,7 +152,7 @@ def test_the_threads_have_no_data_race(tmp_path, monkeypatch):
         str(bundle / "tables.c"),
         str(bundle / "not_locked.c"),
     ]
-    flags = ["-std=gnu17", "-O1", "-g", "-fsanitize=thread", "-Wno-tsan", "-DSTACK=4194304", "-DPRIORITY=10"]
+    flags = ["-std=gnu17", "-O1", "-g", "-fsanitize=thread", "-Wno-tsan", "-DPRIORITY=10"]
     command = [
         "cc",
         *flags,

@@ -19,7 +19,8 @@ class Execution:
     `busy` is the time in which it really ran, less than `end` - `start` where it was preempted. `end` and `busy` are
     None for what still ran when the trace ended. `table` (a mode, or ``a->b`` for the switch), `cycle` (tables
     played, from 0) and `job` (index in the table) are stated by some traces; empty or None by the others. `stretches`
-    are the intervals in which it ran, of a job that paused, where the trace tells.
+    are the intervals in which it ran, of a job that paused, where the trace tells. `has_data` is false for a job for
+    which there was no message, None where the trace does not tell.
     """
 
     task: str
@@ -31,6 +32,7 @@ class Execution:
     cycle: int | None = None
     job: int | None = None
     stretches: tuple[tuple[Duration, Duration], ...] = ()
+    has_data: bool | None = None
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
 

@@ -30,6 +30,13 @@ def test_the_folder_has_the_new_files_and_no_others(tmp_path, before):
     assert os.listdir(target.parent) == ["out"]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="the mode of a file is one of POSIX")
+def test_programs_of_a_folder_can_be_started(tmp_path):
+    write_directory(str(tmp_path / "out"), seal("k", {"run.sh": b"#!/bin/sh\n", "text": b"#\n"}, {}))
+    assert [os.access(tmp_path / "out" / name, os.X_OK) for name in ("run.sh", "text")] == [True, False]
+    assert os.stat(tmp_path / "out" / "text").st_mode & 0o111 == 0
+
+
 def test_a_folder_of_somebody_else_is_left_alone(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     with pytest.raises(HalpipeError) as refused:

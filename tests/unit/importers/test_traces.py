@@ -32,6 +32,16 @@ def told(text, code):
 # ------------------------------------------------------------------------------------------------ CSV
 
 
+@pytest.mark.parametrize(("cell", "data"), [("0", False), ("1", True), ("", None)])
+def test_a_table_says_whether_there_was_a_message(cell, data):
+    (seen,) = executions(f"task,start,end,data\na,1,2,{cell}\n")
+    assert seen.has_data is data
+
+
+def test_a_flag_that_is_none_is_a_broken_row():
+    assert [d.code for d in refusal("task,start,end,data\na,1,2,yes\n")] == [codes.BROKEN_ROW.id]
+
+
 def test_every_column_of_a_table_is_read():
     (seen,) = executions("cycle,mode,task,job,units,start,end,busy\n3,race->slow,/a,2,c1 c2,10.5,20,9\n")
     assert (seen.cycle, seen.table, seen.task, seen.job, seen.units) == (3, "race->slow", "/a", 2, ("c1", "c2"))

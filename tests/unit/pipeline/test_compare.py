@@ -131,6 +131,21 @@ def test_a_job_whose_end_is_unknown_is_judged_by_its_start():
     assert found(seen, origin=ZERO) == set()
 
 
+@pytest.mark.parametrize("data", [True, False, None])
+def test_a_job_without_a_message_is_a_deviation_though_it_ran_in_time(data):
+    told = deviations(moved(play(), 1, has_data=data))
+    assert [d.code for d in told] == ([codes.NO_DATA.id] if data is False else [])
+
+
+def test_a_job_that_never_ends_is_late_once_its_end_is_over():
+    seen = play()
+    ended = Execution(task="a", units=("c1",), start=seen[0].start, end=None, table="race", cycle=0, job=0)
+    assert codes.LATE_END.id in {d.code for d in deviations([ended, *seen[1:]])}
+    last = max(seen, key=lambda execution: execution.end.ns)
+    open_end = [replace(e, end=None) if e is last else e for e in seen]
+    assert deviations(open_end) == []
+
+
 def test_another_unit():
     assert found(moved(play(), 2, units=("c9",)), origin=ZERO) == {codes.WRONG_UNIT.id}
     assert found(moved(play(), 2, units=()), origin=ZERO) == set()

@@ -190,6 +190,8 @@ def _stage_directory(target: str, contents: Mapping[str, bytes]) -> str:
             with open(inside, "xb") as stream:
                 stream.write(content)
                 stream.flush()
+                if content.startswith(b"#!"):  # a program, which others start by its name
+                    os.chmod(inside, os.stat(inside).st_mode | (os.stat(inside).st_mode & 0o444) >> 2)
                 os.fsync(stream.fileno())
     except BaseException:
         shutil.rmtree(staged, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""The diagnostics of checking Linux bundles: HAL1080 to HAL1088."""
+"""The diagnostics of checking Linux bundles: HAL1080 to HAL1090."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -41,4 +41,14 @@ NOT_REAL_TIME = warning(
     "Machine gives no real-time rights",
     "Without SCHED_FIFO, locked memory or a CPU for each unit, late starts say nothing about the bundle. Only order "
     "and completeness are judged.",
+)
+NO_DATA = error(
+    "HAL1089",
+    "Job of a run had no message",
+    "The instant of the job came and there was no message for it: its publisher is missing, stopped or late.",
+)
+ENDLESS_JOB = error(
+    "HAL1090",
+    "Job never ended",
+    "It still ran when the recording ended: the program waits for something or loops.",
 )

@@ -1,4 +1,4 @@
-"""Holds the recording of a run against the schedule: every job once, in order, apart from what excludes it, in time."""
+"""Judgement of a recorded run: every job once, with its data, in order, apart from what excludes it, in time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Code, Diagnostic
     from halpipe.models import Job, Schedule, TaskModel
 
-_COLUMNS = ("task", "job", "mode", "cycle", "start", "end", "units", "busy", "planned")
+_COLUMNS = ("task", "job", "mode", "cycle", "start", "end", "units", "busy", "planned", "data")
+_ENDLESS = 2**62
 
 
 MOST_CYCLES = 10_000_000
@@ -27,7 +28,7 @@ MOST_CYCLES = 10_000_000
 
 
 class Ran(NamedTuple):
-    """A recorded job; times are nanoseconds from the first instant on."""
+    """A recorded job; times are nanoseconds from the first instant on, those of the end of a running job infinite."""
 
     task: str
     job: int
@@ -36,6 +37,12 @@ class Ran(NamedTuple):
     start: int
     end: int
     planned: int
+    has_data: bool = True
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the job ended before the recording did."""
+        return self.end < _ENDLESS
 
 
 @record
@@ -60,7 +67,7 @@ def read_recording(data: bytes) -> list[Ran]:
         rows = list(csv.reader(io.StringIO(data.decode(), newline="")))
         if tuple(rows[0]) != _COLUMNS:
             raise ValueError("other columns")
-        found = [Ran(r[0], int(r[1]), r[2], int(r[3]), int(r[4]), int(r[5]), int(r[8])) for r in rows[1:]]
+        found = [_ran(row) for row in rows[1:]]
         if wrong := next((ran.cycle for ran in found if not 0 <= ran.cycle < MOST_CYCLES), None):
             raise ValueError(f"there is no cycle {wrong}")
     except (ValueError, IndexError, csv.Error) as failure:
@@ -71,12 +78,18 @@ def read_recording(data: bytes) -> list[Ran]:
     return sorted(found, key=lambda ran: (ran.start, ran.end, ran.task))
 
 
+def _ran(r: Sequence[str]) -> Ran:
+    end = int(r[5]) if r[5] else _ENDLESS
+    return Ran(r[0], int(r[1]), r[2], int(r[3]), int(r[4]), end, int(r[8]), r[9] != "0")
+
+
 def judge(model: TaskModel, schedule: Schedule, recording: Sequence[Ran], *, is_timed: bool) -> Judgement:
     """Judge a recording; without `is_timed`, only whether every job ran once and in the order of its unit."""
     judging = _Judge(model, schedule, recording)
     tables = judging.sequence()
     judging.completeness(tables)
     judging.order()
+    judging.data()
     if is_timed:
         judging.exclusion()
         judging.ends()
@@ -118,6 +131,8 @@ class _Judge:
         findings = Findings()
         helps = {
             codes.MISSING_JOB.id: "give the programs less to do, or the tasks longer WCETs",
+            codes.NO_DATA.id: "start the publisher before the tables, or let the task run later in the table",
+            codes.ENDLESS_JOB.id: "bound the loops and waits of the program",
             codes.LATE_JOB.id: "measure the programs on this machine, and state WCETs that they keep",
         }
         for (id, path), texts in self.faults.items():
@@ -172,6 +187,15 @@ class _Judge:
             if ran.table in self.tables and (ran.task, ran.job) in self.tables[ran.table]
         ]
 
+    def data(self) -> None:
+        """Find jobs without data, and jobs that never ended."""
+        for ran in self.recording:
+            if not ran.has_data:
+                self._fault(codes.NO_DATA, about(task=ran.task), f"no message for job {ran.job} in cycle {ran.cycle}")
+            if not ran.is_over:
+                text = f"job {ran.job} of table {ran.table[:60]} still runs at the end of the recording"
+                self._fault(codes.ENDLESS_JOB, about(task=ran.task), text)
+
     def order(self) -> None:
         """Find jobs of a unit that started before one whose instant is earlier."""
         latest: dict[str, Ran] = {}
@@ -189,10 +213,11 @@ class _Judge:
         for share in self._shared():
             running: list[tuple[Ran, Job]] = []
             for ran, job in share:
-                running = [(other, its) for other, its in running if other.end > ran.start]
+                running = [(other, its) for other, its in running if ran.start < other.end < _ENDLESS]
                 for other, its in running:
                     if not _nests(ran, job, other, its):
-                        text = f"runs {min(ran.end, other.end) - ran.start}ns at the time of {other.task}"
+                        shared = min(ran.end, other.end) - ran.start
+                        text = f"runs {shared}ns at the time of {other.task}"
                         self._fault(codes.OVERLAP, about(task=ran.task), text)
                 running.append((ran, job))
 
@@ -210,7 +235,7 @@ class _Judge:
         """Find jobs that ended after their time."""
         for ran, job in self._known():
             due = Fraction(ran.planned) + (job.end - job.start).fraction
-            if ran.end > due + 1:
+            if ran.is_over and ran.end > due + 1:
                 self._fault(codes.LATE_JOB, about(task=ran.task), f"ends {int(ran.end - due)}ns late")
 
 

@@ -35,6 +35,7 @@ FOLDER = Path(__file__).parent
 _TEXT = re.compile(r"[A-Za-z0-9_./:~+@$%>-]{1,1000}")
 _ACCELERATORS = ("gpu", "fpga", "npu", "dla", "dsp", "tpu", "accelerator")
 RUNTIME = ("dispatch.c", "dispatch.h", "record.c")
+_PROGRAM = ("programs.c", "main.c")
 _DUMMY, _PIECES = "src/dummy.c", "src/dummy_pieces.c"
 
 
@@ -101,7 +102,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
         **_rendered(values, programs, options),
         **tree.files,
     }
-    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, "main.c")}
+    files |= {f"runtime/{file}": (FOLDER / "runtime" / file).read_bytes() for file in (*RUNTIME, *_PROGRAM)}
     facts = {
         "model": model.name,
         "cpus": dict(cpus),

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from halpipe.core.durations import Duration
     from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
 
+_OVERRUN, _FAULT = HealthEvent.OVERRUN, HealthEvent.FAULT
+
 
 @record
 class Part:
@@ -52,6 +54,7 @@ class Worker:
     cpu: int
     priority: int
     refuge: int
+    fault: int
     tables: list[list[Row]]
 
 
@@ -98,8 +101,8 @@ def tables_of(
             if key not in workers:
                 unit, levelled = job.units[0], levels[job.task]
                 tables: list[list[Row]] = [[] for _ in jobs]
-                refuge = _refuge(model, schedule, job.task)
-                workers[key] = Worker(job.task, unit, " ".join(job.units), cpus[unit], levelled, refuge, tables)
+                overrun, fault = (_refuge(model, schedule, job.task, event) for event in (_OVERRUN, _FAULT))
+                workers[key] = Worker(job.task, unit, " ".join(job.units), cpus[unit], levelled, overrun, fault, tables)
             parts = held.parts(job)
             place = known.setdefault(parts, len(known))
             program = programs[job.task, job.version]
@@ -197,13 +200,21 @@ class _Programs:
         return version_of(job.task, job.version)
 
 
-def is_followed(rule: HealthRule) -> bool:
-    """Whether the dispatcher does what a health rule says: a switch after a single overrun."""
-    return rule.action is HealthAction.SWITCH and rule.count == 1 and rule.event is not HealthEvent.FAULT
+def is_followed(rule: HealthRule, *, catches_faults: bool = False) -> bool:
+    """Return whether the dispatcher follows a health rule: a switch after a single event that it can survive.
+
+    A fault of a shared object is a signal that ends the process; hosts that catch exceptions survive theirs.
+    """
+    survives = catches_faults or rule.event is not _FAULT
+    return rule.action is HealthAction.SWITCH and rule.count == 1 and survives
 
 
-def _refuge(model: TaskModel, schedule: Schedule, task: str) -> int:
-    """Return the mode that the first health rule of a task goes to after an overrun, -1 if there is none."""
+def _refuge(model: TaskModel, schedule: Schedule, task: str, event: HealthEvent) -> int:
+    """Return the mode that the first health rule of a task goes to after an event, -1 if there is none."""
     modes = [mode.name for mode in schedule.modes]
-    rules = (rule for rule in model.health if rule.task == task and is_followed(rule) and rule.mode in modes)
-    return next((modes.index(rule.mode) for rule in rules), -1)
+    rules = (
+        rule
+        for rule in model.health
+        if rule.task == task and is_followed(rule, catches_faults=True) and rule.event in (event, HealthEvent.ANY)
+    )
+    return next((modes.index(rule.mode) for rule in rules if rule.mode in modes), -1)

@@ -1,9 +1,9 @@
-"""Traces as CSV: one row for each execution, columns by name.
+"""CSV reader of traces: one row for each execution, columns by name.
 
 Needed are ``task``, ``start`` and ``end``; known are also ``units`` (separated by blanks), ``mode``, ``cycle``,
-``job`` and ``busy``. Times are nanoseconds, or as the name of the column says: ``start_us``. An empty end is that of a
-job which still ran when the trace ended. CARET's records have two columns for each callback instead, which end in
-``/callback_start_timestamp`` and ``/callback_end_timestamp``.
+``job``, ``busy`` and ``data`` (0: there was no message for the job). Times are nanoseconds, or as the name of the
+column says: ``start_us``. An empty end is that of a job which still ran when the trace ended. CARET's records have
+two columns for each callback instead, which end in ``/callback_start_timestamp`` and ``/callback_end_timestamp``.
 """
 
 from __future__ import annotations
@@ -111,6 +111,12 @@ def _recorded(records: dict[str, tuple[int, int]], cells: list[str], at: Locatio
     return found
 
 
+def _flag(text: str) -> bool:
+    if text not in ("0", "1"):
+        raise ValueError(f"data is {text[:20]!r}, neither 0 nor 1")
+    return text == "1"
+
+
 class _Row:
     """Reads the cells of a row by the names of their columns."""
 
@@ -135,6 +141,7 @@ class _Row:
             table=self._cell(cells, "mode"),
             cycle=self._optional(cells, "cycle", whole),
             job=self._optional(cells, "job", whole),
+            has_data=self._optional(cells, "data", _flag),
             at=Location(self.file, line),
         )
 

@@ -74,3 +74,9 @@ ALIGNED = note(
     "With --origin auto, the zero of the schedule is laid where no job starts early and one starts on time. A lateness "
     "that all jobs share cannot be seen then.",
 )
+NO_DATA = error(
+    "HAL1115",
+    "Job ran without data",
+    "Its instant came and there was no message for it. It started in time, and yet its part of every chain is missing: "
+    "the publisher is not there, has stopped, or publishes later than scheduled.",
+)

@@ -45,8 +45,14 @@ class Judge:
 
     def judge(self, matching: Matching) -> None:
         """Judge everything that ran, and what did not."""
+        instants = (match.execution.end or match.execution.start for match in matching.matches)
+        last = max(instants, default=ZERO) - self.origin
         for match in matching.matches:
             self._start(match)
+            self._data(match)
+            if match.execution.end is None and last - match.end > self.tolerance:
+                message = f"still runs when the trace ends, {last - match.end} after {match.end}"
+                self._of(match, codes.LATE_END, last - match.end, message, "bound the loops and waits of the program")
             self._end(match)
             self._parts(match)
             self._units(match)
@@ -76,6 +82,11 @@ class Judge:
             size = late if late > ZERO else -late
             message = f"starts {size} {word}: at {match.execution.start - self.origin} instead of {match.start}"
             self._of(match, codes.WRONG_START, size, message, "look at what ran before it on its unit")
+
+    def _data(self, match: Match) -> None:
+        if match.execution.has_data is False:
+            message = f"ran without a message at {match.execution.start - self.origin}"
+            self._of(match, codes.NO_DATA, ZERO, message, "start its publisher before the tables, or schedule it later")
 
     def _end(self, match: Match) -> None:
         execution = match.execution

@@ -1,9 +1,7 @@
 #define _GNU_SOURCE
 #include "dispatch.h"
 
-#include <dlfcn.h>
 #include <errno.h>
-#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
 #include <stdatomic.h>
@@ -17,9 +15,8 @@
 
 #define SECOND INT64_C(1000000000)
 #define RING 256          /* tables that a thread may lag behind */
-#ifndef STACK
-#define STACK (256 * 1024)
-#endif
+#define MILLISECOND INT64_C(1000000)
+#define TOUCHED (128 * 1024)   /* bytes of a stack whose pages are there before the first job */
 #define SWITCHES 4096     /* that are measured */
 #define YIELDS 100        /* how often a late thread lets others begin that should have begun before */
 #define PATIENCE 20000    /* and how often in all, which is about a second */
@@ -30,45 +27,39 @@ typedef struct {          /* a table that is played */
   int table;              /* -1: the end */
 } turn;
 
-typedef struct {
+typedef struct {          /* counters have one writer; others read them while it runs */
   pthread_t thread;
-  dispatch_event *events;
-  size_t n_events;
-  uint64_t unrecorded, skipped, late_ends, lost_tables;
-  atomic_int is_done;
+  dispatch_event *events;             /* a ring: the thread adds at `head`, the recorder takes at `tail` */
+  _Atomic uint64_t head, tail, unrecorded, skipped, late_ends, lost_tables, no_data, faults;
+  atomic_int is_done, is_demoted;
   _Atomic int64_t next;   /* no job that it is about to start has an earlier instant */
+  _Atomic int64_t due;    /* the end of the slot of the job that runs, INT64_MAX: none */
+  _Atomic int64_t noticed;            /* the `due` of the last job that the conductor found to be over */
+  _Atomic int64_t planned, began;     /* of the job that runs */
+  _Atomic uint64_t cycle;
+  _Atomic uint32_t which;             /* its table and job */
   int *peers, n_peers;    /* threads of the same unit and priority, which do not preempt each other */
 } worker_state;
-
-typedef struct {
-  void (**entries)(void);
-  void **in, **out;
-} loaded_program;
-
-typedef struct {          /* before each buffer: odd while it is written */
-  _Atomic uint32_t sequence;
-  uint32_t size;
-} buffer_head;
 
 char dispatch_reason[256];
 static dispatch_options now_;
 static worker_state *workers;
-static loaded_program *programs;
-static buffer_head **buffers;
 static turn ring[RING];
 static uint64_t published;        /* turns in the ring so far */
 static pthread_mutex_t gate;      /* held for a few instructions, with priority inheritance */
 static pthread_cond_t opened = PTHREAD_COND_INITIALIZER;
-static atomic_int wanted = -1, stopping, ended;
-static _Atomic int64_t requested;
+static atomic_int wanted = -1, stopping, ended, playing, unlocked;
+static _Atomic int64_t requested, stepped;
+static atomic_uint steps;
 static dispatch_switch switches[SWITCHES];
 static size_t n_switches;
-static _Atomic uint64_t refused, torn;
-static int64_t origin;
+static _Atomic uint64_t refused, left_out;
+static int64_t origin, offset;        /* offset: of the clock of the origin to CLOCK_MONOTONIC */
 static pthread_t conductor;
-static void (*hook)(int program);
+static int (*hook)(const dispatch_job *job, int64_t at);
+static _Thread_local int here = -1;
 
-static int fail(int error, const char *what, const char *which) {
+int dispatch_fail(int error, const char *what, const char *which) {
   snprintf(dispatch_reason, sizeof dispatch_reason, "%s%s%s", what, which ? ": " : "", which ? which : "");
   return error ? error : EINVAL;
 }
@@ -81,127 +72,38 @@ static int64_t clock_now(clockid_t clock) {
   return t.tv_sec * SECOND + t.tv_nsec;
 }
 
-static void wait_until(int64_t at) {
-  const int64_t wake = at - now_.spin;
-  if (wake > clock_now(now_.clock)) {
-    const struct timespec t = {wake / SECOND, wake % SECOND};
-    while (clock_nanosleep(now_.clock, TIMER_ABSTIME, &t, NULL) == EINTR) { }
+static int64_t time_now(void) { return clock_now(CLOCK_MONOTONIC); }
+
+static void sleep_until(int64_t at) {
+  const struct timespec t = {at / SECOND, at % SECOND};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) { }
+}
+
+void dispatch_until(int64_t at) {
+  if (at - now_.spin > time_now()) sleep_until(at - now_.spin);
+  if (now_.spin > 0) while (time_now() < at) { }
+}
+
+/* How far a clock is ahead of CLOCK_MONOTONIC: the reading with the shortest time between two of the latter. */
+static int64_t offset_of(clockid_t clock) {
+  int64_t best = INT64_MAX, found = 0;
+  for (int i = 0; i < 5 && clock != CLOCK_MONOTONIC; i++) {
+    const int64_t before = time_now(), there = clock_now(clock), width = time_now() - before;
+    if (width < best) best = width, found = there - before - width / 2;
   }
-  if (now_.spin > 0) while (clock_now(now_.clock) < at) { }
+  return found;
 }
 
-/* ---------------------------------------------------------------------------------------------- programs */
-
-static size_t room_of(uint32_t size) { return (sizeof(buffer_head) + size + 63) / 64 * 64; }
-
-static int map_buffers(const char *memory) {
-  size_t total = 64;
-  for (int i = 0; i < plan.n_buffers; i++) total += room_of(plan.buffers[i].size);
-  int file = -1;
-  if (memory) {
-    file = open(memory, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-    if (file < 0 || ftruncate(file, (off_t)total)) return fail(errno, "the file of the buffers cannot be made", memory);
-  }
-  char *base = mmap(NULL, total, PROT_READ | PROT_WRITE, file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED, file, 0);
-  if (file >= 0) close(file);
-  if (base == MAP_FAILED) return fail(errno, "the buffers cannot be mapped", memory);
-  buffers = calloc((size_t)plan.n_buffers + 1, sizeof *buffers);
-  if (!buffers) return fail(ENOMEM, "no memory for the buffers", NULL);
-  for (int i = 0; i < plan.n_buffers; i++) {
-    buffers[i] = (buffer_head *)base;
-    buffers[i]->size = plan.buffers[i].size;
-    base += room_of(plan.buffers[i].size);
-  }
-  return 0;
-}
-
-static int find_symbols(void *library, const dispatch_move *moves, int n, void **found, const char *name) {
-  for (int i = 0; i < n; i++)
-    if (!(found[i] = dlsym(library, moves[i].symbol))) return fail(ENOENT, name, moves[i].symbol);
-  return 0;
-}
-
-static int load(const dispatch_program *program, loaded_program *into, const char *folder) {
-  char path[4096];
-  if (snprintf(path, sizeof path, "%s/%s", folder, program->library) >= (int)sizeof path)
-    return fail(ENAMETOOLONG, "the name of the folder is too long", NULL);
-  void *library = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-  if (!library) return fail(ENOENT, "a program cannot be loaded", dlerror());
-  into->entries = calloc(program->n_entries, sizeof *into->entries);
-  into->in = calloc((size_t)program->n_in + 1, sizeof *into->in);
-  into->out = calloc((size_t)program->n_out + 1, sizeof *into->out);
-  if (!into->entries || !into->in || !into->out) return fail(ENOMEM, "no memory for a program", program->name);
-  for (int i = 0; i < program->n_entries; i++) {
-    void *entry = dlsym(library, program->entries[i]);
-    if (!entry) return fail(ENOENT, program->name, program->entries[i]);
-    memcpy(&into->entries[i], &entry, sizeof entry);
-  }
-  const int error = find_symbols(library, program->in, program->n_in, into->in, program->name);
-  return error ? error : find_symbols(library, program->out, program->n_out, into->out, program->name);
-}
-
-int dispatch_load(const char *folder, const char *memory) {
-  int error = map_buffers(memory);
-  programs = calloc((size_t)plan.n_programs, sizeof *programs);
-  if (!error && !programs) error = fail(ENOMEM, "no memory for the programs", NULL);
-  for (int i = 0; !error && i < plan.n_programs; i++) error = load(&plan.programs[i], &programs[i], folder);
-  return error;
-}
-
-/* Others may write or read meanwhile: a word is whole, and the sequence tells whether all are of one writer. */
-static void copy_from(void *into, const buffer_head *from, size_t size) {
-  const _Atomic uint64_t *words = (const _Atomic uint64_t *)(from + 1);
-  for (size_t at = 0; at < size; at += sizeof *words) {
-    const uint64_t word = atomic_load_explicit(&words[at / sizeof *words], memory_order_relaxed);
-    memcpy((char *)into + at, &word, size - at < sizeof word ? size - at : sizeof word);
-  }
-}
-
-static void copy_to(buffer_head *into, const void *from, size_t size) {
-  _Atomic uint64_t *words = (_Atomic uint64_t *)(into + 1);
-  for (size_t at = 0; at < size; at += sizeof *words) {
-    uint64_t word = size - at < sizeof word ? atomic_load_explicit(&words[at / sizeof *words], memory_order_relaxed) : 0;
-    memcpy(&word, (const char *)from + at, size - at < sizeof word ? size - at : sizeof word);
-    atomic_store_explicit(&words[at / sizeof *words], word, memory_order_relaxed);
-  }
-}
-
-/* A copy out of a buffer is whole: it is made again if somebody wrote meanwhile; one that is not in the end is counted. */
-static void take(const dispatch_move *move, void *into) {
-  const buffer_head *from = buffers[move->buffer];
-  for (int attempt = 0; attempt < 100; attempt++) {
-    const uint32_t before = atomic_load_explicit(&from->sequence, memory_order_acquire);
-    copy_from(into, from, move->size);
-    atomic_thread_fence(memory_order_acquire);
-    if (!(before & 1) && before == atomic_load_explicit(&from->sequence, memory_order_relaxed)) return;
-  }
-  atomic_fetch_add(&torn, 1);
-}
-
-static void give(const dispatch_move *move, const void *from) {
-  buffer_head *into = buffers[move->buffer];
-  atomic_fetch_add_explicit(&into->sequence, 1, memory_order_acquire);
-  atomic_thread_fence(memory_order_release);
-  copy_to(into, from, move->size);
-  atomic_fetch_add_explicit(&into->sequence, 1, memory_order_release);
+/* Tables are played on CLOCK_MONOTONIC, which has the same rate: control goes on when the clock of the origin is set. */
+static void check_clock(void) {
+  const int64_t found = offset_of(now_.clock), step = found - offset;
+  if (step > -MILLISECOND && step < MILLISECOND) return;
+  offset = found;
+  atomic_fetch_add(&stepped, step);
+  atomic_fetch_add(&steps, 1);
 }
 
 /* --------------------------------------------------------------------------------------------- workers */
-
-static void run(const dispatch_job *job, int64_t at) {
-  if (hook) {
-    hook(job->program);
-    return;
-  }
-  const dispatch_program *program = &plan.programs[job->program];
-  const loaded_program *loaded = &programs[job->program];
-  for (int i = 0; i < program->n_in; i++) take(&program->in[i], loaded->in[i]);
-  for (int k = 0; k < job->n_parts; k++) {
-    if (k > 0) wait_until(at + job->parts[k].start);
-    for (int i = job->parts[k].first; i < job->parts[k].last; i++) loaded->entries[i]();
-  }
-  for (int i = 0; i < program->n_out; i++) give(&program->out[i], loaded->out[i]);
-}
 
 static int is_ahead(const worker_state *self, int64_t at) {
   for (int i = 0; i < self->n_peers; i++)
@@ -212,7 +114,7 @@ static int is_ahead(const worker_state *self, int64_t at) {
 /* Jobs of a unit start in the order of their instants, also when the machine was away for several of them. */
 static void wait_in_order(worker_state *self, int64_t at) {
   atomic_store_explicit(&self->next, at, memory_order_relaxed);
-  wait_until(at);
+  dispatch_until(at);
   for (int i = 0; i < PATIENCE && is_ahead(self, at); i++) {
     const struct timespec moment = {0, 50000};
     if (i < YIELDS) sched_yield();
@@ -221,35 +123,71 @@ static void wait_in_order(worker_state *self, int64_t at) {
   atomic_store_explicit(&self->next, INT64_MAX, memory_order_relaxed);
 }
 
-/* Asks for the mode to go to after an overrun, as the options say, else as the health rules of the model do. */
+/* Ask for the mode to go to after an overrun, as the options say, else as the health rules of the model do. */
 static void flee(const worker_state *self) {
   const int refuge = now_.refuge == DISPATCH_BY_RULES ? plan.workers[self - workers].refuge : now_.refuge;
   if (refuge >= 0) dispatch_request(refuge);
 }
 
-static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
+/* After a fault: the mode of a health rule, else the end. */
+static void fail_safe(worker_state *self) {
+  atomic_fetch_add(&self->faults, 1);
+  const int refuge = plan.workers[self - workers].fault;
+  if (refuge >= 0) dispatch_request(refuge);
+  else dispatch_stop();
+}
+
+static void keep(worker_state *self, const dispatch_event *event) {
+  const uint64_t head = atomic_load_explicit(&self->head, memory_order_relaxed);
+  if (head - atomic_load_explicit(&self->tail, memory_order_acquire) >= now_.capacity) {
+    atomic_fetch_add(&self->unrecorded, 1);
+    return;
+  }
+  self->events[head % now_.capacity] = *event;
+  atomic_store_explicit(&self->head, head + 1, memory_order_release);
+}
+
+static int set_priority(worker_state *w, int priority) {
+  const struct sched_param parameter = {.sched_priority = priority};
+  return pthread_setschedparam(w->thread, priority ? SCHED_FIFO : SCHED_OTHER, &parameter);
+}
+
+/* A job that is under way is known to the conductor, and to the recorder if it never ends. */
+static void begin(worker_state *self, const dispatch_job *job, const turn *turn, int64_t began) {
   const int64_t at = turn->at + job->start;
+  atomic_store_explicit(&self->planned, at, memory_order_relaxed);
+  atomic_store_explicit(&self->began, began, memory_order_relaxed);
+  atomic_store_explicit(&self->cycle, turn->cycle, memory_order_relaxed);
+  atomic_store_explicit(&self->which, (uint32_t)turn->table << 16 | job->job, memory_order_relaxed);
+  atomic_store_explicit(&self->due, turn->at + job->end, memory_order_release);
+}
+
+static void play(worker_state *self, const dispatch_job *job, const turn *turn) {
+  const int64_t at = turn->at + job->start, due = turn->at + job->end;
   wait_in_order(self, at);
-  const int64_t began = clock_now(now_.clock), slot = job->end - job->start;
-  const int is_lost = began >= at + slot;
-  if (is_lost) flee(self);
-  if (is_lost && now_.policy != DISPATCH_LOG) {
-    self->skipped++;
+  const int64_t began = time_now();
+  if (began >= due) flee(self);
+  if (began >= due && now_.policy != DISPATCH_LOG) {
+    atomic_fetch_add(&self->skipped, 1);
     return;
   }
   const int64_t used = clock_now(CLOCK_THREAD_CPUTIME_ID);
-  run(job, turn->at);
-  const int64_t over = clock_now(now_.clock);
-  self->late_ends += over > at + slot;
-  if (over > at + slot) flee(self);
-  if (self->n_events == now_.capacity) {
-    self->unrecorded++;
-    return;
+  begin(self, job, turn, began);
+  const int result = hook(job, turn->at);
+  const int64_t over = time_now();
+  atomic_store_explicit(&self->due, INT64_MAX, memory_order_release);
+  if (atomic_exchange(&self->is_demoted, 0)) set_priority(self, now_.priority + plan.workers[self - workers].priority);
+  if (result == DISPATCH_FAULT) fail_safe(self);
+  if (result == DISPATCH_NO_DATA) atomic_fetch_add(&self->no_data, 1);
+  if (over > due) {
+    atomic_fetch_add(&self->late_ends, 1);
+    if (atomic_load(&self->noticed) != due) flee(self);
   }
-  self->events[self->n_events++] = (dispatch_event){
+  const dispatch_event event = {
     .planned = at, .began = began, .ended = over, .busy = clock_now(CLOCK_THREAD_CPUTIME_ID) - used,
-    .cycle = turn->cycle, .table = (uint16_t)turn->table, .job = job->job,
+    .cycle = turn->cycle, .table = (uint16_t)turn->table, .job = job->job, .result = (int16_t)result,
   };
+  keep(self, &event);
 }
 
 /* Wait for a turn; one that lags by more than the ring goes on with the oldest that is still known. */
@@ -257,7 +195,7 @@ static turn turn_of(uint64_t *number, worker_state *self) {
   pthread_mutex_lock(&gate);
   while (published <= *number) pthread_cond_wait(&opened, &gate);
   if (published - *number > RING) {
-    self->lost_tables += published - RING - *number;
+    atomic_fetch_add(&self->lost_tables, published - RING - *number);
     *number = published - RING;
   }
   const turn found = ring[*number % RING];
@@ -266,13 +204,15 @@ static turn turn_of(uint64_t *number, worker_state *self) {
 }
 
 static void prefault(void) {
-  volatile char page[STACK / 2];
+  volatile char page[TOUCHED];
   for (size_t i = 0; i < sizeof page; i += 1024) page[i] = 1;
 }
 
 static void *work(void *argument) {
   const int index = (int)(intptr_t)argument;
   worker_state *self = &workers[index];
+  here = index;
+  dispatch_enter();
   prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);   /* counts where SCHED_FIFO was refused */
   prefault();
   for (uint64_t number = 0;; number++) {
@@ -299,7 +239,7 @@ static void publish(turn next) {
 /* How long the request that ends `table` waited for the next one, which begins at `at`. */
 static void measure(int table, int64_t at, int64_t asked) {
   if (n_switches == SWITCHES) return;
-  const int64_t time = clock_now(now_.clock);
+  const int64_t time = time_now();
   switches[n_switches++] = (dispatch_switch){asked, time > at ? time : at, plan.tables[table].length + now_.lead};
 }
 
@@ -316,7 +256,30 @@ static int choose(int table, int64_t at) {
   return next < 0 ? table : next;
 }
 
-/* The end of a table is its beginning plus its length, and what is no whole nanosecond is kept: nothing drifts. */
+/* Find the jobs that still run though their slots are over: a job that never returns cannot tell so itself.
+ *
+ * One that is late by more than a table loses its priority until it returns, so that the other tasks of its CPU run. */
+static void watch(int64_t now, int64_t length) {
+  for (int i = 0; i < plan.n_workers; i++) {
+    worker_state *w = &workers[i];
+    const int64_t due = atomic_load_explicit(&w->due, memory_order_acquire);
+    if (now <= due) continue;
+    if (atomic_exchange(&w->noticed, due) != due) flee(w);
+    else if (now_.priority && now - due > length && !atomic_load(&w->is_demoted)) {
+      atomic_store(&w->is_demoted, 1);
+      set_priority(w, 0);
+    }
+  }
+}
+
+/* The instant at which a table ends; what is no whole nanosecond is kept, so nothing drifts. */
+static int64_t after(int table, int64_t at, int64_t *rest) {
+  *rest += plan.tables[table].rest;
+  const int64_t end = at + plan.tables[table].length + *rest / plan.parts;
+  *rest %= plan.parts;
+  return end;
+}
+
 static void *conduct(void *unused) {
   (void)unused;
   prctl(PR_SET_TIMERSLACK, 1UL, 0, 0, 0);
@@ -326,26 +289,23 @@ static void *conduct(void *unused) {
   uint64_t cycle = 0;
   publish((turn){cycle, at, table});
   for (;;) {
-    const dispatch_table *t = &plan.tables[table];
-    rest += t->rest;
-    at += t->length + rest / plan.parts;
-    rest %= plan.parts;
+    const int64_t length = plan.tables[table].length;
+    atomic_store(&playing, table);
+    at = after(table, at, &rest);
     cycle++;
-    const int64_t lead = now_.lead < t->length / 4 ? now_.lead : t->length / 4;
-    if (t->length > 0) {
-      const struct timespec due = {(at - lead) / SECOND, (at - lead) % SECOND};
-      while (clock_nanosleep(now_.clock, TIMER_ABSTIME, &due, NULL) == EINTR) { }
+    if (length > 0) {
+      sleep_until(at - (now_.lead < length / 4 ? now_.lead : length / 4));
+      check_clock();
+      watch(time_now(), length);
     }
     if (atomic_load(&stopping) || (now_.cycles && cycle >= now_.cycles)) break;
     table = choose(table, at);
-    const int64_t length = plan.tables[table].length, time = clock_now(now_.clock);
+    const int64_t next = plan.tables[table].length, time = time_now();
     /* Far too late, whole tables are left out, so that phases stay; what is less is caught up with. */
-    const int64_t patience = now_.policy == DISPATCH_LOG ? RING / 8 * length : length;
-    while (table < plan.n_modes && length > 0 && at + patience <= time) {
-      rest += plan.tables[table].rest;
-      at += length + rest / plan.parts;
-      rest %= plan.parts;
-      cycle++;
+    const int64_t patience = now_.policy == DISPATCH_LOG ? RING / 8 * next : next;
+    for (; table < plan.n_modes && next > 0 && at + patience <= time; cycle++) {
+      at = after(table, at, &rest);
+      atomic_fetch_add(&left_out, 1);
     }
     publish((turn){cycle, at, table});
   }
@@ -356,11 +316,22 @@ static void *conduct(void *unused) {
 
 /* ------------------------------------------------------------------------------------------ start and end */
 
-static int create(pthread_t *thread, void *(*body)(void *), void *argument, int cpu, int priority) {
+/* Whether memory that was locked may be given up for what has no room else, and was until now. */
+static int unlock(int error) {
+  if (!now_.may_unlock || (error != EAGAIN && error != ENOMEM) || atomic_exchange(&unlocked, 1)) return 0;
+  return munlockall() == 0;
+}
+
+static void *room(size_t n, size_t size) {
+  void *found = calloc(n, size);
+  return found || !unlock(ENOMEM) ? found : calloc(n, size);
+}
+
+static int create(pthread_t *thread, void *(*body)(void *), void *argument, const char *name, int cpu, int priority) {
   pthread_attr_t attributes;
   int error = pthread_attr_init(&attributes);
   if (error) return error;
-  pthread_attr_setstacksize(&attributes, STACK);
+  if (now_.stack) error = pthread_attr_setstacksize(&attributes, now_.stack);
   if (cpu >= 0) {
     cpu_set_t set;
     CPU_ZERO(&set);
@@ -373,9 +344,16 @@ static int create(pthread_t *thread, void *(*body)(void *), void *argument, int 
     pthread_attr_setschedpolicy(&attributes, SCHED_FIFO);
     pthread_attr_setschedparam(&attributes, &parameter);
   }
-  error = pthread_create(thread, &attributes, body, argument);
+  if (!error) error = pthread_create(thread, &attributes, body, argument);
+  if (error && unlock(error)) error = pthread_create(thread, &attributes, body, argument);
   pthread_attr_destroy(&attributes);
+  const size_t length = strlen(name);   /* the last letters tell tasks apart, and a name has room for 15 */
+  if (!error) pthread_setname_np(*thread, length > 15 ? name + length - 15 : name);
   return error;
+}
+
+int dispatch_thread(void *thread, void *(*body)(void *), void *argument, const char *name) {
+  return create(thread, body, argument, name, -1, 0);
 }
 
 static int make_gate(void) {
@@ -387,7 +365,7 @@ static int make_gate(void) {
 
 static int find_peers(int worker) {
   worker_state *self = &workers[worker];
-  self->peers = calloc((size_t)plan.n_workers, sizeof *self->peers);
+  self->peers = room((size_t)plan.n_workers, sizeof *self->peers);
   if (!self->peers) return ENOMEM;
   const dispatch_worker *own = &plan.workers[worker];
   for (int i = 0; i < plan.n_workers; i++)
@@ -396,56 +374,118 @@ static int find_peers(int worker) {
   return 0;
 }
 
+/* Each CPU must be there, and this process must be allowed to use it. */
+static int check_cpus(void) {
+  cpu_set_t usable;
+  CPU_ZERO(&usable);
+  if (sched_getaffinity(0, sizeof usable, &usable)) return 0;
+  for (int i = 0; i < plan.n_workers; i++) {
+    const int cpu = now_.cpus[i];
+    if (cpu >= 0 && cpu < CPU_SETSIZE && CPU_ISSET((size_t)cpu, &usable)) continue;
+    snprintf(dispatch_reason, sizeof dispatch_reason, "unit %.100s is CPU %d, which is not there or not allowed here; %d are",
+             plan.workers[i].unit, cpu, CPU_COUNT(&usable));
+    return ENODEV;
+  }
+  return 0;
+}
+
+static int make_worker(int index) {
+  worker_state *w = &workers[index];
+  atomic_store(&w->due, INT64_MAX);
+  w->events = room(now_.capacity + 1, sizeof *w->events);
+  if (!w->events || find_peers(index)) return dispatch_fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
+  memset(w->events, 0, (now_.capacity + 1) * sizeof *w->events);   /* its pages are there */
+  return 0;
+}
+
 int dispatch_start(const dispatch_options *options) {
   now_ = *options;
-  if (make_gate()) return fail(ENOMEM, "no lock with priority inheritance", NULL);
-  workers = calloc((size_t)plan.n_workers, sizeof *workers);
-  if (!workers) return fail(ENOMEM, "no memory for the threads", NULL);
-  for (int i = 0; i < plan.n_workers; i++) {
-    workers[i].events = calloc(now_.capacity + 1, sizeof *workers[i].events);
-    if (!workers[i].events || find_peers(i)) return fail(ENOMEM, "no memory for the recorder; lower --events", NULL);
-    memset(workers[i].events, 0, (now_.capacity + 1) * sizeof *workers[i].events);   /* its pages are there */
+  int error = check_cpus();
+  if (error) return error;
+  if (now_.priority && now_.priority + plan.levels > 99) return dispatch_fail(EINVAL, "priorities pass 99; lower the one of the run", NULL);
+  if (make_gate()) return dispatch_fail(ENOMEM, "no lock with priority inheritance", NULL);
+  workers = room((size_t)plan.n_workers, sizeof *workers);
+  if (!workers) return dispatch_fail(ENOMEM, "no memory for the threads", NULL);
+  for (int i = 0; i < plan.n_workers && !error; i++) error = make_worker(i);
+  for (int i = 0; i < plan.n_workers && !error; i++) {
+    const dispatch_worker *w = &plan.workers[i];
+    const int priority = now_.priority ? now_.priority + w->priority : 0;
+    error = create(&workers[i].thread, work, (void *)(intptr_t)i, w->task, now_.cpus[i], priority);
+    if (error) return dispatch_fail(error, "a thread cannot be started for task", w->task);
   }
-  for (int i = 0; i < plan.n_workers; i++) {
-    const int priority = now_.priority ? now_.priority + plan.workers[i].priority : 0;
-    const int error = create(&workers[i].thread, work, (void *)(intptr_t)i, now_.cpus[i], priority);
-    if (error) return fail(error, "a thread cannot be started for task", plan.workers[i].task);
-  }
-  origin = now_.origin ? now_.origin : (clock_now(now_.clock) / SECOND + 2) * SECOND;
-  const int priority = now_.priority ? now_.priority + plan.levels : 0;
-  const int error = create(&conductor, conduct, NULL, -1, priority);
-  return error ? fail(error, "the conductor cannot be started", NULL) : 0;
+  if (!error) error = dispatch_recorder_begin();
+  if (error) return error;
+  offset = offset_of(now_.clock);
+  origin = now_.origin ? now_.origin - offset : ((time_now() + offset) / SECOND + 2) * SECOND - offset;
+  error = create(&conductor, conduct, NULL, "conductor", -1, now_.priority ? now_.priority + plan.levels : 0);
+  return error ? dispatch_fail(error, "the conductor cannot be started", NULL) : 0;
 }
+
+int dispatch_lock(void) { return mlockall(MCL_CURRENT | MCL_FUTURE) ? dispatch_fail(errno, "memory cannot be locked", NULL) : 0; }
 
 int dispatch_wait(int64_t seconds) {
   pthread_join(conductor, NULL);
-  struct timespec until;
-  clock_gettime(CLOCK_REALTIME, &until);
-  until.tv_sec += seconds;
+  const int64_t end = time_now() + seconds * SECOND;
   int error = 0;
-  for (int i = 0; i < plan.n_workers; i++)
-    if (pthread_timedjoin_np(workers[i].thread, NULL, &until)) error = ETIMEDOUT;
+  for (int i = 0; i < plan.n_workers; i++) {
+    while (!atomic_load(&workers[i].is_done) && time_now() < end) sleep_until(time_now() + MILLISECOND);
+    if (!atomic_load(&workers[i].is_done)) error = ETIMEDOUT;
+    else pthread_join(workers[i].thread, NULL);
+  }
   return error;
 }
 
-void dispatch_hook(void (*run)(int program)) { hook = run; }
+void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at)) { hook = run; }
 void dispatch_request(int mode) {
-  if (atomic_load(&wanted) != mode) atomic_store(&requested, clock_now(now_.clock));
+  if (atomic_load(&wanted) != mode) atomic_store(&requested, time_now());
   atomic_store(&wanted, mode);
 }
 void dispatch_stop(void) { atomic_store(&stopping, 1); }
 int dispatch_has_ended(void) { return atomic_load(&ended); }
+int dispatch_is_unlocked(void) { return atomic_load(&unlocked); }
+int dispatch_table_now(void) { return atomic_load(&playing); }
+int dispatch_worker_here(void) { return here; }
 int64_t dispatch_origin(void) { return origin; }
+uint64_t dispatch_left_out(void) { return atomic_load(&left_out); }
 uint64_t dispatch_refused(void) { return atomic_load(&refused); }
-uint64_t dispatch_torn(void) { return atomic_load(&torn); }
+
+int64_t dispatch_stepped(unsigned *times) {
+  *times = atomic_load(&steps);
+  return atomic_load(&stepped);
+}
 
 const dispatch_switch *dispatch_switches(size_t *n) {
   *n = n_switches;
   return switches;
 }
 
-dispatch_record dispatch_recorded(int worker) {
+size_t dispatch_take(int worker, dispatch_event *into, size_t most) {
+  worker_state *w = &workers[worker];
+  const uint64_t head = atomic_load_explicit(&w->head, memory_order_acquire);
+  uint64_t tail = atomic_load_explicit(&w->tail, memory_order_relaxed);
+  size_t n = 0;
+  for (; tail < head && n < most; tail++) into[n++] = w->events[tail % now_.capacity];
+  atomic_store_explicit(&w->tail, tail, memory_order_release);
+  return n;
+}
+
+int dispatch_running(int worker, dispatch_event *into) {
   const worker_state *w = &workers[worker];
-  return (dispatch_record){w->events, w->n_events, w->unrecorded, w->skipped, w->late_ends, w->lost_tables,
-                           !atomic_load(&w->is_done)};
+  const int64_t due = atomic_load_explicit(&w->due, memory_order_acquire);
+  const uint32_t which = atomic_load(&w->which);
+  *into = (dispatch_event){
+    .planned = atomic_load(&w->planned), .began = atomic_load(&w->began), .ended = INT64_MIN, .cycle = atomic_load(&w->cycle),
+    .table = (uint16_t)(which >> 16), .job = (uint16_t)which, .result = DISPATCH_RAN,
+  };
+  return due != INT64_MAX && due == atomic_load_explicit(&w->due, memory_order_acquire);
+}
+
+dispatch_counts dispatch_counted(int worker) {
+  worker_state *w = &workers[worker];
+  const int64_t over = time_now() - atomic_load(&w->due);
+  return (dispatch_counts){
+    .unrecorded = atomic_load(&w->unrecorded), .skipped = atomic_load(&w->skipped), .late_ends = atomic_load(&w->late_ends),
+    .lost_tables = atomic_load(&w->lost_tables), .no_data = atomic_load(&w->no_data), .faults = atomic_load(&w->faults),
+    .is_running = !atomic_load(&w->is_done), .is_stuck = over > 0, .over = over,
+  };
 }

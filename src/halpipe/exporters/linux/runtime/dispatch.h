@@ -1,7 +1,8 @@
-/* Plays the tables of a schedule on Linux. C17, POSIX and Linux; no dependency.
+/* Dispatcher for the tables of a schedule on Linux. C11, POSIX and Linux; no dependency.
  *
  * Every task has a thread on each CPU that it uses, under SCHED_FIFO. A thread starts its jobs at absolute instants.
- * A conductor thread decides shortly before a table ends which table follows, so a job may run across that end.
+ * A conductor thread of higher priority decides shortly before a table ends which table follows, so a job may run across
+ * that end; it also finds the jobs that still run though their slots are over. All instants are of CLOCK_MONOTONIC.
  */
 #ifndef DISPATCH_H
 #define DISPATCH_H
@@ -30,7 +31,7 @@ typedef struct {
 typedef struct {          /* a thread: one task on one unit */
   const char *task, *unit, *units;
   int cpu, priority;      /* priority: added to that of the run */
-  int refuge;             /* the mode that a health rule goes to after an overrun, -1: none */
+  int refuge, fault;      /* the modes that health rules go to after an overrun and after a fault, -1: none */
   const dispatch_rows *tables;
 } dispatch_worker;
 
@@ -74,26 +75,29 @@ extern const dispatch_plan plan;
 enum { DISPATCH_BY_RULES = -1, DISPATCH_NOWHERE = -2 };
 enum { DISPATCH_LOG, DISPATCH_SKIP, DISPATCH_SWITCH };  /* a job whose slot is over before it starts */
 
+enum { DISPATCH_FAULT = -1, DISPATCH_NO_DATA, DISPATCH_RAN };   /* results of a job */
+
 typedef struct {
-  int mode, priority, clock, policy, refuge;  /* refuge: the mode to go to after an overrun */
+  int mode, priority, clock, policy, refuge;  /* clock: of the origin; refuge: the mode to go to after an overrun */
+  int may_unlock;                             /* go on with memory that is not locked, where a thread has no room else */
   int64_t origin, spin, lead;                 /* ns; origin 0: the next whole second but one */
   uint64_t cycles;                            /* tables to play, 0: until stopped */
-  size_t capacity;                            /* events for each thread */
+  size_t capacity, stack;                     /* events waiting for the recorder, by thread; bytes, 0: the platform's */
   const int *cpus;                            /* by worker */
 } dispatch_options;
 
 typedef struct {
-  int64_t planned, began, ended, busy;
+  int64_t planned, began, ended, busy;        /* ended: INT64_MIN while it runs */
   uint64_t cycle;
   uint16_t table, job;
+  int16_t result;
 } dispatch_event;
 
-typedef struct {
-  const dispatch_event *events;
-  size_t n_events;
-  uint64_t unrecorded, skipped, late_ends, lost_tables;
-  int is_stuck;
-} dispatch_record;
+typedef struct {          /* counts of a thread */
+  uint64_t unrecorded, skipped, late_ends, lost_tables, no_data, faults;
+  int is_running, is_stuck;                   /* stuck: a job runs whose slot is over */
+  int64_t over;                               /* ns since the end of the slot of the job that is stuck */
+} dispatch_counts;
 
 typedef struct {          /* a request for a mode that was taken */
   int64_t requested, began;                   /* began: the instant of the table that followed, or when it was known, if later */
@@ -101,22 +105,42 @@ typedef struct {          /* a request for a mode that was taken */
 } dispatch_switch;
 
 /* All return 0, or an errno with the reason in dispatch_reason. */
-int dispatch_load(const char *folder, const char *memory);
+int dispatch_load(const char *folder, const char *memory);   /* the programs */
+int dispatch_lock(void);                      /* all memory, now and later */
+int dispatch_record(const char *file, uint64_t limit);   /* before the start: rows go to a file of at most so many bytes */
 int dispatch_start(const dispatch_options *options);
 int dispatch_wait(int64_t seconds);           /* for all threads to end; ETIMEDOUT if one does not */
+int dispatch_finish(void);                    /* the recording; the first errno that it met */
 void dispatch_request(int mode);              /* taken at the end of the table; any thread, also signal handlers */
 void dispatch_stop(void);                     /* at the end of the table */
 int dispatch_has_ended(void);
-int64_t dispatch_origin(void);
+int dispatch_is_unlocked(void);               /* memory was not locked in the end, see may_unlock */
+int dispatch_table_now(void);
+int64_t dispatch_origin(void);                /* on CLOCK_MONOTONIC */
+int64_t dispatch_stepped(unsigned *times);    /* ns by which the clock of the origin was set since */
+uint64_t dispatch_left_out(void);             /* tables, since the machine was away for longer than one */
 uint64_t dispatch_refused(void);              /* requests without a table between the modes */
-uint64_t dispatch_torn(void);                 /* copies out of a buffer that somebody wrote all the time */
+uint64_t dispatch_torn(void);                 /* copies out of a buffer during which its writers never paused */
 const dispatch_switch *dispatch_switches(size_t *n);   /* the first ones, as many as there is room for */
-dispatch_record dispatch_recorded(int worker);
+dispatch_counts dispatch_counted(int worker);
+int64_t dispatch_start_error(int percent);    /* ns; at most 1/64 above the exact one, 100: exact */
+uint64_t dispatch_recorded(void);             /* jobs */
+uint64_t dispatch_unwritten(void);            /* jobs, since the file could not take them */
+int dispatch_news(char *text, size_t size);   /* whether a fault came up since the last call; its description */
 extern char dispatch_reason[256];
 
-/* Instead of dispatch_load: what runs a program, for hosts whose tasks are no shared objects. */
-void dispatch_hook(void (*run)(int program));
-int dispatch_write(const char *file);         /* the recording as CSV; 0, or an errno */
+/* Between dispatcher, programs and recorder. */
+int dispatch_fail(int error, const char *what, const char *which);
+size_t dispatch_take(int worker, dispatch_event *into, size_t most);
+int dispatch_running(int worker, dispatch_event *into);
+int dispatch_worker_here(void);               /* of the calling thread, -1: none */
+int dispatch_thread(void *thread, void *(*body)(void *), void *argument, const char *name);   /* at normal priority */
+int dispatch_recorder_begin(void);
+void dispatch_enter(void);                    /* by each thread that runs foreign code */
+
+/* The function that runs the program of a job in the table that begins at `at`; dispatch_load sets its own. */
+void dispatch_hook(int (*run)(const dispatch_job *job, int64_t at));
+void dispatch_until(int64_t at);
 #ifdef __cplusplus
 }
 #endif

@@ -1,4 +1,4 @@
-/* The program around the dispatcher: options, rights, signals, requests for modes, and what was recorded. */
+/* Program around the dispatcher: options, rights, signals, requests for modes, and the summary of the run. */
 #define _GNU_SOURCE
 #include "dispatch.h"
 
@@ -32,10 +32,12 @@ static struct {
   const char *record, *control, *memory, *folder;
   int degrade_fifo, degrade_memory, degrade_cpus;
   double seconds;
+  int64_t limit;
   timed_switch switches[MOST_SWITCHES];
   int n_switches;
 } cfg = {
-  .run = {.priority = PRIORITY, .clock = CLOCK_MONOTONIC, .refuge = DISPATCH_BY_RULES, .lead = 300000, .capacity = 16384},
+  .run = {.priority = PRIORITY, .clock = CLOCK_MONOTONIC, .refuge = DISPATCH_BY_RULES, .lead = 300000, .capacity = 4096},
+  .limit = INT64_C(1) << 30,
 };
 
 static const char *usage =
@@ -45,13 +47,16 @@ static const char *usage =
   "  --switch S=MODE     ask for a mode S seconds after the first instant; may be repeated\n"
   "  --control FIFO      read requests from a named pipe: `mode NAME` or `stop`, a line each\n"
   "  --memory FILE       keep the buffers in this file, for other processes to map\n"
-  "  --record FILE       write what ran as CSV, for `halpipe compare`\n"
-  "  --events N          room for so many jobs of each thread (default 16384)\n"
+  "  --record FILE       write what ran as CSV, for `halpipe compare`, while it runs\n"
+  "  --record-size MIB   at most so much in FILE and FILE.1, the part before it (default 1024)\n"
+  "  --events N          room for so many jobs of each thread that wait for the recorder (default 4096)\n"
+  "  --stack KIB         of each thread (default: that of the platform, see ulimit -s)\n"
   "  --overrun WHAT      of a job whose slot is over before it starts: log (run it), skip, or switch=MODE (skip, and go there);\n"
   "                      default: run it, and go where a health rule of the model says\n"
   "  --priority N        of SCHED_FIFO for the lowest thread, 1 to 98\n"
   "  --spin US           sleep until so long before each start, then poll\n"
-  "  --clock NAME        monotonic, realtime or tai; the first instant is a whole second of it\n"
+  "  --clock NAME        monotonic, realtime or tai; the first instant is a whole second of it; the tables go on\n"
+  "                      as they were when it is set meanwhile, which is reported\n"
   "  --origin NS         the first instant on that clock\n"
   "  --cpus N,N,...      CPU of each unit, in the order of --list\n"
   "  --degrade WHAT      go on without: fifo, memory, cpus or all\n"
@@ -175,7 +180,9 @@ static void take_option(const char *name, char *value) {
   else if (strcmp(name, "--control") == 0) cfg.control = value;
   else if (strcmp(name, "--memory") == 0) cfg.memory = value;
   else if (strcmp(name, "--record") == 0) cfg.record = value;
-  else if (strcmp(name, "--events") == 0) cfg.run.capacity = (size_t)number(value, 0, 100000000, name);
+  else if (strcmp(name, "--record-size") == 0) cfg.limit = number(value, 1, 1 << 20, name) << 20;
+  else if (strcmp(name, "--events") == 0) cfg.run.capacity = (size_t)number(value, 1, 100000000, name);
+  else if (strcmp(name, "--stack") == 0) cfg.run.stack = 1024 * (size_t)number(value, 256, 1 << 20, name);
   else if (strcmp(name, "--overrun") == 0) take_overrun(value);
   else if (strcmp(name, "--priority") == 0) cfg.run.priority = (int)number(value, 1, 98, name);
   else if (strcmp(name, "--spin") == 0) cfg.run.spin = 1000 * number(value, 0, 1000000, name);
@@ -244,12 +251,25 @@ static int check_priority(void) {
   return error;
 }
 
-static int check_memory(void) {
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) return 0;
+static const char *const unlocked = "use the systemd unit, or `ulimit -l unlimited`, in docker --cap-add=IPC_LOCK --ulimit "
+  "memlock=-1; or lower --stack and --events; or go on with --degrade memory";
+
+static int lock_memory(void) {
+  if (dispatch_lock() == 0) return 0;
   munlockall();
-  return missing(cfg.degrade_memory, "no right to lock the memory (CAP_IPC_LOCK, or RLIMIT_MEMLOCK)",
-    "use the systemd unit, or `ulimit -l unlimited`, in docker --cap-add=IPC_LOCK --ulimit memlock=-1; or lower --events; "
-    "or go on with --degrade memory");
+  return missing(cfg.degrade_memory, "no right to lock the memory (CAP_IPC_LOCK, or RLIMIT_MEMLOCK)", unlocked);
+}
+
+/* Threads take their stacks out of the memory that may be locked. */
+static void start(void) {
+  cfg.run.may_unlock = cfg.degrade_memory;
+  const int error = dispatch_start(&cfg.run);
+  if (error) {
+    say("%s: %s", dispatch_reason, strerror(error));
+    if (error == EAGAIN || error == ENOMEM) say("  locked memory may be at its limit: %s", unlocked);
+    exit(1);
+  }
+  if (dispatch_is_unlocked()) missing(1, "RLIMIT_MEMLOCK has no room for the stacks, so the memory is not locked", "");
 }
 
 /* ------------------------------------------------------------------------------------------- requests */
@@ -282,8 +302,13 @@ static void read_requests(int control) {
 
 static int64_t elapsed(void) {
   struct timespec t;
-  clock_gettime(cfg.run.clock, &t);
+  clock_gettime(CLOCK_MONOTONIC, &t);
   return t.tv_sec * SECOND + t.tv_nsec - dispatch_origin();
+}
+
+static void report(void) {
+  char text[256];
+  while (dispatch_news(text, sizeof text)) say("%s", text);
 }
 
 /* Until the conductor ends: signals stop, requests switch, and so do the instants of --switch and --seconds. */
@@ -291,6 +316,7 @@ static void attend(int signals, int control) {
   int done = 0;
   struct pollfd sources[2] = {{.fd = signals, .events = POLLIN}, {.fd = control, .events = POLLIN}};
   while (!dispatch_has_ended()) {
+    report();
     const int64_t now = elapsed();
     int64_t next = now + SECOND / 5;
     for (; done < cfg.n_switches && cfg.switches[done].after <= now; done++) dispatch_request(cfg.switches[done].mode);
@@ -306,17 +332,6 @@ static void attend(int signals, int control) {
 
 /* --------------------------------------------------------------------------------------------- results */
 
-static int ascending(const void *a, const void *b) {
-  const int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
-  return (x > y) - (x < y);
-}
-
-static int write_record(void) {
-  const int error = dispatch_write(cfg.record);
-  if (error) say("%s cannot be written: %s", cfg.record, strerror(error));
-  return error;
-}
-
 static void summarise_switches(void) {
   size_t n;
   const dispatch_switch *taken = dispatch_switches(&n);
@@ -331,30 +346,26 @@ static void summarise_switches(void) {
            longest / 1e6, (excess < 0 ? -excess : excess) / 1e6, excess <= 0 ? "less" : "more");
 }
 
-static int summarise(void) {
-  size_t n = 0, k = 0;
-  uint64_t unrecorded = 0, skipped = 0, late = 0, lost = 0;
-  int stuck = 0;
+static void summarise(void) {
+  dispatch_counts all = {0};
+  unsigned steps;
   for (int w = 0; w < plan.n_workers; w++) {
-    const dispatch_record r = dispatch_recorded(w);
-    n += r.n_events, unrecorded += r.unrecorded, skipped += r.skipped, late += r.late_ends, lost += r.lost_tables;
-    if (r.is_stuck) stuck++, say("task %s does not return", plan.workers[w].task);
+    const dispatch_counts c = dispatch_counted(w);
+    all.unrecorded += c.unrecorded, all.skipped += c.skipped, all.lost_tables += c.lost_tables;
+    all.late_ends += c.late_ends + (uint64_t)c.is_stuck;
+    if (c.is_running) say("task %s does not return", plan.workers[w].task);
   }
-  int64_t *errors = calloc(n + 1, sizeof *errors);
-  for (int w = 0; errors && w < plan.n_workers; w++) {
-    const dispatch_record r = dispatch_recorded(w);
-    for (size_t i = 0; i < r.n_events; i++) errors[k++] = r.events[i].began - r.events[i].planned;
-  }
-  if (errors) qsort(errors, k, sizeof *errors, ascending);
-  if (errors && k)
-    printf("%zu jobs; start error p50 %.1f us, p99 %.1f us, max %.1f us\n", n, errors[(k - 1) / 2] / 1e3,
-           errors[(k * 99 + 99) / 100 - 1] / 1e3, errors[k - 1] / 1e3);
+  if (dispatch_recorded())
+    printf("%llu jobs; start error p50 %.1f us, p99 %.1f us, max %.1f us\n", (unsigned long long)dispatch_recorded(),
+           dispatch_start_error(50) / 1e3, dispatch_start_error(99) / 1e3, dispatch_start_error(100) / 1e3);
   printf("%llu skipped, %llu ended late, %llu not recorded, %llu tables lost, %llu requests refused, %llu torn copies\n",
-         (unsigned long long)skipped, (unsigned long long)late, (unsigned long long)unrecorded, (unsigned long long)lost,
+         (unsigned long long)all.skipped, (unsigned long long)all.late_ends,
+         (unsigned long long)(all.unrecorded + dispatch_unwritten()),
+         (unsigned long long)(all.lost_tables + dispatch_left_out()),
          (unsigned long long)dispatch_refused(), (unsigned long long)dispatch_torn());
-  free(errors);
   summarise_switches();
-  return stuck;
+  const int64_t step = dispatch_stepped(&steps);
+  if (steps) printf("the clock was set %u times, by %.3f ms in all\n", steps, step / 1e6);
 }
 
 int main(int argc, char **argv) {
@@ -378,16 +389,21 @@ int main(int argc, char **argv) {
   const int control = cfg.control ? open(cfg.control, O_RDWR | O_NONBLOCK | O_CLOEXEC) : -1;
   if (cfg.control && control < 0) die(1, "the control pipe cannot be opened; make it with mkfifo", cfg.control);
 
-  if (check_cpus() + check_priority() + check_memory()) return 1;
+  if (check_cpus() + check_priority()) return 1;
   if (dispatch_load(cfg.folder, cfg.memory)) die(1, dispatch_reason, NULL);
+  if (lock_memory()) return 1;
   const int latency = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);   /* held open: idle states stay shallow */
   const int32_t none = 0;
   if (latency >= 0 && write(latency, &none, sizeof none) < 0) say("idle states cannot be held off: %s", strerror(errno));
-  if (dispatch_start(&cfg.run)) die(1, dispatch_reason, NULL);
+  const int unwritable = cfg.record ? dispatch_record(cfg.record, (uint64_t)cfg.limit) : 0;
+  if (unwritable) die(1, dispatch_reason, strerror(unwritable));
+  start();
   attend(signals, control);
-  const int stuck = dispatch_wait(5);
-  const int failed = cfg.record ? write_record() : 0;
+  const int stuck = dispatch_wait(5), failed = dispatch_finish();
+  unsigned steps;
+  dispatch_stepped(&steps);
+  report();
   summarise();
   fflush(stdout);
-  _exit(stuck || failed ? 1 : 0);   /* a thread that does not return must not hold up the end */
+  _exit(stuck || failed || steps ? 1 : 0);   /* a thread that does not return must not hold up the end */
 }

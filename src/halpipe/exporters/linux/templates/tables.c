@@ -48,7 +48,7 @@ static const dispatch_rows rows_{{ w }}[] = {
 
 static const dispatch_worker workers[] = {
 {% for worker in workers %}
-  {.task = "{{ worker.task }}", .unit = "{{ worker.unit }}", .units = "{{ worker.units }}", .cpu = {{ worker.cpu }}, .priority = {{ worker.priority }}, .refuge = {{ worker.refuge }}, .tables = rows_{{ loop.index0 }}},
+  {.task = "{{ worker.task }}", .unit = "{{ worker.unit }}", .units = "{{ worker.units }}", .cpu = {{ worker.cpu }}, .priority = {{ worker.priority }}, .refuge = {{ worker.refuge }}, .fault = {{ worker.fault }}, .tables = rows_{{ loop.index0 }}},
 {% endfor %}
 };
 

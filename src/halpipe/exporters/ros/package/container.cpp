@@ -16,7 +16,7 @@ namespace {
 
 table::Executor * executor = nullptr;
 
-void run(int program) {executor->run(static_cast<size_t>(program));}
+int run(const dispatch_job * job, int64_t) {return executor->run(job->program) ? DISPATCH_RAN : DISPATCH_NO_DATA;}
 
 class Container : public rclcpp_components::ComponentManager {
 public:
@@ -24,7 +24,7 @@ public:
   : ComponentManager(tables, "table_container"), tables_(tables) {
     priority_ = static_cast<int>(declare_parameter<int64_t>("priority", PRIORITY));
     record_ = declare_parameter<std::string>("record", "");
-    events_ = declare_parameter<int64_t>("events", 16384);
+    events_ = declare_parameter<int64_t>("events", 4096);
     for (int i = 0; i < plan.n_modes; i++) {
       const auto ask = [i](
         const std::shared_ptr<std_srvs::srv::Trigger::Request>, std::shared_ptr<std_srvs::srv::Trigger::Response> answer) {
@@ -39,9 +39,7 @@ public:
     if (!is_started_) {return;}
     dispatch_stop();
     dispatch_wait(5);
-    if (!record_.empty() && dispatch_write(record_.c_str())) {
-      RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());
-    }
+    if (dispatch_finish()) {RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());}
   }
 
 protected:
@@ -81,7 +79,7 @@ private:
     options.capacity = static_cast<size_t>(events_);
     options.cpus = cpus_.data();
     dispatch_hook(run);
-    is_started_ = dispatch_start(&options) == 0;
+    is_started_ = (record_.empty() || dispatch_record(record_.c_str(), 1 << 30) == 0) && dispatch_start(&options) == 0;
     if (!is_started_) {
       RCLCPP_ERROR(get_logger(), "%s: give this process CAP_SYS_NICE, or ulimit -r 98; priority:=0 does without",
                    dispatch_reason);

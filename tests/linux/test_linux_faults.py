@@ -1,0 +1,250 @@
+"""Faults of a running bundle: hang, crash, clock steps, rights that are missing, and disks that are full."""
+
+import os
+import re
+import signal
+import subprocess
+import time
+from dataclasses import replace
+
+import pytest
+from test_linux_bundle import needs_compiler, sourced, two_modes, write
+
+from halpipe.deploy.linux.judging import read_recording
+from halpipe.models import HealthEvent, HealthRule
+from halpipe.pipeline.health import with_reactions
+
+PROGRAM = """
+#include <stdint.h>
+#include <string.h>
+int32_t seen, made;
+static volatile int n;
+#ifndef AT
+#define AT 0
+#endif
+void hang(void) { if (++n == AT) for (;;) { } }
+void crash(void) { if (++n == AT) *(volatile int *)8 = 1; }
+static int deeper(int depth) {
+  volatile char here[4096];
+  memset((char *)here, depth, 4096);
+  return deeper(depth + 1) + here[7];
+}
+void overflow(void) { if (++n == AT) made = deeper(0); }
+void large(void) { volatile char here[512 * 1024]; memset((char *)here, 1, sizeof here); made = here[n++]; }
+"""
+STEP = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <errno.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <time.h>
+typedef int (*getter)(clockid_t, struct timespec *);
+static int64_t plain(clockid_t clock) {
+  static getter real;
+  if (!real) real = (getter)dlsym(RTLD_NEXT, "clock_gettime");
+  struct timespec t;
+  real(clock, &t);
+  return t.tv_sec * 1000000000LL + t.tv_nsec;
+}
+static int64_t first;
+__attribute__((constructor)) static void begin(void) { first = plain(CLOCK_MONOTONIC); }
+static int64_t step(void) {
+  return plain(CLOCK_MONOTONIC) - first > atoll(getenv("STEP_AFTER")) ? atoll(getenv("STEP_BY")) : 0;
+}
+int clock_gettime(clockid_t clock, struct timespec *t) {
+  const int64_t now = plain(clock) + (clock == CLOCK_REALTIME ? step() : 0);
+  *t = (struct timespec){now / 1000000000, now % 1000000000};
+  return 0;
+}
+int clock_nanosleep(clockid_t clock, int flags, const struct timespec *wanted, struct timespec *left) {
+  static int (*real)(clockid_t, int, const struct timespec *, struct timespec *);
+  if (!real) *(void **)&real = dlsym(RTLD_NEXT, "clock_nanosleep");
+  if (clock != CLOCK_REALTIME || !(flags & TIMER_ABSTIME)) return real(clock, flags, wanted, left);
+  const struct timespec moment = {0, 500000};
+  for (struct timespec t;;) {
+    clock_gettime(clock, &t);
+    if (t.tv_sec > wanted->tv_sec || (t.tv_sec == wanted->tv_sec && t.tv_nsec >= wanted->tv_nsec)) return 0;
+    real(CLOCK_MONOTONIC, 0, &moment, NULL);
+  }
+}
+"""
+"""A clock of the day that is set while the program runs; everything else is the system's."""
+NO_LOCK = """
+#define _GNU_SOURCE
+#include <errno.h>
+#include <pthread.h>
+#include <dlfcn.h>
+static int locked, refused;
+int mlockall(int flags) { (void)flags; locked = 1; return 0; }
+int munlockall(void) { locked = 0; return 0; }
+int pthread_create(pthread_t *t, const pthread_attr_t *a, void *(*body)(void *), void *argument) {
+  static int (*real)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
+  if (!real) *(void **)&real = dlsym(RTLD_NEXT, "pthread_create");
+  if (locked && ++refused > 1) return EAGAIN;
+  return real(t, a, body, argument);
+}
+"""
+"""Threads have no room beside the locked memory, as with RLIMIT_MEMLOCK and stacks of 8 MiB."""
+pytestmark = [needs_compiler, pytest.mark.slow]  # a start takes a second: the tables begin at a whole one
+
+
+def built(folder, monkeypatch, entry="hang", at=0, rules=()):
+    """Two modes, in which a job of b misbehaves; a is a task of another kind."""
+    monkeypatch.setattr("test_linux_bundle.PROGRAM", PROGRAM)
+    owner, tables = two_modes()
+    ats = {"a": 0, "b": at}
+    tasks = tuple(sourced(t, entry, (f"AT={ats[t.name]}",)) for t in owner.tasks)
+    owner = replace(owner, tasks=tasks, health=rules)
+    bundle, _ = write(folder, owner, with_reactions(owner, tables) if rules else tables)
+    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    return bundle
+
+
+def run(bundle, *options, shim="", **environment):
+    """Run the dispatcher; with a shim that stands before the C library."""
+    if shim:
+        (bundle / "shim.c").write_text(shim)
+        made = ["cc", "-shared", "-fPIC", "-o", str(bundle / "shim.so"), str(bundle / "shim.c"), "-ldl"]
+        subprocess.run(made, check=True, capture_output=True)
+        environment["LD_PRELOAD"] = str(bundle / "shim.so")
+    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), *options]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=120, env={**os.environ, **environment}
+    )
+
+
+def recorded(bundle):
+    return read_recording((bundle / "run.csv").read_bytes())
+
+
+def test_a_job_that_never_returns_is_found_within_a_table(tmp_path, monkeypatch):
+    rule = HealthRule(task="b", event=HealthEvent.OVERRUN, mode="one")
+    bundle = built(tmp_path, monkeypatch, "hang", 5, (rule,))
+    ran = run(bundle, "--degrade", "all", "--seconds", "0.5")
+    seen = recorded(bundle)
+    assert ran.returncode == 1
+    assert "task b still runs" in ran.stderr
+    assert "1 ended late" in ran.stdout
+    [hung] = [r for r in seen if not r.is_over]
+    assert (hung.task, hung.cycle) == ("b", 4)
+    assert min(r.cycle for r in seen if r.table == "one") <= hung.cycle + 2
+    assert max(r.cycle for r in seen if r.task == "a") > 40  # it runs on, on the same CPU
+
+
+def test_without_a_rule_a_job_that_never_returns_is_named(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch, "hang", 5)
+    ran = run(bundle, "--degrade", "all", "--cycles", "10")
+    assert ran.returncode == 1
+    assert "task b still runs" in ran.stderr
+    assert "task b does not return" in ran.stderr
+
+
+@pytest.mark.parametrize("entry", ["crash", "overflow"])
+def test_a_crash_names_the_task_and_keeps_the_recording(tmp_path, monkeypatch, entry):
+    bundle = built(tmp_path, monkeypatch, entry, 30)
+    ran = run(bundle, "--degrade", "all", "--seconds", "2")
+    assert ran.returncode == -signal.SIGSEGV
+    assert "task b ended the process by signal 11; the recording is kept" in ran.stderr
+    b = [r for r in recorded(bundle) if r.task == "b"]
+    assert [r.cycle for r in b] == list(range(30))
+    assert [r.is_over for r in b] == [True] * 29 + [False]
+
+
+def test_a_killed_run_leaves_what_it_recorded(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch)
+    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
+    running = subprocess.Popen(command)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and not ((run := bundle / "run.csv").exists() and run.stat().st_size > 2000):
+        time.sleep(0.01)
+    running.kill()
+    running.wait()
+    assert len(recorded(bundle)) > 20
+
+
+def test_data_of_half_a_megabyte_has_room_on_a_stack(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch, "large")
+    ran = run(bundle, "--degrade", "all", "--cycles", "5")
+    assert ran.returncode == 0, ran.stderr
+    ran = run(bundle, "--degrade", "all", "--cycles", "5", "--stack", "256")
+    assert ran.returncode == -signal.SIGSEGV
+
+
+@pytest.mark.parametrize("step", [-60, -2, 3600])
+def test_the_tables_go_on_when_the_clock_is_set(tmp_path, monkeypatch, step):
+    bundle = built(tmp_path, monkeypatch)
+    options = ("--degrade", "all", "--clock", "realtime", "--seconds", "1")
+    ran = run(bundle, *options, shim=STEP, STEP_AFTER=str(2_300_000_000), STEP_BY=str(step * 1_000_000_000))
+    seen = recorded(bundle)
+    assert ran.returncode == 1
+    [milliseconds] = re.findall(r"the clock was set 1 times, by (-?[0-9]+)\.[0-9]+ ms in all", ran.stdout)
+    assert abs(int(milliseconds) - 1000 * step) <= 1
+    assert "the clock was set" in ran.stderr
+    assert 95 <= max(r.cycle for r in seen) <= 105
+    assert all(abs(r.planned - 10_000_000 * r.cycle) < 10_000_000 for r in seen)
+
+
+def test_without_a_step_the_clock_is_left_alone(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch)
+    ran = run(bundle, "--degrade", "all", "--clock", "realtime", "--cycles", "20")
+    assert (ran.returncode, "clock" in ran.stderr + ran.stdout) == (0, False)
+
+
+def test_memory_that_cannot_be_locked_for_stacks_is_given_up_if_allowed(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch)
+    ran = run(bundle, "--degrade", "all", "--cycles", "5", shim=NO_LOCK)
+    assert ran.returncode == 0, ran.stderr
+    assert "degraded: RLIMIT_MEMLOCK has no room" in ran.stderr
+    ran = run(bundle, "--degrade", "fifo", "--cycles", "5", shim=NO_LOCK)
+    assert ran.returncode == 1
+    assert "--degrade memory" in ran.stderr
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_run(tmp_path, monkeypatch):
+    """A file may have 2 KiB: rows beyond it are counted, and the last one that is written is whole."""
+    bundle = built(tmp_path, monkeypatch)
+    command = [str(bundle / "build" / "dispatcher"), "--record", str(bundle / "run.csv"), "--degrade", "all"]
+    shell = "trap '' XFSZ; ulimit -f 2; exec \"$@\""
+    ran = subprocess.run(
+        ["sh", "-c", shell, "sh", *command, "--cycles", "60"], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert ran.returncode == 1
+    assert "the recording ends: File too large" in ran.stderr
+    assert "120 jobs" in ran.stdout
+    seen = recorded(bundle)
+    assert len(seen) < 30
+    assert f"{120 - len(seen)} not recorded" in ran.stdout
+
+
+def test_a_recording_is_bounded_and_the_newest_part_stays(tmp_path, monkeypatch):
+    bundle = built(tmp_path, monkeypatch)
+    limits = (bundle / "runtime" / "main.c").read_text()
+    short = limits.replace("number(value, 1, 1 << 20, name) << 20", "2048")  # instead of as many megabytes as stated
+    assert short != limits
+    (bundle / "runtime" / "main.c").write_text(short)
+    subprocess.run(["make"], cwd=bundle, check=True, capture_output=True)
+    ran = run(bundle, "--degrade", "all", "--cycles", "60", "--record-size", "1")
+    assert ran.returncode == 0, ran.stderr
+    now = recorded(bundle)
+    former = read_recording((bundle / "run.csv.1").read_bytes())
+    assert now[-1].cycle == 59
+    assert former[-1].cycle <= now[0].cycle
+    assert len(now) < 120
+
+
+def test_cpus_that_are_not_there_are_named_in_the_host_of_another_program(tmp_path, monkeypatch):
+    """The check is that of the dispatcher itself, which a container of ROS starts."""
+    bundle = built(tmp_path, monkeypatch)
+    host = (
+        '#include "dispatch.h"\n#include <stdio.h>\n#include <time.h>\nint main(void) {\n'
+        "  int cpus[64]; for (int i = 0; i < 64; i++) cpus[i] = 999;\n"
+        "  dispatch_options o = {.clock = CLOCK_MONOTONIC, .capacity = 10, .cpus = cpus};\n"
+        '  const int error = dispatch_start(&o); printf("%d %s", error, dispatch_reason); return 0; }\n'
+    )
+    (bundle / "host.c").write_text(host)
+    sources = ["host.c", "tables.c", "runtime/dispatch.c", "runtime/record.c"]
+    command = ["cc", "-std=gnu11", "-Iruntime", "-o", "build/host", *sources, "-pthread", "-ldl"]
+    subprocess.run(command, cwd=bundle, check=True, capture_output=True)
+    ran = subprocess.run([str(bundle / "build/host")], capture_output=True, text=True, check=True)
+    assert "unit u1 is CPU 999, which is not there" in ran.stdout
