@@ -73,8 +73,9 @@ lint: $(VENV)/.test-ready
 	$(BIN)/mypy
 	$(BIN)/mypy docs/safety/second_checker.py
 
-test: lint
-	$(BIN)/pytest $(PARALLEL)
+# First answers within minutes; then what is slow, and the properties again with all their examples.
+test: lint test-fast
+	$(BIN)/pytest $(PARALLEL) -m "slow or hypothesis"
 
 test-fast: $(VENV)/.test-ready
 	@$(BUILD)

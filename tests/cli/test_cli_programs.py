@@ -31,7 +31,7 @@ VERBS = {
 
 def is_there(program):
     if program == "zig":
-        return bool(pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'"))
+        return bool(pytest.importorskip("ziglang", reason="pip install ziglang pyelftools unicorn"))
     return shutil.which(program) is not None
 
 

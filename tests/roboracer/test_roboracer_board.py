@@ -13,8 +13,8 @@ from halpipe.exporters.native.schedule import format_schedule
 from halpipe.flow.formats import open_target
 from support import ms
 
-pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
-pytest.importorskip("unicorn", reason="pip install 'halpipe[riscv]'")
+pytest.importorskip("ziglang", reason="pip install ziglang pyelftools unicorn")
+pytest.importorskip("unicorn", reason="pip install ziglang pyelftools unicorn")
 
 pytestmark = pytest.mark.slow
 

@@ -10,9 +10,9 @@ from roboracer_case import EXAMPLE
 
 from halpipe.models import AccessKind
 
-pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
-pytest.importorskip("unicorn", reason="pip install 'halpipe[riscv]'")
-pytest.importorskip("elftools", reason="pip install 'halpipe[riscv]'")
+pytest.importorskip("ziglang", reason="pip install ziglang pyelftools unicorn")
+pytest.importorskip("unicorn", reason="pip install ziglang pyelftools unicorn")
+pytest.importorskip("elftools", reason="pip install ziglang pyelftools unicorn")
 
 from rv_program import RiscvProgram
 

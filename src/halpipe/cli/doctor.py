@@ -55,7 +55,7 @@ def doctor(format: Answers = AnswerFormat.TEXT) -> int:
     for name in PACKAGES:
         found = _version(name)
         missing = missing or not found
-        output.result(f"  {name} {found or 'MISSING: pip install halpipe'}")
+        output.result(f"  {name} {found or f'MISSING: pip install {name}'}")
     for name, extra in EXTRAS.items():
         output.result(f"  {name} {_version(name) or f'not installed (optional): pip install {extra}'}")
     for name, install in PROGRAMS.items():

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from socket import socket
 
 NO_SERVER = error(
-    "HAL0958", "Workbench is not installed", "The server library comes with the extra: pip install 'halpipe[serve]'."
+    "HAL0958", "Workbench is not installed", "The server library comes with the extra: pip install starlette uvicorn."
 )
 PORT_TAKEN = error("HAL0959", "Port cannot be used", "Another program has it, or the system does not give it.")
 
@@ -44,7 +44,7 @@ def serve(
 
         from halpipe.workbench.server import application
     except ImportError:
-        help = "pip install 'halpipe[serve]'"
+        help = "pip install starlette uvicorn"
         raise HalpipeError(NO_SERVER("starlette and uvicorn are not installed", help=help)) from None
     from halpipe.cli.processors import processor_count
     from halpipe.workbench.session import Session

@@ -178,7 +178,7 @@ def test_without_the_emulator_the_way_to_install_it_is_told(sound, monkeypatch):
         CoSimulation(sound)
     (found,) = failure.value.diagnostics
     assert found.code == ENGINE_ABSENT.id
-    assert "pip install 'halpipe[riscv]'" in found.help
+    assert "pip install ziglang pyelftools unicorn" in found.help
 
 
 def test_the_command_ends_with_0_for_a_sound_bundle_and_writes_the_trace(sound, tmp_path, capsys):

@@ -2,8 +2,8 @@
 
 import pytest
 
-pytest.importorskip("ziglang", reason="needs a compiler for RISC-V: pip install 'halpipe[riscv]'")
-pytest.importorskip("elftools", reason="needs pyelftools: pip install 'halpipe[riscv]'")
+pytest.importorskip("ziglang", reason="needs a compiler for RISC-V: pip install ziglang pyelftools unicorn")
+pytest.importorskip("elftools", reason="needs pyelftools: pip install ziglang pyelftools unicorn")
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.riscv import RiscvOptions

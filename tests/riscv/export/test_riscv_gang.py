@@ -4,7 +4,7 @@ import shutil
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
 
 from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
 
 from halpipe.core.files import write_directory
 from halpipe.deploy.riscv.judge.check import CYCLES, simulate

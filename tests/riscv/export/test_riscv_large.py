@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
-pytest.importorskip("ziglang", reason="pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
+pytest.importorskip("ziglang", reason="pip install ziglang pyelftools unicorn")
 
 from halpipe.core.files import write_directory
 from halpipe.deploy.riscv.judge.check import simulate

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
 
 from halpipe.core.files import write_directory
 from halpipe.deploy.base import CheckOptions

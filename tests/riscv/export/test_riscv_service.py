@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
 
 from halpipe.core.durations import Duration
 from halpipe.core.files import write_directory

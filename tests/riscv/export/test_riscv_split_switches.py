@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-pytest.importorskip("unicorn", reason="needs the simulator: pip install 'halpipe[riscv]'")
+pytest.importorskip("unicorn", reason="needs the simulator: pip install ziglang pyelftools unicorn")
 
 from test_riscv_split import LONG, SHORT
 

@@ -300,7 +300,7 @@ def test_the_install_line_where_ortools_is_missing(monkeypatch):
         answer(hard())
     (found,) = failure.value.diagnostics
     assert found.code == codes.EXACT_MISSING.id
-    assert "pip install 'halpipe[exact]'" in found.help
+    assert "pip install ortools" in found.help
 
 
 def test_large_modes_are_refused(monkeypatch):

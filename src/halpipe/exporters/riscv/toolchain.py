@@ -22,7 +22,7 @@ from halpipe.exporters.riscv.codes import TOOLCHAIN_MISSING
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-INSTALL_ZIG = "install it: pip install 'halpipe[riscv]'"
+INSTALL_ZIG = "install it: pip install ziglang pyelftools unicorn"
 INSTALL_GCC = "install it (apt install gcc-riscv64-unknown-elf), or leave --toolchain out to use zig"
 GCC = "riscv64-unknown-elf-gcc"
 

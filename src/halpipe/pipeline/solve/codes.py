@@ -49,7 +49,7 @@ STILL_BROKEN = warning(
 EXACT_MISSING = error(
     "HAL0420",
     "Exact engine is not installed",
-    "The exact engine is OR-Tools' CP-SAT, an optional part: pip install 'halpipe[exact]'.",
+    "The exact engine is OR-Tools' CP-SAT, an optional part: pip install ortools.",
 )
 EXACT_TOO_LARGE = error(
     "HAL0421",
@@ -89,7 +89,7 @@ EXACT_ABSENT = note(
     "HAL0426",
     "Exact engine is not installed as second engine",
     "Small modes that the annealer does not solve are given to the exact engine, which finds what leaves nothing idle. "
-    "It is an optional part: pip install 'halpipe[exact]'.",
+    "It is an optional part: pip install ortools.",
 )
 OTHER_ANSWERED = note(
     "HAL0427",

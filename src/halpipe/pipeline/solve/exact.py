@@ -200,7 +200,7 @@ def _solver_library(expansion: Expansion) -> Any:
     """Import CP-SAT, or say how to get it, and refuse what is too large for it."""
     if not is_installed():
         raise HalpipeError(
-            EXACT_MISSING("OR-Tools is not installed", help="install it: pip install 'halpipe[exact]'"),
+            EXACT_MISSING("OR-Tools is not installed", help="install it: pip install ortools"),
         )
     if not is_small(expansion):
         raise _too_large(

@@ -313,7 +313,7 @@ class _WholeJobs(_Search):
             notes.append(OTHER_ANSWERED(f"the answer is that of: {EXACT}", at=at, path=path))
             return self.bettered(answer, notes, EXACT, outcome.moves)
         if self.may_ask and not is_installed() and outcome.cost:
-            help = "pip install 'halpipe[exact]'"
+            help = "pip install ortools"
             notes.append(EXACT_ABSENT("the exact engine was not asked", at=at, path=path, help=help))
         self.on_progress(self.name, outcome.moves, self.budget, outcome.cost)
         if outcome.cost:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 CLUSTER_MISSING = error(
     "HAL0931",
     "dask.distributed is not installed",
-    "Work is sent to a cluster by dask.distributed, which is an extra: pip install 'halpipe[cluster]'.",
+    "Work is sent to a cluster by dask.distributed, which is an extra: pip install distributed.",
 )
 CLUSTER_UNREACHABLE = error(
     "HAL0932",
@@ -103,7 +103,7 @@ def _client(cluster: str) -> Iterator[Client]:
     try:
         from distributed import Client
     except ImportError:
-        help = "install it: pip install 'halpipe[cluster]'"
+        help = "install it: pip install distributed"
         raise HalpipeError(CLUSTER_MISSING("--cluster needs dask.distributed", help=help)) from None
     for name in LOUD:
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -167,7 +167,7 @@ class CoSimulation:
             bandwidths = self._bandwidths(bandwidth)
             self._machine = Machine(self.site, program, self._recorder, bandwidths=bandwidths, cpi=cpi, budget=budget)
         except ModuleNotFoundError:
-            help = "pip install 'halpipe[riscv]', or choose --engine qemu"
+            help = "pip install ziglang pyelftools unicorn, or choose --engine qemu"
             raise HalpipeError(ENGINE_ABSENT("the package unicorn is not installed", help=help)) from None
         self._recorder.attach(self._machine)
         self._attend(hears=hears)
