@@ -23,7 +23,7 @@ COMMANDS = {
     "help": (["--help"], 55, 160),
     "version": (["--version"], 55, 160),
     "validate": (["validate", "model.xml"], 55, 125),
-    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 118, 122),
+    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 120, 122),
     "verify": (["verify", "model.xml", "schedule.xml"], 62, 125),
     "show": (["show", "schedule.xml"], 42, 125),
     "diff": (["diff", "schedule.xml", "schedule.xml"], 42, 125),
