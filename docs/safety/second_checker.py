@@ -471,7 +471,7 @@ class Switch(Table):
             self.broken("length", "-", "longer than the model allows")
         sound = [job for job in self.jobs if self.units(job) and self.parts(job)]
         if len(sound) < len(self.jobs) or self.source.findings or self.target.findings:
-            return self.findings  # what is wrong is told; places on the line would not mean anything
+            return self.findings  # the faults are reported; places on the line would not mean anything
         last = max((job.end for job in self.line(2, 0) if len(job.parts) > 1 or job.version.phases), default=0)
         near = self.line(2, max(2, up(last - self.total, self.target.total)))
         self.meet(near)
