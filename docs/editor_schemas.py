@@ -343,5 +343,5 @@ def _findings() -> dict[str, Any]:
         }
     )
     fix = _object({**place, "old": TEXT, "new": TEXT})
-    finding["properties"]["fix"] = {**fix, "description": "Change that removes the fault: at the line, old becomes new."}
+    finding["properties"]["fix"] = {**fix, "description": "Change that removes the fault: at the line, old becomes new"}
     return {"$schema": DIALECT, "title": "Findings, with --format json", "type": "array", "items": finding}
