@@ -9,11 +9,15 @@ from arxml_case import (
     counter,
     el,
     event,
+    event_chain,
     every,
+    extension,
     found,
+    latency,
     mapped,
     module,
     named,
+    observed,
     os_task,
     package,
     periods,
@@ -217,3 +221,66 @@ def test_a_vendor_may_call_its_modules_anything(tmp_path):
     text = package("T", pump), package("E", os, configuration("iRte", mapping, prefix="/Vendor"))
     path = write(tmp_path, *(part.replace("/E/Os/", "/E/Kernel/") for part in text))
     assert periods(read(path, granularity="ostask")) == {"Main": "10ms"}
+
+
+# ---------------------------------------------------------------------------------------------- basic OsTasks
+
+
+def hosting(tmp_path, *rates, offsets=(), waits=False, more=()):
+    """An OsTask that runs R0, R1, ... with a period each."""
+    names = [f"R{i}" for i in range(len(rates))]
+    pump = component("Pump", *[every(p, f"E{i}", f"Pump/R{i}") for i, p in enumerate(rates)], runnables=" ".join(names))
+    shifts = dict(enumerate(offsets))
+    maps = [mapped(f"Pump/B/E{i}", "Main", str(i), offset=shifts.get(i, "")) for i in range(len(rates))]
+    main = container("Os/OsTask", "Main", refs=[("OsTaskEventRef", "/E/Os/Go")] if waits else [])
+    ecu = package("E", configuration("Os", main, container("Os/OsEvent", "Go")), configuration("Rte", rte(*maps)))
+    return write(tmp_path, package("T", pump), ecu, *more)
+
+
+@pytest.mark.parametrize(
+    ("rates", "offsets", "expected"),
+    [
+        (["0.005", "0.02"], (), {"Main": ("5ms", "")}),
+        (["0.01", "0.015"], (), {"Main": ("5ms", "")}),
+        (["0.01", "0.01"], ("0.002", "0.006"), {"Main": ("2ms", "")}),
+        (["0.01", "0.02"], ("0.003", "0.003"), {"Main": ("10ms", "3ms")}),
+        (["0.01", "0.01"], (), {"Main": ("10ms", "")}),
+    ],
+)
+def test_a_basic_os_task_is_activated_at_the_common_rate_of_its_calls(tmp_path, rates, offsets, expected):
+    path = hosting(tmp_path, *rates, offsets=offsets)
+    imported = read(path, granularity="ostask")
+    assert {t.name: (str(t.period), str(t.offset or "")) for t in imported.model.tasks} == expected
+    told = found(imported, meaning_codes.SEVERAL_RATES_OF_TASK)
+    assert [t.code for t in told] == ([] if len(set(zip(rates, offsets or rates, strict=True))) == 1 else ["HAL0529"])
+    if told:
+        assert refusal(path, granularity="ostask", strict=True).exit is Exit.UNSUPPORTED
+    assert len(read(path).model.tasks) == 2
+
+
+def test_an_os_task_that_waits_for_events_is_woken_for_each_rate(tmp_path):
+    imported = read(hosting(tmp_path, "0.005", "0.02", waits=True), granularity="ostask")
+    assert periods(imported) == {"Main@5ms": "5ms", "Main@20ms": "20ms"}
+
+
+@pytest.mark.parametrize(("limited", "is_lost"), [("R0", False), ("R1", True)])
+def test_limits_of_calls_that_are_not_due_each_time_are_left_out(tmp_path, limited, is_lost):
+    chain = [observed("S", f"Pump/{limited}", "STARTED"), observed("E", f"Pump/{limited}", "TERMINATED")]
+    more = extension([*chain, event_chain("C", "S", "E")], latency("L", "C", 4000))
+    imported = read(hosting(tmp_path, "0.005", "0.02", more=[more]), granularity="ostask")
+    (task,) = imported.model.tasks
+    assert (str(task.deadline or ""), bool(found(imported, codes.TIMING_LOST))) == ("" if is_lost else "4ms", is_lost)
+
+
+def test_execution_budgets_are_offered_and_taken_when_asked(tmp_path):
+    kind = "Os/OsTask/OsTaskTimingProtection"
+    protection = container(kind, "P", params={"OsTaskExecutionBudget": "0.0005"})
+    tasks = container("Os/OsTask", "Kept", protection), os_task("Free")
+    alarms = alarm("A", "10", activates="Kept"), alarm("B", "10", activates="Free")
+    path = write(tmp_path, package("E", configuration("Os", counter(), *tasks, *alarms)))
+    plain, asked = read(path), read(path, wcet="budget")
+    assert [t.versions[0].wcet for t in plain.model.tasks] == [None, None]
+    assert "--wcet budget" in found(plain, codes.NO_WCET)[0].help
+    assert [str(t.versions[0].wcet) for t in asked.model.tasks] == ["500us", "None"]
+    (told,) = found(asked, meaning_codes.BUDGETS)
+    assert (told.code, "Kept" in told.message, "Free" in told.message) == ("HAL0533", True, False)

@@ -178,13 +178,14 @@ def test_a_project_that_changed_is_refused_with_both_places(tmp_path, change, sa
 
 
 def two_rates(folder, slow):
-    """An OsTask that runs one runnable every 10 ms and another one more seldom."""
+    """An OsTask that waits for events and runs one runnable every 10 ms and another one more seldom."""
+    main = container("Os/OsTask", "Main", refs=[("OsTaskEventRef", "/E/Os/Go")])
     events = [every("0.01", "Tick", "Pump/Step"), every(slow, "Tock", "Pump/Long")]
     mappings = rte(mapped("Pump/B/Tick", "Main", "1"), mapped("Pump/B/Tock", "Main", "2"), prototype="Car/p")
     return write(
         folder,
         package("T", component("Pump", *events, runnables="Step Long"), composition("Car", "p:Pump")),
-        package("E", configuration("Os", os_task("Main"), counter(TICK)), configuration("Rte", mappings)),
+        package("E", configuration("Os", main, counter(TICK)), configuration("Rte", mappings)),
     )
 
 

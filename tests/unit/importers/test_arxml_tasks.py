@@ -60,7 +60,7 @@ def test_tasks_cut_by_os_task_keep_the_order_of_their_runnables(tmp_path):
         every("0.02", "D", "Pump/Loose"),
         runnables="Last First Quick Loose",
     )
-    os = configuration("Os", os_task("Main"))
+    os = configuration("Os", container("Os/OsTask", "Main", refs=[("OsTaskEventRef", "/E/Os/Go")]))
     mappings = rte(mapped("Pump/B/A", "Main", "7"), mapped("Pump/B/B", "Main", "3"), mapped("Pump/B/C", "Main", "1"))
     path = write(tmp_path, package("T", pump), package("E", os, configuration("Rte", mappings)))
     imported = read(path, granularity="ostask")

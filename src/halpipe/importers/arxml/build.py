@@ -28,6 +28,7 @@ from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
 from halpipe.importers.arxml.tasks.arrivals import slack_of
+from halpipe.importers.arxml.tasks.basic import with_one_rate
 from halpipe.importers.arxml.tasks.boundary import report_boundary
 from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
@@ -101,6 +102,8 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOp
     activations = find_activations(system, findings)
     activations = decide_periods(system, activations, dataflow, tree, options.overlay)
     activations = join_calls(activations, findings)
+    if options.granularity == "ostask":
+        activations = with_one_rate(activations, findings)
     drafts = _kept(group(activations, options.granularity), options)
     reports.report_periodless(activations, findings)
     reports.report_processes(drafts, findings)

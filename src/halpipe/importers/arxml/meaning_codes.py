@@ -32,3 +32,16 @@ TABLE_PHASE = warning(
     "A table with the autostart SYNCHRON begins when code provides the value of a synchronisation counter, and an "
     "adjustable expiry point moves with it. Periods are read, and offsets as if the table began at 0.",
 )
+SEVERAL_RATES_OF_TASK = warning(
+    "HAL0529",
+    "One activation of an OsTask for several periods",
+    "A basic OsTask runs all its calls at each activation, and the generated RTE counts which are due. The task of the "
+    "model has the greatest common divisor of their periods as its own, and jobs as long as all calls: an upper bound. "
+    "Limits of the timing extension that concern a slower call are left out.",
+)
+BUDGETS = note(
+    "HAL0533",
+    "Execution budgets are taken as execution times",
+    "The timing protection of an OsTask states the longest time that the OS lets it run (OsTaskExecutionBudget). With "
+    "`--wcet budget` that is the WCET of tasks without an execution time of their own: a bound, if protection is on.",
+)

@@ -123,18 +123,20 @@ def report_assumptions(
         )
         for draft in unbound:
             coverage.defaulted(f'task "{draft.name}"', "units", "all", draft.place.at)
-    _report_times(model, at, findings)
+    _report_times(model, drafts, at, findings)
     _report_windows(model, at, findings, coverage)
 
 
-def _report_times(model: TaskModel, at: Location, findings: Findings) -> None:
+def _report_times(model: TaskModel, drafts: Sequence[Draft], at: Location, findings: Findings) -> None:
     missing = [task.name for task in model.tasks if task.versions[0].wcet is None]
+    budgets = sum(draft.os_task is not None and draft.os_task.budget is not None for draft in drafts)
     if missing:
+        offer = f", or take the execution budgets that {budgets} of them have: --wcet budget" if budgets else ""
         findings.add(
             codes.NO_WCET(
                 f"{len(missing)} of {len(model.tasks)} tasks have no execution time: {listed(missing)}",
                 at=at,
-                help="give them in an overlay (tasks: wcet)",
+                help=f"give them in an overlay (tasks: wcet){offer}",
             )
         )
 

@@ -32,10 +32,7 @@ def read_configuration(tree: Tree, modules: frozenset[str] | None = None) -> Con
     cores = _cores(containers)
     applications, numbered = _applications(containers, cores)
     core_of = {task: application.core for application in applications for task in application.tasks}
-    tasks = [
-        OsTask(container.place, core_of.get(container.node.path), _task_period(container), _schedule(container))
-        for container in containers.of("OsTask")
-    ]
+    tasks = [_task(containers, container, core_of.get(container.node.path)) for container in containers.of("OsTask")]
     return Configuration(
         cores=(*cores.values(), *numbered),
         applications=tuple(applications),
@@ -96,6 +93,19 @@ def _bound_core(containers: Containers, application: Container, cores: dict[str,
                 seen.add(path)
                 todo.append(containers.by_path[path])
     return None
+
+
+def _task(containers: Containers, container: Container, core: str | None) -> OsTask:
+    kind = container.value("OsTaskType")
+    budget = next((n for inside in containers.below(container) if (n := inside.number("OsTaskExecutionBudget"))), None)
+    return OsTask(
+        container.place,
+        core,
+        _task_period(container),
+        _schedule(container),
+        is_basic=(kind is None or kind.text == "BASIC") and not container.refs("OsTaskEventRef"),
+        budget=seconds(budget) if budget else None,
+    )
 
 
 def _schedule(container: Container) -> str:

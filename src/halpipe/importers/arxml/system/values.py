@@ -192,13 +192,16 @@ class OsApplication:
 class OsTask:
     """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod.
 
-    `schedule` is OsTaskSchedule: FULL, NON, or empty where it is not stated.
+    `schedule` is OsTaskSchedule: FULL, NON, or empty where it is not stated. `is_basic` tells that it cannot wait for
+    OsEvents, and `budget` is the execution budget of its timing protection.
     """
 
     place: Place
     core: str | None
     period: Duration | None
     schedule: str = ""
+    is_basic: bool = False
+    budget: Duration | None = None
 
 
 @record

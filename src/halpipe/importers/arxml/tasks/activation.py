@@ -37,7 +37,8 @@ class Activation:
     are the elements that the period comes from, where it is not the event's own. `arrival` is what the timing
     extension says of how often it happens; with `distance` that is sporadic, and the period is that of polling. `twin`
     is the runnable that is the same function as a BSW entity, and `joins` the event of it with which this one shares a
-    call. `is_inherited` says that the period is that of the sender of its data.
+    call. `is_inherited` says that the period is that of the sender of its data, and `called_every` is the period of a
+    call that is not due at each activation of its OsTask.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Activation:
     twin: Actor | None = None
     joins: Event | None = None
     is_inherited: bool = False
+    called_every: Duration | None = None
 
     @property
     def kind(self) -> str:

@@ -73,10 +73,13 @@ class _Finder:
         self._chains = {chain.place.path: chain for chain in system.timing.chains}
         self._tasks: dict[str, list[tuple[str, tuple[str, ...]]]] = {}
         self._by_actor: dict[Actor, list[str]] = {}
+        self._slower: set[tuple[str, str]] = set()
         for draft in drafts:
             for member in draft.members:
                 self._tasks.setdefault(member.place.path, []).append((draft.name, member.context))
                 self._by_actor.setdefault(member.actor, []).append(draft.name)
+                if member.called_every is not None:
+                    self._slower |= {(draft.name, member.place.path), (draft.name, "")}
         self._result = Requirements()
         self._names: set[str] = set()
 
@@ -120,6 +123,11 @@ class _Finder:
                     for task in self._by_actor.get((instance.context, runnable.place.path), ()):
                         yield task, instance.context
 
+    def _is_slower(self, occurrence: _Occurrence) -> bool:
+        """Whether an event may occur less often than jobs of its task."""
+        observable = occurrence.observable
+        return (occurrence.task, "" if observable.port else observable.subject) in self._slower
+
     # ------------------------------------------------------------------------------------------- chains
 
     def _steps(self, chain: EventChain, way: tuple[str, ...] = ()) -> list[str | None]:
@@ -138,6 +146,11 @@ class _Finder:
             why = f"no task belongs to {missing[0]}" if missing else "its events belong to several tasks each"
             for place in (chain.place, *(limit.place for limit in limits)):
                 self._lost(place, why)
+            return
+        slower = next((o for way in ways for o in way if self._is_slower(o)), None)
+        if slower is not None:
+            for limit in limits:
+                self._lost(limit.place, f'"{slower.task}" is activated more often than what it limits is called')
             return
         for way in ways:
             tasks = tuple(task for task, _ in groupby(occurrence.task for occurrence in way))

@@ -8,6 +8,7 @@ from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.arxml import codes
+from halpipe.importers.arxml.meaning_codes import BUDGETS
 from halpipe.importers.arxml.names import legal_name, listed, unique_name
 from halpipe.importers.arxml.system.execution_times import ANALYSED
 from halpipe.importers.arxml.tasks.splitting import Splitter
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from halpipe.models import Split
 
 VERSION = "default"
+BUDGET = "budget"
 
 
 @record
@@ -51,9 +53,32 @@ def make_variants(
         times.setdefault(time.runnable, {})[time.hardware] = time
     splitter = Splitter(options)
     variants = {draft.name: _variants(draft, platform, times, splitter) for draft in drafts}
+    if options.wcet == BUDGET:
+        variants |= _budgets(drafts, variants, splitter, findings)
     splitter.report(findings)
     _report_units(drafts, variants, platform, findings)
     return variants
+
+
+def _budgets(
+    drafts: Sequence[Draft], variants: dict[str, tuple[Variant, ...]], splitter: Splitter, findings: Findings
+) -> dict[str, tuple[Variant, ...]]:
+    """Return versions with the execution budget of the OsTask, for tasks of which no execution time is stated.
+
+    It bounds each call of the OsTask, too, though several tasks of one OsTask are then longer than it together.
+    """
+    found: dict[str, tuple[Variant, ...]] = {}
+    for draft in drafts:
+        budget = draft.os_task.budget if draft.os_task else None
+        (first, *_) = variants[draft.name]
+        if budget is not None and first.wcet is None:
+            split = splitter.split(draft, [budget])
+            found[draft.name] = (Variant(VERSION, budget, first.units, split=split),)
+    if found:
+        message = f"the execution budgets of OsTasks are the WCETs of {len(found)} tasks: {listed(list(found))}"
+        first_of = next(draft for draft in drafts if draft.name in found)
+        findings.add(BUDGETS(message, at=first_of.place.at))
+    return found
 
 
 def used_times(variants: dict[str, tuple[Variant, ...]]) -> list[Place]:
