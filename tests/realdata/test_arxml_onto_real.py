@@ -33,7 +33,7 @@ COUNTS = {  # tasks of the model, tables, mappings that name an expiry point, va
     ("tc275", "ostask"): (7, 3, 34, 0),
     ("tc275", "runnable"): (27, 3, 34, 0),
     ("hello", "ostask"): (4, 1, 2, 4),
-    ("HelloAutosar", "runnable"): (2, 1, 0, 2),
+    ("HelloAutosar", "runnable"): (2, 1, 0, 4),
     ("S1", "ostask"): (4, 1, 21, 0),
     ("S2", "ostask"): (4, 1, 21, 0),
     ("S3", "runnable"): (16, 1, 21, 0),

@@ -72,6 +72,8 @@ class ProjectTask:
     """An OsTask: its unit of the model (empty if not bound), its OsApplication, and whether it waits for OS events.
 
     `priority` is None if the project states none; `is_preemptive` says that OsTasks above may interrupt it anywhere.
+    `autostart` is the container (path) by which the OS activates it at its start, empty if it does not. `events` are
+    the OsEvents that it waits for.
     """
 
     path: str
@@ -80,6 +82,8 @@ class ProjectTask:
     is_extended: bool
     priority: int | None = None
     is_preemptive: bool = False
+    autostart: str = ""
+    events: tuple[str, ...] = ()
 
 
 @record(kw_only=True)
@@ -94,15 +98,30 @@ class ProjectCounter:
     at: Location
 
 
-@record(kw_only=True)
-class ProjectAlarm:
-    """An OsAlarm that the OS starts: its autostart container, cycle and start in ticks, the OsTasks concerned."""
+@record
+class Deed:
+    """What an alarm or expiry point does to an OsTask: its container, and the expiry point that holds it (paths)."""
 
     path: str
-    autostart: str
-    cycle: str
-    start: str
-    tasks: tuple[str, ...]
+    os_task: str
+    point: str = ""
+
+
+@record(kw_only=True)
+class Starter:
+    """An OsAlarm or OsScheduleTable: what it does, and what starts it.
+
+    `autostart` is the container (path) by which the OS starts it, empty if it does not; `cycle` and `start` are in
+    ticks. `calls` are the containers (paths) by which the Rte is to start it, without those that its generator made.
+    """
+
+    path: str
+    is_table: bool
+    deeds: tuple[Deed, ...]
+    autostart: str = ""
+    cycle: str = "0"
+    start: str = "0"
+    calls: tuple[str, ...] = ()
 
 
 @record(kw_only=True)
@@ -111,8 +130,9 @@ class Project:
 
     `schema` is what the files say of their release; `os_module` and `rte_module` are paths of module configurations;
     `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
-    event mappings of every task of the model, `alone` the OsTask of a task that no event makes. `applications` has the
-    unit of each OsApplication, `references` what OsApplications and OsTasks refer to.
+    event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
+    mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
+    each OsApplication, `references` what OsApplications and OsTasks refer to.
     """
 
     schema: str
@@ -121,10 +141,10 @@ class Project:
     items: Mapping[str, Item]
     packages: Mapping[str, str]
     calls: Mapping[str, tuple[Call, ...]]
-    alone: Mapping[str, str]
+    alone: Mapping[str, Call]
     tasks: Mapping[str, ProjectTask]
     counters: tuple[ProjectCounter, ...]
-    alarms: tuple[ProjectAlarm, ...]
+    starters: tuple[Starter, ...]
     applications: Mapping[str, str]
     app_modes: tuple[str, ...]
     references: Mapping[str, tuple[Value, ...]]

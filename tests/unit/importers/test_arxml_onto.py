@@ -38,7 +38,9 @@ from support import job, schedule
 TICK = "0.001"
 
 
-def project(folder, *, period="0.01", tick=TICK, bound=True, mapping="Main", events=(), more=(), only=True):
+def project(
+    folder, *, period="0.01", tick=TICK, bound=True, mapping="Main", events=(), more=(), only=True, rings=False
+):
     """A pump of 10 ms whose alarm is chosen by hand, and an OsTask of its own that an alarm activates every 20 ms."""
     pump = component("Pump", every(period, "Tick", "Pump/Step"), runnables="Step")
     extra = [("RteUsedOsEventRef", f"/E/Os/{event}") for event in events]
@@ -50,10 +52,10 @@ def project(folder, *, period="0.01", tick=TICK, bound=True, mapping="Main", eve
     os = configuration(
         "Os",
         container("Os/OsTask", "Main", refs=waits),
-        os_task("Lone"),
+        container("Os/OsTask", "Lone", refs=[("OsTaskEventRef", "/E/Os/Ring")] if rings else []),
         counter(tick),
         container("Os/OsAlarm", "ByHand", refs=[("OsAlarmCounterRef", "/E/Os/Ticks")]),
-        alarm("Al", "20", start="2", activates="Lone"),
+        alarm("Al", "20", start="2", **({"sets": "Ring"} if rings else {"activates": "Lone"})),
         *(container("Os/OsEvent", event) for event in events),
         application,
         *more,
@@ -302,17 +304,16 @@ def test_several_tasks_of_one_event_are_named(tmp_path):
     assert "starts Pump/A, Pump/B" in told.message
 
 
-def test_an_alarm_that_starts_what_the_schedule_does_not_play_is_left(tmp_path):
+def test_an_alarm_that_starts_more_than_the_schedule_plays_is_refused(tmp_path):
     path = project(tmp_path, more=[os_task("Idle")])
     kind = "Os/OsAlarm/OsAlarmAction/OsAlarmActivateTask"
     other = container(kind, "b", refs=[("OsAlarmActivateTaskRef", "/E/Os/Idle")])
     text = path.read_text()
     start = text.rindex("<ECUC-CONTAINER-VALUE>", 0, text.index("<SHORT-NAME>a</SHORT-NAME>"))
     path.write_text(text[:start] + other + text[start:])
-    onto = put(path, model_of(path, drop="Idle"))
-    (told,) = [d for d in onto.findings if d.code == codes.ALARM_LEFT.id]
-    assert told.path == 'OsAlarm "/E/Os/Al"'
-    assert not any(c.path.startswith("/E/Os/Al/") for c in onto.changes)
+    (told,) = refused(path, model_of(path, drop="Idle"))
+    assert (told.code, told.path) == (codes.DOUBLE_START.id, 'OsAlarm "/E/Os/Al"')
+    assert told.at.line
 
 
 def test_a_second_delta_is_refused(tmp_path):
@@ -428,3 +429,133 @@ def test_a_project_of_an_older_release_is_refused(tmp_path):
     old = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:schemaLocation="http://autosar.org/3.1.5 x.xsd"'
     path.write_text(path.read_text().replace("<AUTOSAR ", f"<AUTOSAR {old} ", 1))
     assert {d.code for d in refused(path, model)} == {project_codes.NO_CONFIGURATION.id}
+
+
+# -------------------------------------------------------------------------------- what else starts the same OsTasks
+
+
+KIND = "Os/OsScheduleTable/OsScheduleTableExpiryPoint"
+
+
+def acts(*tasks, event=""):
+    """Actions of an expiry point on OsTasks: activations, or an event for each."""
+    if event:
+        refs = [
+            ("OsScheduleTableSetEventRef", f"/E/Os/{event}"),
+            ("OsScheduleTableSetEventTaskRef", f"/E/Os/{tasks[0]}"),
+        ]
+        return [container(f"{KIND}/OsScheduleTableEventSetting", "set", refs=refs)]
+    refs = [[("OsScheduleTableActivateTaskRef", f"/E/Os/{task}")] for task in tasks]
+    return [container(f"{KIND}/OsScheduleTableTaskActivation", f"a{i}", refs=r) for i, r in enumerate(refs)]
+
+
+def old_table(points, *, started=True):
+    """A table of the project; points by their ticks."""
+    inner = [
+        container(KIND, f"P{at}", *found, params={"OsScheduleTblExpPointOffset": at}) for at, found in points.items()
+    ]
+    begin = container("Os/OsScheduleTable/OsScheduleTableAutostart", "go", params={"OsScheduleTableStartValue": "3"})
+    return container(
+        "Os/OsScheduleTable",
+        "Old",
+        *inner,
+        *([begin] if started else []),
+        params={"OsScheduleTableDuration": "20", "OsScheduleTableRepeating": "true"},
+        refs=[("OsScheduleTableCounterRef", "/E/Os/Ticks")],
+    )
+
+
+def removed(onto):
+    return [c.path for c in onto.changes if c.old == "container"]
+
+
+def test_a_table_that_does_the_same_loses_its_autostart(tmp_path):
+    path = project(tmp_path, more=[old_table({"0": acts("Main"), "10": acts("Main", "Lone")})])
+    model = model_of(path)
+    onto = put(path, model, starts=(0, 13))
+    assert removed(onto) == ["/E/Os/Al/s", "/E/Os/Old/go"]
+    path.write_bytes(onto.files["changed/system.arxml"])
+    (tmp_path / "delta.arxml").write_bytes(onto.files["delta.arxml"])
+    again = model_of(path)
+    assert [(t.name, t.period, t.offset) for t in again.tasks] == [(t.name, t.period, t.offset) for t in model.tasks]
+
+
+def test_a_table_that_does_more_loses_its_actions_on_what_is_played(tmp_path):
+    points = {"0": acts("Main"), "5": acts("Main", "Idle"), "9": acts("Idle")}
+    for started in (True, False):
+        path = project(tmp_path, more=[os_task("Idle"), old_table(points, started=started)])
+        onto = put(path, model_of(path, drop="Idle*"))
+        assert removed(onto) == ["/E/Os/Al/s", "/E/Os/Old/P0", "/E/Os/Old/P5/a0"]
+        text = onto.files["changed/system.arxml"].decode()
+        assert "/E/Os/Main</VALUE-REF>" not in text[text.index("<SHORT-NAME>Old<") : text.index("<SHORT-NAME>Rte<")]
+
+
+def test_a_table_that_sets_events_for_a_played_os_task_is_stopped(tmp_path):
+    path = project(tmp_path, events=["Go"], more=[old_table({"0": acts("Main", event="Go")})])
+    assert removed(put(path, model_of(path))) == ["/E/Os/Al/s", "/E/Os/Old/go"]
+
+
+def test_a_table_that_code_starts_is_refused_and_named(tmp_path):
+    path = project(tmp_path, more=[old_table({"0": acts("Main")}, started=False)])
+    (told,) = refused(path, model_of(path))
+    assert (told.code, told.path) == (codes.DOUBLE_START.id, 'OsScheduleTable "/E/Os/Old"')
+    assert (told.at.file, "/E/Os/Main" in told.message) == (str(path), True)
+
+
+def test_a_start_by_the_rte_configuration_is_taken_away(tmp_path):
+    path = project(tmp_path, more=[old_table({"0": acts("Main")}, started=False)])
+    start = container(
+        "Rte/RteOsInteraction/RteUsedOsActivation", "Use", refs=[("RteActivationOsSchTblRef", "/E/Os/Old")]
+    )
+    text = path.read_text()
+    at = text.index("<CONTAINERS>", text.index("<SHORT-NAME>Rte</SHORT-NAME>")) + len("<CONTAINERS>")
+    path.write_text(text[:at] + container("Rte/RteOsInteraction", "Uses", start) + text[at:])
+    assert removed(put(path, model_of(path))) == ["/E/Os/Al/s", "/E/Rte/Uses/Use"]
+
+
+def test_an_os_task_that_starts_with_the_os_is_named(tmp_path):
+    path = project(tmp_path)
+    begin = container("Os/OsTask/OsTaskAutostart", "begin")
+    text = path.read_text()
+    end = text.index("<SUB-CONTAINERS></SUB-CONTAINERS>", text.index("<SHORT-NAME>Lone</SHORT-NAME>"))
+    path.write_text(text[:end] + text[end:].replace("<SUB-CONTAINERS>", f"<SUB-CONTAINERS>{begin}", 1))
+    (told,) = [d for d in put(path, model_of(path)).findings if d.code == codes.STARTS_ONCE.id]
+    assert told.path == 'OsTask "/E/Os/Lone"'
+
+
+# --------------------------------------------------------------------------------------- basic and extended OsTasks
+
+
+def test_several_tasks_of_one_basic_os_task_are_refused(tmp_path):
+    pump = component("Pump", every("0.01", "A", "Pump/A"), every("0.01", "B", "Pump/B"), runnables="A B")
+    maps = configuration("Rte", rte(mapped("Pump/B/A", "Main", "1"), mapped("Pump/B/B", "Main", "2")))
+    path = write(tmp_path, package("T", pump), package("E", configuration("Os", os_task("Main"), counter()), maps))
+    model = model_of(path)
+    unit = model.units[0].name
+    jobs = job(model, "Pump/A", 0, "0ms", unit), job(model, "Pump/B", 0, "2ms", unit)
+    with pytest.raises(HalpipeError) as failure:
+        export_onto(model, schedule(model, 10, *jobs, mode_name="default"), str(tmp_path), ImportOptions())
+    (told,) = [d for d in failure.value.diagnostics if d.is_error]
+    assert (told.code, "ostask" in told.help) == (codes.BASIC_SHARED.id, True)
+
+
+def test_an_extended_os_task_is_woken_by_its_only_event(tmp_path):
+    text = project(tmp_path, events=["Go"]).read_text()
+    path = tmp_path / "system.arxml"
+    path.write_text(text.replace("RteUsedOsEventRef", "RteOther"))
+    changes = put(path, model_of(path)).changes
+    assert "/E/Os/Go" in [c.new for c in changes if c.name == "OsScheduleTableSetEventRef"]
+
+
+def test_an_extended_os_task_of_which_no_event_is_known_is_refused(tmp_path):
+    text = project(tmp_path, events=["Go", "Come"]).read_text()
+    path = tmp_path / "system.arxml"
+    path.write_text(text.replace("RteUsedOsEventRef", "RteOther"))
+    (told,) = refused(path, model_of(path))
+    assert (told.code, told.path) == (codes.UNKNOWN_EVENT.id, 'OsTask "/E/Os/Main"')
+
+
+def test_an_os_task_alone_is_woken_by_the_event_that_its_alarm_sets(tmp_path):
+    path = project(tmp_path, rings=True, more=[container("Os/OsEvent", "Ring")])
+    changes = put(path, model_of(path)).changes
+    assert "/E/Os/Ring" in [c.new for c in changes if c.name == "OsScheduleTableSetEventRef"]

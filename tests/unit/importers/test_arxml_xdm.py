@@ -174,12 +174,13 @@ def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
 def model_of(folder):
     overlay = folder.parent / "wcet.yaml"
     overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
-    return import_model("arxml", [str(folder)], [str(overlay)], ImportOptions()).model
+    options = ImportOptions(granularity="ostask")
+    return import_model("arxml", [str(folder)], [str(overlay)], options).model
 
 
 def put(folder, model):
-    jobs = [job(model, "p/B", 0, "0ms", "Core0"), job(model, "p/A", 0, "2ms", "Core0")]
-    lone = [job(model, task.name, 0, "4ms", "Core0") for task in model.tasks if task.name == "Other"]
+    jobs = [job(model, "Main", 0, "2ms", "Core0")]
+    lone = [job(model, task.name, 0, "6ms", "Core0") for task in model.tasks if task.name == "Other"]
     return export_onto(model, schedule(model, 10, *jobs, *lone, mode_name="default"), str(folder), ImportOptions())
 
 

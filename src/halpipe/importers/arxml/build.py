@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
-    from halpipe.importers.arxml.system.values import System
+    from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.precedence import Edge
     from halpipe.importers.arxml.tasks.requirements import Requirements
@@ -86,12 +86,13 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
 
 @record
 class Built:
-    """A model with what it was made of: the tasks to be, and the units."""
+    """A model with what it was made of: the tasks to be, the units, and what recurs in the OS."""
 
     model: TaskModel
     coverage: Coverage
     drafts: tuple[Draft, ...]
     platform: Platform
+    triggers: tuple[Trigger, ...]
 
 
 def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOptions) -> Built:
@@ -138,7 +139,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOp
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
-    return Built(model, coverage, tuple(drafts), platform)
+    return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers)
 
 
 def _check_granularity(granularity: str) -> None:

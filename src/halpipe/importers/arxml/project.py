@@ -23,7 +23,7 @@ from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.system.triggers import Ticks
 from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
 from halpipe.importers.arxml.tasks.splitting import FULL
-from halpipe.models.project import Call, Item, Project, ProjectAlarm, ProjectCounter, ProjectTask, Value
+from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -219,6 +219,7 @@ class _Reader:
         self._standard = standard_modules(tree)
         units = [unit.name for unit in built.model.units]
         self._only = units[0] if len(units) == 1 else ""
+        self._waits = {c.node.path: {r.path for r in c.refs("OsTaskEventRef")} for c in self._containers.of("OsTask")}
         self._applications = {
             c.node.path: built.platform.core_of.get(c.node.path, self._only)
             for c in self._containers.of("OsApplication")
@@ -231,13 +232,14 @@ class _Reader:
             for draft in self._built.drafts
         }
         alone = {
-            draft.name: member.os_task.place.path
+            draft.name: self._alone(member, member.os_task.place.path)
             for draft in self._built.drafts
             for member in draft.members
             if member.event is None and member.os_task is not None
         }
         tasks = {c.node.path: self._task(c) for c in self._containers.of("OsTask")}
-        used = {call.os_task for found in calls.values() for call in found if call.os_task} | set(alone.values())
+        used = {call.os_task for found in calls.values() for call in found if call.os_task}
+        used |= {call.os_task for call in alone.values()}
         os_module = self._module("Os", used)
         rte = {call.mapping for found in calls.values() for call in found if call.mapping}
         return Project(
@@ -250,7 +252,7 @@ class _Reader:
             alone=alone,
             tasks=tasks,
             counters=tuple(self._counters(os_module)),
-            alarms=tuple(self._alarms()),
+            starters=tuple(self._starters()),
             references={c.node.path: self._references(c) for c in self._containers.of("OsApplication", "OsTask")},
             applications=self._applications,
             app_modes=tuple(
@@ -328,14 +330,16 @@ class _Reader:
             "",
         )
         kind = task.value("OsTaskType")
-        waits = any(True for _ in task.refs("OsTaskEventRef")) or (kind is not None and kind.text == "EXTENDED")
+        begins = next((c for c in self._containers.below(task) if c.kind == "OsTaskAutostart"), None)
         unit = self._applications.get(owner, "") or self._only
         priority, schedule = task.number("OsTaskPriority"), task.value("OsTaskSchedule")
         return ProjectTask(
             path=path,
             unit=unit,
             application=owner,
-            is_extended=waits,
+            is_extended=bool(self._waits[path]) or (kind is not None and kind.text == "EXTENDED"),
+            autostart=begins.node.path if begins else "",
+            events=tuple(sorted(self._waits[path])),
             priority=int(priority) if priority is not None else None,
             is_preemptive=schedule is not None and schedule.text == FULL,
         )
@@ -355,6 +359,13 @@ class _Reader:
             points=tuple(self._values(container, f"{prefix}UsedOsSchTblExpiryPointRef")),
             has_period=event.period is not None and not member.used,
         )
+
+    def _alone(self, member: Activation, path: str) -> Call:
+        """Return an OsTask that hosts no events as a call: it is activated, or woken by what recurs."""
+        used = {place.path for place in member.used}
+        triggers = [t for t in self._built.triggers if t.place.path in used and path in t.wakes]
+        events = dict.fromkeys(event for t in triggers for event in t.events if event in self._waits[path])
+        return Call(mapping="", event="", is_bsw=False, os_task=path, os_events=tuple(events))
 
     def _values(self, container: Container | None, name: str) -> Iterator[Value]:
         if container is None:
@@ -390,27 +401,47 @@ class _Reader:
             self._task(self._containers.by_path[task]).unit
             for alarm in self._containers.of("OsAlarm")
             if path in {ref.path for ref in alarm.refs("OsAlarmCounterRef")}
-            for task in self._concerned(alarm)
+            for task in (deed.os_task for deed in self._deeds(alarm))
             if task in self._containers.by_path
         }
         return units.pop() if len(units) == 1 else ""
 
-    def _concerned(self, alarm: Container) -> list[str]:
-        names = ("OsAlarmActivateTaskRef", "OsAlarmSetEventTaskRef")
-        return [ref.path for inside in self._containers.below(alarm) for ref in inside.refs(*names)]
+    def _deeds(self, starter: Container) -> Iterator[Deed]:
+        """Yield what an alarm or table does to OsTasks, also to those that only wait for the events it sets."""
+        point = ""
+        for inside in self._containers.below(starter):
+            if inside.kind == "OsScheduleTableExpiryPoint":
+                point = inside.node.path
+            for prefix in ("OsAlarm", "OsScheduleTable"):
+                named = [r.path for n in ("ActivateTaskRef", "SetEventTaskRef") for r in inside.refs(f"{prefix}{n}")]
+                events = {ref.path for ref in inside.refs(f"{prefix}SetEventRef")} if not named else set()
+                for task in (*named, *(t for t, waits in self._waits.items() if not events.isdisjoint(waits))):
+                    yield Deed(inside.node.path, task, point)
 
-    def _alarms(self) -> Iterator[ProjectAlarm]:
-        for alarm in self._containers.of("OsAlarm"):
-            for inside in self._containers.below(alarm):
-                cycle, start = inside.value("OsAlarmCycleTime"), inside.value("OsAlarmAlarmTime")
-                if inside.kind == "OsAlarmAutostart" and cycle is not None:
-                    yield ProjectAlarm(
-                        path=alarm.node.path,
-                        autostart=inside.node.path,
-                        cycle=cycle.text,
-                        start=start.text if start else "0",
-                        tasks=tuple(self._concerned(alarm)),
-                    )
+    def _starters(self) -> Iterator[Starter]:
+        called: dict[str, list[str]] = {}
+        for start in self._containers.of("RteUsedOsActivation"):
+            if not _is_generated(start.node.parts[0].element):
+                for ref in start.refs("RteActivationOsAlarmRef", "RteActivationOsSchTblRef"):
+                    called.setdefault(ref.path, []).append(start.node.path)
+        for starter in self._containers.of("OsAlarm", "OsScheduleTable"):
+            deeds = tuple(self._deeds(starter))
+            if not deeds:
+                continue
+            is_table = starter.kind == "OsScheduleTable"
+            begins = next((c for c in self._containers.below(starter) if c.kind == f"{starter.kind}Autostart"), None)
+            length = starter.value("OsScheduleTableDuration") if is_table else None
+            cycle = length or (begins.value("OsAlarmCycleTime") if begins else None)
+            first = begins.value("OsScheduleTableStartValue" if is_table else "OsAlarmAlarmTime") if begins else None
+            yield Starter(
+                path=starter.node.path,
+                is_table=is_table,
+                deeds=deeds,
+                autostart=begins.node.path if begins else "",
+                cycle=cycle.text if cycle else "0",
+                start=first.text if first else "0",
+                calls=tuple(called.get(starter.node.path, ())),
+            )
 
 
 def _in(path: str, holder: str) -> bool:

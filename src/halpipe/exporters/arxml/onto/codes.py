@@ -1,4 +1,4 @@
-"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0887."""
+"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0888, HAL0895 and HAL0896."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -32,10 +32,30 @@ IN_THE_WAY = error(
     "A delta adds containers under names of its own. A container of such a name that is in the project, most often "
     "from an export before, would be changed by it.",
 )
-ALARM_LEFT = warning(
+DOUBLE_START = error(
     "HAL0885",
-    "Alarm still starts what the schedule plays",
-    "The alarm is started by the OS and concerns tasks that the schedule plays, and others. It is left as it is.",
+    "Project would start what the schedule plays once more",
+    "An alarm or schedule table of the project activates OsTasks of the schedule, or sets events for them. Where the "
+    "OS or the Rte configuration starts it, that is taken away in place; where it does more than the schedule, or only "
+    "code starts it (Rte_Start, BswM), it must be removed by hand, or each activation would come twice.",
+)
+STARTS_ONCE = warning(
+    "HAL0888",
+    "OsTask starts once before the schedule",
+    "OsTaskAutostart activates an OsTask when the OS starts, beside the activations of the schedule. That is right for "
+    "one that initialises something first, and takes its time before the first job.",
+)
+UNKNOWN_EVENT = error(
+    "HAL0895",
+    "It is not known what wakes an extended OsTask",
+    "An extended OsTask runs for ever, and is woken by OsEvents: to activate it again has no effect. The mapping of "
+    "the event to the OsTask names the OsEvent (RteUsedOsEventRef) after the RTE generator has run once.",
+)
+BASIC_SHARED = error(
+    "HAL0896",
+    "Several tasks share one activation of a basic OsTask",
+    "A basic OsTask runs all its calls at each activation, so that an activation for each task of the model runs them "
+    "all as often. A model at the granularity of OsTasks has one task for it.",
 )
 SPLIT_JOB = error(
     "HAL0887",

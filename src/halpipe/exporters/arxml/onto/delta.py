@@ -14,7 +14,7 @@ from halpipe.exporters.arxml.onto import DELTA, Change
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping
 
-    from halpipe.models.project import Project, ProjectAlarm
+    from halpipe.models.project import Project, Starter
 
 CONTAINER = "ECUC-CONTAINER-VALUE"
 _MODULE = "ECUC-MODULE-CONFIGURATION-VALUES"
@@ -27,7 +27,7 @@ _REFERENCE, _PARAMETERS = "ECUC-REFERENCE-DEF", "ECUC-PARAM-CONF-CONTAINER-DEF"
 class Box:
     """A container of the delta: what it repeats of the project's, or all of a new one.
 
-    A new one of the module itself is marked, so that imports know it, with the alarms that it has `stopped`.
+    A new one of the module itself is marked, so that imports know it, with the alarms and tables that it has `stopped`.
     `repeated` are targets that the project has already, by the name of the reference: a merge knows the values of a
     list by their definition, and takes a second value for a contradiction unless the first stands before it.
     """
@@ -39,7 +39,7 @@ class Box:
     is_module: bool = False
     is_new: bool = False
     is_marked: bool = False
-    stopped: tuple[ProjectAlarm, ...] = ()
+    stopped: tuple[Starter, ...] = ()
     values: list[tuple[str, str, str, str]] = field(default_factory=list)
     refs: list[tuple[str, str]] = field(default_factory=list)
     repeated: dict[str, list[str]] = field(default_factory=dict)
@@ -162,14 +162,14 @@ def _child(element: etree._Element, tag: str) -> etree._Element:
 
 
 def _mark(element: etree._Element, box: Box) -> None:
-    """Tell imports that a container plays a schedule, and what alarms did that it replaces."""
+    """Tell imports that a container plays a schedule, and what alarms and tables did that it replaces."""
     data = group(add(add(element, "ADMIN-DATA"), "SDGS"), "delta")
     sd(data, "format", 1)
-    for alarm in box.stopped:
+    for starter in box.stopped:
         inner = group(data, "stopped")
-        sd(inner, "cycle", alarm.cycle)
-        sd(inner, "start", alarm.start)
-        sdx(inner, CONTAINER, alarm.path)
+        sd(inner, "cycle", starter.cycle)
+        sd(inner, "start", starter.start)
+        sdx(inner, CONTAINER, starter.path)
 
 
 def _write_values(element: etree._Element, box: Box) -> None:

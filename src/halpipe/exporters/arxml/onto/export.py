@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, named
+from halpipe.core.diagnostics import Findings
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
-from halpipe.exporters.arxml.onto.codes import ALARM_LEFT, IN_THE_WAY
+from halpipe.exporters.arxml.onto.codes import IN_THE_WAY
 from halpipe.exporters.arxml.onto.delta import Delta
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
+from halpipe.exporters.arxml.onto.starters import stop_others
 from halpipe.exporters.arxml.onto.tresos import apply_to_xdm
 from halpipe.exporters.arxml.osconfig import point_name
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from halpipe.exporters.arxml.onto.delta import Box
     from halpipe.exporters.arxml.onto.plan import OntoPlan, Placed
     from halpipe.models import Schedule, TaskModel
-    from halpipe.models.project import Call, Project, ProjectAlarm, ProjectCounter
+    from halpipe.models.project import Call, Project, ProjectCounter, Starter
 
 XDM = ".xdm"
 _POINT = "OsScheduleTableExpiryPoint"
@@ -104,11 +105,13 @@ class _Writer:
 
     def run(self) -> None:
         """Write counters, tables and references; stop what starts the same tasks otherwise."""
-        stopped = self._stopped()
+        stopped = stop_others(self._project, {a.os_task for a in self._plan.actions.values()}, self._findings)
+        self._findings.stop_on_errors()
+        self.edits += stopped.edits
         for counter in self._plan.new_counters:
             self._counter(counter)
         for index, placed in enumerate(self._plan.tables):
-            self._table(placed, stopped if index == 0 else ())
+            self._table(placed, stopped.starters if index == 0 else ())
         for task, calls in self._project.calls.items():
             point = self._first_point(task)
             for call in calls if point else ():
@@ -134,7 +137,7 @@ class _Writer:
         found = [path for path, bound in self._project.applications.items() if bound == unit]
         return next((path for path in found if path in started), next(iter(found), ""))
 
-    def _table(self, placed: Placed, stopped: tuple[ProjectAlarm, ...]) -> None:
+    def _table(self, placed: Placed, stopped: tuple[Starter, ...]) -> None:
         table = placed.table
         box = self._os.new(table.name, "OsScheduleTable")
         box.stopped = stopped
@@ -203,25 +206,3 @@ class _Writer:
         for alarm in call.alarms if call.has_period else ():
             if not alarm.is_generated:
                 self.edits.append(Edit(alarm.at.file, call.mapping, alarm.name, alarm.text, None))
-
-    # -------------------------------------------------------------------------------------------------- alarms
-
-    def _stopped(self) -> tuple[ProjectAlarm, ...]:
-        """Stop the alarms that the OS starts and that start what the tables do; return them."""
-        played = {action.os_task for action in self._plan.actions.values()}
-        stopped = []
-        for alarm in self._project.alarms:
-            if alarm.tasks and played.issuperset(alarm.tasks):
-                item = self._project.items[alarm.autostart]
-                self.edits.append(Edit(item.at.file, alarm.autostart))
-                stopped.append(alarm)
-            elif not played.isdisjoint(alarm.tasks):
-                self._findings.add(
-                    ALARM_LEFT(
-                        f"is started by the OS, and concerns {', '.join(alarm.tasks)}",
-                        at=self._project.items[alarm.path].at,
-                        path=named("OsAlarm", alarm.path),
-                        help="stop it by hand for the tasks that the schedule plays",
-                    )
-                )
-        return tuple(stopped)

@@ -103,7 +103,7 @@ class Gaps:
     def _os_tasks(self, task: str) -> Iterable[ProjectTask]:
         paths = [call.os_task for call in self._project.calls.get(task, ()) if call.os_task]
         alone = self._project.alone.get(task)
-        return [self._project.tasks[path] for path in dict.fromkeys([*paths, *([alone] if alone else [])])]
+        return [self._project.tasks[path] for path in dict.fromkeys([*paths, *([alone.os_task] if alone else [])])]
 
     def _compare(self, findings: Findings, job: Job, low: ProjectTask, high: ProjectTask) -> None:
         if low.priority is not None and high.priority is not None and low.priority < high.priority:

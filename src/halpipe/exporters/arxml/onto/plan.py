@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, Location, about
+from halpipe.core.diagnostics import Findings, Location, about, named
 from halpipe.core.durations import Duration, greatest_common_divisor, seconds
 from halpipe.core.records import record
 from halpipe.exporters.arxml.layout import ShortNames, short
-from halpipe.exporters.arxml.onto.codes import COUNTER_NEEDED, NOT_MAPPED, SHARED_EVENT, WRONG_CORE
+from halpipe.exporters.arxml.onto.codes import (
+    BASIC_SHARED,
+    COUNTER_NEEDED,
+    NOT_MAPPED,
+    SHARED_EVENT,
+    UNKNOWN_EVENT,
+    WRONG_CORE,
+)
 from halpipe.exporters.arxml.onto.gaps import Gaps
 from halpipe.exporters.arxml.tables import ExpiryPoint, Table, check_table
 from halpipe.exporters.arxml.ticks import Counter
@@ -110,8 +117,8 @@ class _Planner:
         found: dict[Action, None] = {}
         alone = self._project.alone.get(task)
         if alone is not None:
-            found[Action(alone)] = None
-            self._check_core(task, alone, units)
+            self._check_core(task, alone.os_task, units)
+            found.update(dict.fromkeys(self._of_call(task, alone)))
         for call in calls:
             if not call.os_task or not call.mapping:
                 self._findings.add(
@@ -124,7 +131,7 @@ class _Planner:
                 )
                 continue
             self._check_core(task, call.os_task, units)
-            found.update(dict.fromkeys(self._of_call(call)))
+            found.update(dict.fromkeys(self._of_call(task, call)))
         return tuple(found)
 
     def _at(self, path: str) -> Location:
@@ -132,11 +139,22 @@ class _Planner:
         item = self._project.items.get(path)
         return item.at if item else Location()
 
-    def _of_call(self, call: Call) -> list[Action]:
+    def _of_call(self, task: str, call: Call) -> list[Action]:
+        """Return what runs a call: the events that an extended OsTask waits for, or one activation."""
         target = self._project.tasks[call.os_task]
-        if target.is_extended and call.os_events:
-            return [Action(call.os_task, event) for event in call.os_events]
-        return [Action(call.os_task)]
+        if not target.is_extended:
+            return [Action(call.os_task)]
+        events = call.os_events or (target.events if len(target.events) == 1 else ())
+        if not events:
+            self._findings.add(
+                UNKNOWN_EVENT(
+                    f'waits for {len(target.events)} OsEvents, and nothing tells which of them is for "{task}"',
+                    at=self._at(call.mapping or call.os_task),
+                    path=named("OsTask", call.os_task),
+                    help="run the RTE generator once, or state RteUsedOsEventRef in the mapping",
+                )
+            )
+        return [Action(call.os_task, event) for event in events]
 
     def _check_core(self, task: str, os_task: str, units: Iterable[str]) -> None:
         bound = self._project.tasks[os_task].unit
@@ -155,19 +173,20 @@ class _Planner:
     def _report_shared(self, starts: dict[str, tuple[Action, ...]]) -> None:
         by_action: dict[str, list[str]] = {}
         for task, actions in starts.items():
-            for action in actions:
+            for action in actions if self._project.calls.get(task) else ():
                 by_action.setdefault(action.key, []).append(task)
+        basic = {action.key for actions in starts.values() for action in actions if not action.event}
         for key, tasks in by_action.items():
-            if len(tasks) > 1:
-                shown = ", ".join(tasks[:_SHOWN]) + (f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else "")
-                self._findings.add(
-                    SHARED_EVENT(
-                        f"starts {shown}",
-                        path=key,
-                        help="run the RTE generator on the merged project, or import with --granularity ostask",
-                        at=self._at(key),
-                    )
-                )
+            if len(tasks) < 2:
+                continue
+            shown = ", ".join(tasks[:_SHOWN]) + (f" and {len(tasks) - _SHOWN} more" if len(tasks) > _SHOWN else "")
+            code, help = (
+                (BASIC_SHARED, "import with --granularity ostask, and schedule again")
+                if key in basic
+                else (SHARED_EVENT, "run the RTE generator on the merged project, or import with --granularity ostask")
+            )
+            self._findings.add(code(f"starts {shown}", path=key, help=help, at=self._at(key)))
+        self._findings.stop_on_errors()
 
     # ------------------------------------------------------------------------------------------------ counters
 
@@ -257,7 +276,7 @@ class _Planner:
         """Return what starts some calls of a task: all that starts it, unless they are a part of them."""
         if len(calls) == len(self._project.calls.get(task, ())):
             return starts[task]
-        return [action for call in calls for action in self._of_call(call)]
+        return [action for call in calls for action in self._of_call(task, call)]
 
 
 def _tables(schedule: Schedule) -> Iterator[tuple[str, str, Duration, tuple[Job, ...]]]:

@@ -12,7 +12,7 @@ from halpipe.importers.arxml.files.numbers import parse_number
 from halpipe.importers.arxml.system.values import Place, Trigger
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Mapping
 
     from halpipe.importers.arxml.files.special import Data
     from halpipe.importers.arxml.system.containers import Container, Containers
@@ -33,8 +33,8 @@ def read_triggers(containers: Containers) -> Iterator[Trigger]:
     }
     for alarm in containers.of("OsAlarm"):
         yield from _alarm(containers, alarm, ticks, stopped.get(alarm.node.path))
-    for table in _running(containers):
-        yield from _expiry_points(table, containers, ticks)
+    for table in _running(containers, stopped):
+        yield from _expiry_points(table, containers, ticks, stopped.get(table.node.path))
 
 
 class Ticks:
@@ -146,10 +146,10 @@ def _alarm(containers: Containers, alarm: Container, ticks: Ticks, stopped: Data
     )
 
 
-def _running(containers: Containers) -> list[Container]:
+def _running(containers: Containers, stopped: Mapping[str | None, Data]) -> list[Container]:
     """Return the repeating tables that run together: of those in each other's way, the ones that the OS starts."""
     tables = [table for table in containers.of("OsScheduleTable") if _repeats(containers, table)]
-    started = [table for table in tables if _autostart(containers, table) is not None]
+    started = [t for t in tables if t.node.path in stopped or _autostart(containers, t) is not None]
     running = []
     for table in tables:
         other = None if table in started else next((s for s in started if _meets(containers, table, s)), None)
@@ -202,8 +202,10 @@ def _activated(action: Container) -> list[str]:
     return action.targets("OsScheduleTableActivateTaskRef")
 
 
-def _start(containers: Containers, table: Container) -> Fraction:
+def _start(containers: Containers, table: Container, stopped: Data | None) -> Fraction:
     """Return the ticks after which a table begins, at its initial offset: absolute values count from 0 as well."""
+    if stopped is not None:
+        return stopped.value("start", _ticks) or Fraction(0)
     start = _autostart(containers, table)
     kind = start.value("OsScheduleTableAutostartType") if start else None
     moved = next((c for c in containers.below(table) if c.kind == "OsScheduleTblAdjustableExpPoint"), None)
@@ -222,12 +224,12 @@ def _start(containers: Containers, table: Container) -> Fraction:
     return value or Fraction(0)
 
 
-def _expiry_points(table: Container, containers: Containers, ticks: Ticks) -> Iterator[Trigger]:
+def _expiry_points(table: Container, containers: Containers, ticks: Ticks, stopped: Data | None) -> Iterator[Trigger]:
     duration = table.number("OsScheduleTableDuration")
     tick, through = ticks.counter(table, _COUNTER)
     if tick is None or not duration:
         return
-    start = _start(containers, table)
+    start = _start(containers, table, stopped)
     for point in containers.below(table):
         if point.kind != "OsScheduleTableExpiryPoint":
             continue
