@@ -67,6 +67,21 @@ def _data(group):
     return [(e.get("GID") or e.get("DEST"), _data(e) if e.tag == NS + "SDG" else e.text or "") for e in group]
 
 
+def native(root):
+    """The native model that an export holds, as XML."""
+    (group,) = [g for g in root.iter(NS + "SDG") if g.get("GID") == "halpipe:model"]
+    return etree.fromstring("".join(sd.text for sd in group.iterfind(NS + "SD") if sd.get("GID") == "xml"))
+
+
+def names(root):
+    """Element to its name in the native model, for runnables, implementations and units: they have the same order."""
+    model = native(root)
+    found = {}
+    for tag, kind in (("RUNNABLE-ENTITY", "task"), ("SWC-IMPLEMENTATION", "version"), ("HW-ELEMENT", "unit")):
+        found |= dict(zip(root.iter(NS + tag), (e.get("name") for e in model.iter(f"{{*}}{kind}")), strict=False))
+    return found
+
+
 def parameters(container):
     """Last step of the definition to value, of the parameters of a configuration container."""
     return {

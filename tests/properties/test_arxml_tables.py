@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_systems import switching_system, valid_system
 
-from arxml_reading import NS, by_path, containers, name_of, seconds_per_tick, special, tables, text, write
+from arxml_reading import NS, by_path, containers, name_of, names, seconds_per_tick, special, tables, text, write
 from halpipe.core.durations import seconds
 from halpipe.exporters.arxml import RELEASES
 from profiles import examples
@@ -19,13 +19,12 @@ SYSTEMS = pytest.mark.parametrize("make", [valid_system, switching_system])
 
 def works(root):
     """What each OsTask executes, by the names in the file: the task, its version, the unit."""
-    found = {}
+    found, called = {}, names(root)
     for name, container in containers(root, "OsTask").items():
         data = dict(special(container, "work") or ())
         if data:
             runnable, implementation, unit = (by_path(root, path) for path in data.values())
-            names = (special(runnable, "task"), special(implementation, "version"), special(unit, "unit"))
-            found[name] = tuple(dict(data[:1])["name"] for data in names)
+            found[name] = tuple(called[element] for element in (runnable, implementation, unit))
     return found
 
 
@@ -44,7 +43,7 @@ def test_tables_start_the_jobs_of_the_schedule(make, seed):
     played = {}
     for table in tables(root).values():
         jobs = played.setdefault((table.of, tick * table.duration), [])
-        jobs += [(*known[n], tick * offset) for offset, names in table.points for n in names if n in known]
+        jobs += [(*known[n], tick * offset) for offset, started in table.points for n in started if n in known]
     expected = {((m.name,), m.hyperperiod): starts_in(m.jobs) for m in plan.modes}
     expected |= {((t.source, t.target), t.length): starts_in(t.jobs) for t in plan.transitions if t.length}
     assert {key: sorted(jobs) for key, jobs in played.items()} == expected

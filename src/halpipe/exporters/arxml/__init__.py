@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ArxmlExporter(PlainExporter):
-    """Writes one ARXML file; what AUTOSAR rounds or lacks goes to special data groups, which ``import`` reads."""
+    """Writes one ARXML file; the native model stands in it once, which ``import`` reads where nothing was edited."""
 
     name = "arxml"
     summary = "AUTOSAR Classic ARXML (R4.x): system with timing, and the schedule as OsScheduleTables"
@@ -26,29 +26,30 @@ class ArxmlExporter(PlainExporter):
     extent = Extent(
         {
             "units": "HW-ELEMENT, EcucCoreDefinition with its OsApplication",
-            "resources": "HW-ELEMENT, its bandwidth as special data",
+            "resources": "HW-ELEMENT; its bandwidth in the native model",
             "tasks": "component type with a runnable and its TIMING-EVENT",
-            "timing": "PERIOD, LATENCY-TIMING-CONSTRAINT for deadlines; offset and slack as special data",
-            "versions": "SWC-IMPLEMENTATION with ANALYZED-EXECUTION-TIME for each unit; gang size as special data",
-            "split": "special data of the implementation",
-            "binding": "special data of the runnable; one OsTask per task",
-            "interrupts": "special data of the HW-ELEMENT; distance of arrivals as special data of the runnable",
-            "accesses": "special data of the implementation",
-            "transfers": "special data of the implementation",
-            "precedence": "EXECUTION-ORDER-CONSTRAINT and OFFSET-TIMING-CONSTRAINT; by version as special data",
+            "timing": "PERIOD, LATENCY-TIMING-CONSTRAINT for deadlines, OFFSET (R19-11); slack in the native model",
+            "versions": "SWC-IMPLEMENTATION with ANALYZED-EXECUTION-TIME for each unit; gang size in the native model",
+            "split": "in the native model",
+            "binding": "in the native model; one OsTask per task",
+            "interrupts": "in the native model, as is the distance of arrivals",
+            "accesses": "in the native model",
+            "transfers": "in the native model",
+            "precedence": "EXECUTION-ORDER-CONSTRAINT and OFFSET-TIMING-CONSTRAINT; by version in the native model",
             "chains": "TIMING-DESCRIPTION-EVENT-CHAIN with its LATENCY-TIMING-CONSTRAINTs",
-            "modes": "MODE-DECLARATION, DISABLED-MODE-IREFS; versions available as special data",
-            "transitions": "MODE-TRANSITION (special data in 4.0.3), with maximum length as special data",
-            "health": "special data",
-            "sources": "special data of the implementation",
-            "origins": "special data of each element",
+            "modes": "MODE-DECLARATION, DISABLED-MODE-IREFS; versions available in the native model",
+            "transitions": "MODE-TRANSITION (not in 4.0.3); maximum length in the native model",
+            "health": "in the native model",
+            "sources": "in the native model",
+            "origins": "in the native model",
             "schedule": "OsScheduleTable for each mode and core; timing guarantees",
             "parts": "OsEvents that hold an OsTask at split points, or priorities of OsTasks that are preempted",
             "tables": "OsScheduleTable that is played once, for each switch and core",
         },
         (
             "Costs and loads of the schedule are not written.",
-            "Times that AUTOSAR rounds (microseconds, floating point seconds) stay exact as special data.",
+            "Times that AUTOSAR rounds (microseconds, floating point seconds) stay exact in the native model.",
+            "The native model is a special data group of the package; it counts while the elements are unchanged.",
         ),
     )
     suffix = ".arxml"

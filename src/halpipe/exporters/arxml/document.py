@@ -6,16 +6,14 @@ import math
 import re
 from decimal import Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lxml import etree
 
 from halpipe.exporters.arxml.options import RELEASES
-from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
-    from halpipe.models import Origin
 
 NAMESPACE = "http://autosar.org/schema/r4.0"
 _XSI = "http://www.w3.org/2001/XMLSchema-instance"
@@ -101,24 +99,9 @@ def sd(parent: etree._Element, key: str, value: object) -> None:
         add(parent, "SD", str(value)).set("GID", key)
 
 
-def sd_attributes(parent: etree._Element, value: Any, *without: str, element: str = "") -> None:
-    """Append the attributes of an element of the model to a group."""
-    for name, text in texts(value, *without, element=element).items():
-        sd(parent, name, text)
-
-
 def sdx(parent: etree._Element, dest: str, path: str) -> None:
     """Append a reference to a group, which every tool checks like its own."""
     ref(parent, "SDX-REF", dest, path)
-
-
-def origin_of(parent: etree._Element, origin: Origin | None) -> None:
-    """Append where an element was imported from."""
-    if origin is not None:
-        inner = group(parent, "origin")
-        sd(inner, "file", origin.file)
-        sd(inner, "line", origin.line)
-        sd(inner, "path", origin.path)
 
 
 # ------------------------------------------------------------------------------------------------------- times
@@ -132,16 +115,10 @@ def seconds_text(time: Duration) -> tuple[str, bool]:
     return plain if len(plain) <= 20 else str(found), value == Fraction(found)
 
 
-def add_time(parent: etree._Element, tag: str, time: Duration, *, up: bool) -> bool:
-    """Append a time in whole microseconds, rounded up or down; return whether that is exact."""
+def add_time(parent: etree._Element, tag: str, time: Duration, *, up: bool) -> None:
+    """Append a time in whole microseconds, rounded up or down."""
     value = time.in_unit("us")
     whole = math.ceil(value) if up else math.floor(value)
     element = add(parent, tag)
     add(element, "CSE-CODE", _MICROSECONDS)
     add(element, "CSE-CODE-FACTOR", str(whole))
-    return value == whole
-
-
-def is_rounded(time: Duration) -> bool:
-    """Return whether a time is not in whole microseconds, which is the least that AUTOSAR surely has."""
-    return time.in_unit("us").denominator != 1

@@ -6,20 +6,10 @@ import re
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
+from halpipe.core.embedding import package_hash, pieces
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
-from halpipe.exporters.arxml.document import (
-    add,
-    document,
-    group,
-    named,
-    origin_of,
-    package,
-    sd,
-    sdx,
-    serialise,
-    special,
-)
+from halpipe.exporters.arxml.document import add, document, named, package, sd, serialise, special
 from halpipe.exporters.arxml.guarantees import write_guarantees
 from halpipe.exporters.arxml.holds import Holds
 from halpipe.exporters.arxml.layout import Layout
@@ -34,6 +24,7 @@ from halpipe.exporters.arxml.ticks import choose_counter
 from halpipe.exporters.arxml.timing import write_demands
 from halpipe.exporters.common.codes import NEEDS_SCHEDULE
 from halpipe.exporters.common.selection import require_mode, select
+from halpipe.exporters.native import format_model
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -57,29 +48,23 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     layout = Layout(model)
     root, packages = document(options.release)
     top = named(packages, "AR-PACKAGE", layout.root)
-    if options.part != "ecuc":
-        _mark(top, model, layout)
     inner = add(top, "AR-PACKAGES")
     if options.part != "ecuc":
         _write_system(inner, model, chosen, layout, options.release)
     if options.part != "system" and chosen is not None:
         _write_ecuc(inner, model, chosen, layout, options)
+    if options.part != "ecuc":
+        _embed(top, model)
     return serialise(root)
 
 
-def _mark(top: etree._Element, model: TaskModel, layout: Layout) -> None:
+def _embed(top: etree._Element, model: TaskModel) -> None:
+    """Append the native model, with the hash of the standard elements, which stand in `top` already."""
     data = special(top, "model")
-    sd(data, "format", 1)
-    sd(data, "name", model.name)
-    for rule in model.health:
-        inner = group(data, "rule")
-        for key, value in (("on", rule.event), ("count", rule.count), ("cycles", rule.cycles), ("action", rule.action)):
-            sd(inner, key, value)
-        sdx(inner, "RUNNABLE-ENTITY", layout.runnable(rule.task))
-        if rule.mode:
-            sdx(inner, "MODE-DECLARATION", layout.mode(rule.mode))
-        origin_of(inner, rule.origin)
-    origin_of(data, model.origin)
+    sd(data, "hash", package_hash(top))
+    for text in pieces(format_model(model)):
+        sd(data, "xml", text)
+    top.insert(1, data.getparent().getparent())  # behind the short name
 
 
 def _write_system(

@@ -43,11 +43,11 @@ def _mode(parent: etree._Element, model: TaskModel, table: ModeSchedule, known: 
         jitter = max(delays) - min(delays)
         periodic(parent, names(short_name, "period"), known.event(task.name), task.period, jitter)
         response = max(delay + (job.end - job.start) for delay, job in zip(delays, found, strict=True))
-        latency(parent, names(short_name, "response"), "REACTION", known.response(task.name), response)
+        latency(parent, names(short_name, "response"), "REACTION", known.response(task.name), response, up=True)
     for chain in table.chains:
         for kind, value in (("REACTION", chain.reaction), ("AGE", chain.age)):
             if value is not None:
-                latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value)
+                latency(parent, names(chain.name, kind.lower()), kind, known.chains[chain.name], value, up=True)
 
 
 def delays_of(task: Task, period: Duration, jobs: Sequence[Job], hyperperiod: Duration) -> list[Duration]:

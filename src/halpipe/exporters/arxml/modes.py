@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.arxml.document import add, group, is_from, named, origin_of, package, ref, sd, sdx, special
+from halpipe.exporters.arxml.document import add, is_from, named, package, ref
 from halpipe.exporters.arxml.layout import ShortNames
 
 if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.layout import Layout
-    from halpipe.models import Mode, TaskModel, Transition
+    from halpipe.models import TaskModel, Transition
 
 
 def disabled_modes(model: TaskModel) -> dict[str, list[str]]:
@@ -30,18 +30,11 @@ def write_modes(packages: etree._Element, model: TaskModel, layout: Layout, rele
         return
     elements = package(packages, "Modes")
     declared = named(elements, "MODE-DECLARATION-GROUP", "Mode")
-    native = is_from(release, "4.2.2")
-    if not native:
-        for transition in model.transitions:
-            data = special(declared, "transition")
-            sdx(data, "MODE-DECLARATION", layout.mode(transition.source))
-            sdx(data, "MODE-DECLARATION", layout.mode(transition.target))
-            _limit(data, transition)
     ref(declared, "INITIAL-MODE-REF", "MODE-DECLARATION", layout.mode(model.modes[0].name))
     modes = add(declared, "MODE-DECLARATIONS")
     for mode in model.modes:
-        _mode(modes, mode, layout)
-    if native and model.transitions:
+        named(modes, "MODE-DECLARATION", layout.modes[mode.name])
+    if is_from(release, "4.2.2") and model.transitions:
         transitions, names = add(declared, "MODE-TRANSITIONS"), ShortNames(*layout.modes.values())
         for transition in model.transitions:
             _transition(transitions, transition, layout, names)
@@ -51,26 +44,8 @@ def write_modes(packages: etree._Element, model: TaskModel, layout: Layout, rele
     ref(prototype, "TYPE-TREF", "MODE-DECLARATION-GROUP", layout.path("Modes", "Mode"))
 
 
-def _mode(parent: etree._Element, mode: Mode, layout: Layout) -> None:
-    element = named(parent, "MODE-DECLARATION", layout.modes[mode.name])
-    data = special(element, "mode")
-    sd(data, "name", mode.name)
-    for run in mode.runs:
-        inner = group(data, "run")
-        sdx(inner, "RUNNABLE-ENTITY", layout.runnable(run.task))
-        for version in run.versions:
-            sd(inner, "version", version)
-    origin_of(data, mode.origin)
-
-
 def _transition(parent: etree._Element, transition: Transition, layout: Layout, names: ShortNames) -> None:
     short_name = names(layout.modes[transition.source], "to", layout.modes[transition.target])
     element = named(parent, "MODE-TRANSITION", short_name)
-    _limit(special(element, "transition"), transition)
     ref(element, "ENTERED-MODE-REF", "MODE-DECLARATION", layout.mode(transition.target))
     ref(element, "EXITED-MODE-REF", "MODE-DECLARATION", layout.mode(transition.source))
-
-
-def _limit(data: etree._Element, transition: Transition) -> None:
-    sd(data, "max-length", transition.max_length)
-    origin_of(data, transition.origin)

@@ -7,21 +7,13 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.arxml.document import (
     add,
     add_time,
-    group,
     is_from,
-    is_rounded,
     named,
-    origin_of,
     package,
     ref,
-    sd,
-    sd_attributes,
-    sdx,
     seconds_text,
-    special,
 )
 from halpipe.exporters.arxml.layout import EVENT
-from halpipe.models import WHOLE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +21,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.arxml.layout import Layout
-    from halpipe.models import Access, Precedence, Source, Split, Task, TaskModel, Version
+    from halpipe.models import Task, TaskModel, Version
 
 
 def write_software(
@@ -53,7 +45,6 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
         port = named(add(component, "PORTS"), "R-PORT-PROTOTYPE", "Mode")
         ref(port, "REQUIRED-INTERFACE-TREF", "MODE-SWITCH-INTERFACE", layout.path("Modes", "ModeSwitch"))
     behavior = named(add(component, "INTERNAL-BEHAVIORS"), "SWC-INTERNAL-BEHAVIOR", "Behavior")
-    rounded = False
     if task.period is not None:
         event = named(add(behavior, "EVENTS"), "TIMING-EVENT", EVENT)
         if disabled:
@@ -61,15 +52,8 @@ def _component(elements: etree._Element, task: Task, layout: Layout, release: st
         ref(event, "START-ON-EVENT-REF", "RUNNABLE-ENTITY", layout.runnable(task.name))
         if task.offset is not None and is_from(release, "R19-11"):
             add(event, "OFFSET", seconds_text(task.offset)[0])
-        text, exact = seconds_text(task.period)
-        add(event, "PERIOD", text)
-        rounded = not exact
+        add(event, "PERIOD", seconds_text(task.period)[0])
     runnable = named(add(behavior, "RUNNABLES"), "RUNNABLE-ENTITY", layout.tasks[task.name])
-    data = special(runnable, "task")
-    sd(data, "name", task.name)
-    sd(data, "period", task.period if rounded else None)
-    sd_attributes(data, task, "name", "period", "deadline")
-    origin_of(data, task.origin)
     add(runnable, "SYMBOL", layout.tasks[task.name])
 
 
@@ -92,24 +76,6 @@ def _disable(parent: etree._Element, task: Task, layout: Layout, modes: Sequence
 
 def _implementation(elements: etree._Element, task: Task, version: Version, layout: Layout) -> None:
     element = named(elements, "SWC-IMPLEMENTATION", layout.versions[task.name, version.name])
-    data = special(element, "version")
-    sd(data, "name", version.name)
-    sd(data, "wcet", version.wcet if version.wcet is not None and is_rounded(version.wcet) else None)
-    sd_attributes(data, version, "name", "wcet")
-    sd_attributes(data, version, "names", element="units")
-    if version.units:
-        units = group(data, "units")
-        for unit in version.units:
-            sdx(units, "HW-ELEMENT", layout.unit(unit))
-    if version.split != WHOLE:
-        _split(group(data, "split"), version.split)
-    for access in version.accesses:
-        _access(data, access, layout)
-    for precedence in version.precedences:
-        _precedence(data, precedence, layout)
-    if version.source is not None:
-        _source(data, version.source)
-    origin_of(data, version.origin)
     if version.wcet is not None:
         resources = named(element, "RESOURCE-CONSUMPTION", "Resources")
         times = add(resources, "EXECUTION-TIMES")
@@ -120,37 +86,6 @@ def _implementation(elements: etree._Element, task: Task, version: Version, layo
                 ref(time, "HW-ELEMENT-REF", "HW-ELEMENT", layout.unit(unit))
             add_time(time, "WORST-CASE-EXECUTION-TIME", version.wcet, up=True)
     ref(element, "BEHAVIOR-REF", "SWC-INTERNAL-BEHAVIOR", layout.behavior(task.name))
-
-
-def _split(data: etree._Element, split: Split) -> None:
-    for point in split.points:
-        sd(data, "point", point)
-    sd(data, "anywhere", "true" if split.anywhere else None)
-    sd_attributes(data, split)
-
-
-def _access(data: etree._Element, access: Access, layout: Layout) -> None:
-    element = group(data, "access")
-    sdx(element, "HW-ELEMENT", layout.resource(access.resource))
-    sd_attributes(element, access, "resource")
-    for transfer in access.transfers:
-        sd_attributes(group(element, "transfer"), transfer)
-
-
-def _precedence(data: etree._Element, precedence: Precedence, layout: Layout) -> None:
-    element = group(data, "precedence")
-    sdx(element, "RUNNABLE-ENTITY", layout.runnable(precedence.task))
-    sd_attributes(element, precedence, "task")
-    origin_of(element, precedence.origin)
-
-
-def _source(data: etree._Element, source: Source) -> None:
-    element = group(data, "source")
-    for file in source.files:
-        sd(element, "file", file)
-    sd(element, "entry", source.entry)
-    for define in source.defines:
-        sd(element, "define", define)
 
 
 # ------------------------------------------------------------------------------------------------------ system

@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING
 from halpipe.exporters.arxml.document import (
     add,
     add_time,
-    is_rounded,
     named,
-    origin_of,
     package,
     ref,
-    sd,
-    sd_attributes,
-    sdx,
-    special,
 )
 from halpipe.exporters.arxml.layout import ShortNames
 from halpipe.models import Anchor
@@ -89,9 +83,6 @@ class Descriptions:
         ends = [*starts[1:], self.event(chain.tasks[-1], _TERMINATED)]
         segments = [self.names(name, self.layout.tasks[task]) for task in chain.tasks]
         element = named(self._parent, _CHAIN, name)
-        data = special(element, "chain")
-        sd_attributes(data, chain, "tasks", "max-reaction", "max-age")
-        origin_of(data, chain.origin)
         ref(element, "STIMULUS-REF", _EVENT, starts[0])
         ref(element, "RESPONSE-REF", _EVENT, ends[-1])
         refs = add(element, "SEGMENT-REFS")
@@ -123,7 +114,7 @@ def write_demands(packages: etree._Element, model: TaskModel, layout: Layout) ->
         for kind, limit in (("REACTION", chain.max_reaction), ("AGE", chain.max_age)):
             if limit is not None:
                 name = known.names(chain.name, kind.lower())
-                latency(demands, name, kind, known.chains[chain.name], limit, exact="limit")
+                latency(demands, name, kind, known.chains[chain.name], limit)
     ref(timing, "SYSTEM-REF", "SYSTEM", layout.path("System", "System"))
     return elements, known
 
@@ -137,22 +128,16 @@ def periodic(parent: etree._Element, name: str, event: str, period: Duration, ji
     add_time(element, "PERIOD", period, up=False)
 
 
-def latency(parent: etree._Element, name: str, kind: str, chain: str, limit: Duration, *, exact: str = "") -> None:
-    """Append the most that a chain may take (rounded down, its value beside it as `exact`) or takes (rounded up)."""
+def latency(parent: etree._Element, name: str, kind: str, chain: str, limit: Duration, *, up: bool = False) -> None:
+    """Append the most that a chain may take, rounded down, or takes, rounded `up`."""
     element = named(parent, "LATENCY-TIMING-CONSTRAINT", name)
-    if exact:
-        data = special(element, exact)
-        sd(data, "exact", limit if is_rounded(limit) else None)
     add(element, "LATENCY-CONSTRAINT-TYPE", kind)
     ref(element, "SCOPE-REF", _CHAIN, chain)
-    add_time(element, "MAXIMUM", limit, up=not exact)
+    add_time(element, "MAXIMUM", limit, up=up)
 
 
 def _deadline(demands: etree._Element, task: Task, deadline: Duration, known: Descriptions) -> None:
     element = named(demands, "LATENCY-TIMING-CONSTRAINT", known.names(known.layout.tasks[task.name], "deadline"))
-    data = special(element, "deadline")
-    sdx(data, "RUNNABLE-ENTITY", known.layout.runnable(task.name))
-    sd(data, "exact", deadline if is_rounded(deadline) else None)
     add(element, "LATENCY-CONSTRAINT-TYPE", "REACTION")
     ref(element, "SCOPE-REF", _CHAIN, known.response(task.name))
     add_time(element, "MAXIMUM", deadline, up=False)

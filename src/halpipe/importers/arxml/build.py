@@ -21,9 +21,9 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
+from halpipe.importers.arxml.embedded import find_embedded, read_embedded
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import legal_name
-from halpipe.importers.arxml.own.models import find_carried, read_carried
 from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
@@ -77,9 +77,10 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
 
 def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
     tree = read_tree(paths, findings, Choice(options.variant, options.conditions), on_progress=options.on_progress)
-    package = find_carried(tree)
-    if package is not None:
-        return read_carried(tree, package, options)
+    data = find_embedded(tree)
+    embedded = None if data is None else read_embedded(tree, data, options)
+    if embedded is not None:
+        return embedded
     built = assemble(tree, read_system(tree, options.ecu), paths, options)
     return built.model, built.coverage
 

@@ -1,4 +1,4 @@
-"""The diagnostics of reading models that halpipe wrote as ARXML: HAL0590 to HAL0592."""
+"""Diagnostics of ARXML files that halpipe exported: HAL0590 to HAL0592."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -16,6 +16,6 @@ BESIDE_MODEL = warning(
 EDITED = warning(
     "HAL0592",
     "Exported ARXML was edited",
-    "Standard elements carry most of a model; special data groups carry what they round, and what they lack. Where "
-    "both disagree, the standard element counts. Where special data cannot be read, they are left out.",
+    "An exported file holds the native model once, with a hash of the standard elements. Where these were changed "
+    "since, they are imported, as of any other tool: what AUTOSAR rounds or lacks is then lost.",
 )

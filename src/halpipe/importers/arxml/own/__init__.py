@@ -1,1 +1,0 @@
-"""Models that halpipe itself wrote as ARXML, read back exactly."""
