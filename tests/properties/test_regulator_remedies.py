@@ -102,8 +102,9 @@ def remedied(platform, finding):
 
 
 def about(finding):
-    """What a finding is about: its line is that of the key."""
-    return finding.code, finding.path, finding.at.line
+    """What a finding is about: its line is that of the key, and what is shared is its first word."""
+    word = re.match("[a-z]+ ", finding.message)
+    return finding.code, finding.path, finding.at.line, word and word[0]
 
 
 @examples(150)

@@ -38,9 +38,11 @@ MAY_IMPORT = {
     "models": {"core.diagnostics", "core.durations", "core.quantities"},
     "schemas": {"core.diagnostics", "core.suggest"},
     "importers": {"core", "models", "schemas"},
-    "exporters": {"core", "models", "schemas", "pipeline.parts"},
+    # Facts of makers about their devices, for who writes and who checks.
+    "registers": {"core"},
+    "exporters": {"core", "models", "schemas", "pipeline.parts", "registers"},
     # Checks of bundles share nothing with the exporters that write them.
-    "deploy": {"core", "models"},
+    "deploy": {"core", "models", "registers"},
     "pipeline": {"core", "models"},
     # What interruptions make of a job has one home for the solver and all exporters.
     "pipeline.parts": {"core.durations", "models"},

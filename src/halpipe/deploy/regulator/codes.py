@@ -1,6 +1,6 @@
 """The diagnostics of the check of regulator bundles: HAL1010 to HAL1029, and HAL1060 to HAL1079."""
 
-from halpipe.core.diagnostics import error
+from halpipe.core.diagnostics import error, warning
 
 UNUSABLE_TABLES = error(
     "HAL1010",
@@ -148,4 +148,11 @@ BROKEN_COUNTERS = error(
     "Bandwidth counters cannot be used",
     "The file has other columns than the documented ones, a row has a value that is none, or names a table, unit or "
     "direction that the bundle does not have.",
+)
+SHARED_ISOLATION = warning(
+    "HAL1068",
+    "Reads and writes of a unit depend on each other",
+    "The device stops both directions of a manager when one has spent its budget. The capacity is kept, but a unit "
+    "that reads and writes at once may get less than was promised in one direction. Give the writes a manager of their "
+    "own.",
 )

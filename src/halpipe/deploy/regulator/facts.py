@@ -30,7 +30,9 @@ _HELP = "export the bundle again; tables.json is made from platform.yaml"
 
 DEFAULTS: Mapping[str, Mapping[str, str]] = {
     "table": {"depth": "1024"},
-    "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
+    "axi-realm": {
+        "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
+    },
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {

@@ -1,7 +1,13 @@
-"""Diagnostics of the regulator export: HAL0819 to HAL0839."""
+"""Diagnostics of the regulator export: HAL0810 and HAL0819 to HAL0839."""
 
 from halpipe.core.diagnostics import error, warning
 
+SHORT_BURSTS = warning(
+    "HAL0810",
+    "AXI-REALM may refuse short bursts",
+    "A unit of AXI-REALM splits bursts at its length limit, the longest burst of the platform. Shorter bursts that may "
+    "not be split (WRAP, or non-modifiable by AxCACHE) are answered with SLVERR and never reach the memory.",
+)
 APPROXIMATE = warning(
     "HAL0819",
     "Rates of the regulator are approximate",

@@ -55,7 +55,9 @@ _TOP = (
 _UNIT = ("manager", "default-read", "default-write", "port", "core", "group")
 _SETTINGS: dict[str, dict[str, str]] = {
     "table": {"depth": "1024"},
-    "axi-realm": {"managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0"},
+    "axi-realm": {
+        "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
+    },
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
     "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
     "resctrl": {
@@ -403,6 +405,7 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("axi-realm", "managers"): _number_text(1, 32),
     ("axi-realm", "regions"): _number_text(1, 16),
     ("axi-realm", "base"): _address,
+    ("axi-realm", "bursts"): Words("any", "modifiable"),
     ("qos400", "clock"): _frequency_text,
     ("qos400", "granularity"): Words("mode", "phase"),
     ("memguard", "granularity"): Words("mode", "phase"),

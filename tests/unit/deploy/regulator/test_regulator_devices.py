@@ -11,8 +11,10 @@ import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import DEPLOYMENT, codes
-from halpipe.deploy.regulator.devices.axi_realm import RegisterFile
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
+from halpipe.exporters.regulator import codes as export_codes
+from halpipe.exporters.regulator.report import findings_of
+from halpipe.registers import RegisterFile
 from support import access, job, mode, model, schedule, task, version
 
 PLATFORM = """halpipe-regulator: 1
@@ -78,8 +80,25 @@ def ids(files):
 def test_what_is_exported_grants_what_is_promised(exported, name):
     backend, files = exported[name]
     checked = DEPLOYMENT.check(bundles.target(files), CheckOptions())
-    assert checked.diagnostics == ()
+    shared = [(codes.SHARED_ISOLATION.id, 'unit "u2"')] if backend == "axi-realm" else []
+    assert [(d.code, d.path) for d in checked.diagnostics] == shared
     assert checked.lines[1].startswith(f"device: {backend} grants what is promised")
+
+
+def test_axi_realm_depends_on_how_its_managers_send(tmp_path):
+    """Unit u2 reads and writes; short bursts may be refused unless the platform states that they are modifiable."""
+    for told, said in (
+        ("any", "; if all short bursts are modifiable)"),
+        ("modifiable", "only to units that do not read"),
+    ):
+        text = PLATFORM + f"axi-realm: {{pending: 1, bursts: {told}}}\n"
+        path = tmp_path / "p.yaml"
+        path.write_text(text)
+        files = RegulatorExporter().write(*system(), RegulatorOptions(platform=str(path), backend="axi-realm"))
+        warned = {d.code for d in findings_of(files["report.json"])}
+        assert (export_codes.SHORT_BURSTS.id in warned) == (told == "any")
+        assert export_codes.BINDS_BOTH.id in warned
+        assert said in DEPLOYMENT.check(bundles.target(files), CheckOptions()).lines[1]
 
 
 def faults(text):
@@ -124,7 +143,17 @@ def changed(files, name, old, new, count=1):
 @pytest.mark.parametrize(
     ("name", "file", "old", "new", "code"),
     [
-        ("axi-realm", "setup.txt", "0x7fc 0x00000007\n", "", codes.DEVICE_REFUSES),
+        ("axi-realm", "setup.txt", "- 0x7fc 0x00000007\n", "", codes.DEVICE_REFUSES),
+        ("axi-realm", "setup.txt", "? 0x32c", "? 0x00c", codes.DEVICE_REFUSES),
+        (
+            "axi-realm",
+            "setup.txt",
+            "- 0x01c",
+            "? 0x224 0xffffffff 0x00000000 0x00000010\n- 0x01c",
+            codes.DEVICE_REFUSES,
+        ),
+        ("axi-realm", "setup.txt", "0x00000080 0x00000080", "0x00000040 0x00000040", codes.GRANTS_DIFFER),
+        ("axi-realm", "setup.txt", "0xfffffffe", "0xffffffff", codes.GRANTS_DIFFER),
         ("axi-realm", "0-fast.txt", "0x00000640", "0x00000680", codes.GRANTS_DIFFER),
         ("axi-realm", "0-fast.txt", "0x00000640", "0x00010000", codes.DEVICE_OVER_CAPACITY),
         ("axi-realm", "axi_realm.h", "realm_entry_0,", "realm_entry_1,", codes.GRANTS_DIFFER),
@@ -139,7 +168,7 @@ def changed(files, name, old, new, count=1):
         ("resctrl", "0-fast.sh", "put one 'MB:0=10;1=10", "put one 'MB:0=10;1=20", codes.DEVICE_REFUSES),
         ("resctrl", "0-fast.sh", "put one 'MB:0=10;1=10", "put one 'MB:0=90;1=10", codes.DEVICE_OVER_CAPACITY),
         ("resctrl", "0-fast.sh", "mkdir -p one\n", "", codes.DEVICE_REFUSES),
-        ("axi-realm", "load.sh", "0x7fc", "0x7f8", codes.NOT_UNDERSTOOD),
+        ("axi-realm", "load.sh", "exit 1", "exit 0", codes.NOT_UNDERSTOOD),
         ("axi-realm", "axi_realm.h", "#define REALM_GUARD 0x7fcu", "#define REALM_GUARD 0x124u", codes.GRANTS_DIFFER),
         ("axi-realm", "axi_realm.h", "return n + 1u;", "return 0u;", codes.NOT_UNDERSTOOD),
         ("qos400", "qos400.h", "? 0u : 1u", "? 0u : 0u", codes.NOT_UNDERSTOOD),
@@ -165,13 +194,24 @@ def test_scripts_of_another_schedule_or_of_none_are_found(exported, name):
 
 @pytest.mark.parametrize(("managers", "regions", "guard"), [(8, 2, 0x7FC), (16, 2, 0xFFC), (8, 8, 0x1FFC)])
 def test_the_register_file_is_that_of_the_documentation(managers, regions, guard):
-    file = RegisterFile(managers, regions)
-    assert file.guard == guard
+    file = RegisterFile("axi_realm", managers, regions)
+    assert file.claim.offset == guard
     if (managers, regions) == (8, 2):
-        names = {name: offset for offset, name in file.names.items()}
-        assert names["write budget", 0, 0] == 0x124
-        assert names["read budget", 0, 0] == 0x164
-        assert names["read period", 7, 1] == 0x220
+        known = {"rt_enable": 0x0C, "rt_bypassed": 0x10, "len_limit": 0x14, "imtu_enable": 0x1C, "start_low": 0x24}
+        known |= {
+            "end_high": 0xE4,
+            "write_budget": 0x124,
+            "read_budget": 0x164,
+            "isolate": 0x324,
+            "num_managers": 0x32C,
+        }
+        assert {name: file.offset(name) for name in known} == known
+        assert file.offset("read_period", 15) == 0x220
+        assert file.offset("len_limit", 7) == 0x18
+        readable = {word.name for word in file.words.values() if word.is_readable}
+        assert {"guard", "rt_bypassed", "num_managers", "num_addr_regions", "read_budget_left"} <= readable
+        written = {word.name for word in file.words.values() if word.is_writable}
+        assert readable & written == {"guard"}
 
 
 @pytest.mark.parametrize(
@@ -190,44 +230,74 @@ def test_a_platform_that_no_model_can_use_is_refused(exported, name, old, new):
 
 
 DEVMEM = """#!/bin/sh
-# Registers are files; the one called $STUCK keeps what it has.
-at=$(printf %x "$(($1))")
-if [ $# = 3 ]; then [ "$at" = "$STUCK" ] || echo "$3" > "$BOARD/$at"; else cat "$BOARD/$at"; fi
+# Registers are files, from 0x1000 on; those listed in $BOARD/wo read as 0, all others keep what they have.
+at=$(printf %x "$(($1 - 0x1000))")
+if [ $# = 3 ]; then echo "$at $3" >> "$BOARD/log"; grep -qx "$at" "$BOARD/wo" || exit 0
+elif grep -qx "$at" "$BOARD/wo"; then echo 0x0; else cat "$BOARD/$at"; fi
 """
 
 
-@pytest.mark.skipif(os.name != "posix", reason="there is no sh")
-@pytest.mark.parametrize(("name", "script"), [("axi-realm", "setup.txt"), ("axi-realm", "0-fast.txt")])
-def test_what_is_loaded_is_read_back(exported, tmp_path, name, script):
-    """The exported shell script runs, with registers that hold what is written, and with one that does not."""
-    backend, files = exported[name]
-    for file in ("load.sh", script):
-        (tmp_path / file).write_bytes(files[f"{backend}/{file}"])
-    (tmp_path / "devmem").write_text(DEVMEM)
-    (tmp_path / "devmem").chmod(0o755)
-    lines = [line.removeprefix("- ").split() for line in (tmp_path / script).read_text().splitlines()]
-    written = [
-        (int(a, 16) + 0x1000, int(b, 16)) for a, b in (line for line in lines if len(line) == 2 and line[0] != "#")
-    ]
-    assert len(written) > 3
+def board(folder, exported, name, **changes):
+    """An AXI-REALM of 8 managers and 2 regions, with its access kinds, after its set-up; returns what was loaded."""
+    file = RegisterFile("axi_realm", 8, 2)
+    folder.mkdir()
+    (folder / "wo").write_text("".join(f"{o:x}\n" for o, word in file.words.items() if not word.is_readable))
+    values = {"num_managers": 8, "num_addr_regions": 2, "data_width": 128, "period_width": 32, "budget_width": 32}
+    for word in file.words.values():
+        value = {"rt_bypassed": 0xF8, "read_period_left": 999, "write_period_left": 5}.get(word.name, 0)
+        value = changes.get(word.name, values.get(word.name, value))
+        (folder / f"{word.offset:x}").write_text(f"{value:#x}\n")
+    _, files = exported["axi-realm"]
+    setup = [line.split() for line in files["axi-realm/setup.txt"].decode().splitlines() if not line.startswith("#")]
+    budgets = {int(words[1], 16): words[2] for words in setup if words[0] == "-"}
+    for direction in ("read", "write") if "stopped" not in changes else ():
+        for field in range(16):
+            left, at = file.offset(f"{direction}_budget_left", field), file.offset(f"{direction}_budget", field)
+            (folder / f"{left:x}").write_text(budgets.get(at, "0x0") + "\n")
+    for script in ("load.sh", name):
+        (folder / script).write_bytes(files[f"axi-realm/{script}"])
+    (folder / "devmem").write_text(DEVMEM)
+    (folder / "devmem").chmod(0o755)
+    environment = {"PATH": f"{folder}:{os.environ['PATH']}", "BOARD": str(folder)}
+    command = ["sh", "load.sh", name]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    log = (folder / "log").read_text().split() if (folder / "log").exists() else []
+    written = [(int(a, 16), int(b, 16)) for a, b in zip(log[::2], log[1::2], strict=True)]
+    return done.returncode, done.stderr, written, setup
 
-    def load(stuck):
-        board = tmp_path / f"board-{stuck}"
-        board.mkdir()
-        if stuck:
-            (board / stuck).write_text("0x12345\n")
-        environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "BOARD": str(board), "STUCK": stuck}
-        command = ["sh", "load.sh", script]
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-        return done.returncode, done.stderr, board
 
-    code, said, board = load("")
+posix = pytest.mark.skipif(os.name != "posix", reason="there is no sh")
+
+
+@posix
+def test_axi_realm_is_loaded_although_its_registers_are_write_only(exported, tmp_path):
+    code, said, written, setup = board(tmp_path / "a", exported, "setup.txt")
     assert (code, said) == (0, "")
-    assert {int(path.name, 16): int(path.read_text(), 16) for path in board.iterdir()} == dict(written)
-    at, value = written[-1]
-    code, said, _ = load(f"{at:x}")
+    assert written == [(int(a, 16), int(b, 16)) for kind, a, b, *_ in setup if kind == "-"]
+    code, said, written, _ = board(tmp_path / "b", exported, "0-fast.txt")
+    assert (code, said) == (0, "")
+    assert len(written) == 4  # two units, both directions; the others are for the handler
+
+
+@posix
+@pytest.mark.parametrize(
+    ("changes", "said", "count"),
+    [
+        ({"num_managers": 6}, "setup.txt: register 0x32c is 6, not from 8 to 8", 1),
+        ({"num_addr_regions": 1}, "is 1, not from 2 to 2", 1),
+        ({"data_width": 64}, "is 64, not from 128 to 128", 1),
+        ({"period_width": 8}, "is 8, not from 10 to", 1),
+        ({"rt_bypassed": 0xFF}, "register 0x010 is 7, not from 0 to 0", 0),
+        ({"read_period_left": 1000}, "is 1000, not from 0 to 999", 0),
+        ({"stopped": True}, "is 0, not from 1 to", 0),
+    ],
+)
+def test_another_axi_realm_is_refused_with_figures(exported, tmp_path, changes, said, count):
+    """One that is built otherwise before anything but the claim is written."""
+    code, told, written, _ = board(tmp_path / "a", exported, "setup.txt", **changes)
     assert code == 1
-    assert f"register {at - 0x1000:#05x} is 0x12345, not {value:#010x}" in said
+    assert said in told
+    assert not count or written == [(0x7FC, 7)]
 
 
 def test_memguard_by_phase_serves_phases_that_take_turns(tmp_path):

@@ -104,32 +104,42 @@ def choices(case: Case, script: Script, lines: Sequence[Line]) -> Iterator[tuple
         case.note(NOT_UNDERSTOOD, script.name, "does not end as documented")
 
 
-def check_loader(case: Case, script: Script, base: str, guard: str) -> None:
-    """Note where the script that loads the others does not write, read back and stop as documented."""
-    skips = (f'  [ "$offset" != {guard} ] || continue',) if guard else ()
+def check_loader(case: Case, script: Script, base: str) -> None:
+    """Note where the script that loads the others does not write, read and stop as documented."""
+    in_range = '[ $((least)) -le "$have" ] && [ "$have" -le $((most)) ]'
+    fails = '{ echo "$1: register $offset is $have, not from $((least)) to $((most))" >&2; exit 1; }'
     expected = (
         "set -e",
-        """sed -e '/^#/d' -e 's/^- //' "$1" | while read -r offset value more; do""",
-        '  [ -z "$more" ] || continue',
+        """sed '/^#/d' "$1" | while read -r what offset value least most; do""",
         f"  at=$(({base} + offset))",
-        '  devmem "$at" 32 "$value"',
-        *skips,
-        '  have=$(devmem "$at" 32)',
-        '  [ $((have)) -eq $((value)) ] || { echo "$1: register $offset is $have, not $value" >&2; exit 1; }',
+        '  case "$what" in',
+        '  -) devmem "$at" 32 "$value" ;;',
+        r"  \?)",
+        '    have=$(devmem "$at" 32)',
+        "    have=$((have & value))",
+        f"    {in_range} || {fails}",
+        "    ;;",
+        "  esac",
         "done",
     )
     for line in take(case, script, expected):
         case.note(NOT_UNDERSTOOD, script.name, f'has "{line.text[:60]}" after its end', line=line.number)
 
 
-def put_function(prefix: str, guard: str) -> str:
-    """Return the C function that writes registers and reads each back; words are one space apart."""
-    skips = f"write[n].offset != {guard} && " if guard else ""
+def load_functions(prefix: str) -> tuple[str, ...]:
+    """Return the C functions that write registers and read ranges; words are one space apart."""
     return (
-        f"static inline uint32_t {prefix}_load(uintptr_t base, const struct {prefix}_write *write, uint32_t count) {{ "
-        "for (uint32_t n = 0u; n < count; n++) { "
-        "volatile uint32_t *at = (volatile uint32_t *)(base + write[n].offset); "
-        f"*at = write[n].value; if ({skips}*at != write[n].value) {{ return n + 1u; }} }} return 0u; }}"
+        (
+            f"static inline void {prefix}_load(uintptr_t base, const struct {prefix}_write *write, uint32_t count) {{ "
+            "for (uint32_t n = 0u; n < count; n++) "
+            "{ *(volatile uint32_t *)(base + write[n].offset) = write[n].value; } }"
+        ),
+        (
+            f"static inline uint32_t {prefix}_check(uintptr_t base, const struct {prefix}_range *range, "
+            "uint32_t count) { for (uint32_t n = 0u; n < count; n++) { "
+            "uint32_t have = *(volatile uint32_t *)(base + range[n].offset) & range[n].mask; "
+            "if (have < range[n].least || have > range[n].most) { return n + 1u; } } return 0u; }"
+        ),
     )
 
 
@@ -171,12 +181,12 @@ _VALUE = re.compile(r"(0x[0-9a-f]+|[0-9]+)u|0|[a-z]\w*")
 
 
 def header_of(
-    case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str, function: str
+    case: Case, name: str, types: dict[str, str], arrays: dict[str, str], digest: str, *functions: str
 ) -> Header | None:
     """Return the header `name`, which declares `types` (with members) and has the schedule in the macro `digest`.
 
-    `arrays` gives the type of each array by its name, without the number of its table; `function` is the one that it
-    defines, words apart by one space.
+    `arrays` gives the type of each array by its name, without the number of its table; `functions` are those that
+    it defines, words apart by one space.
     """
     data = files_of(case).get(name)
     if data is None:
@@ -184,7 +194,7 @@ def header_of(
         return None
     text = re.sub(r"/\*.*?\*/", "", data.decode("utf-8", "replace"), flags=re.DOTALL)
     header = Header(name, {}, {}, {}, {})
-    if [" ".join(found.split()) for found in _FUNCTION.findall(text)] != [function]:
+    if [" ".join(found.split()) for found in _FUNCTION.findall(text)] != [*functions]:
         case.note(NOT_UNDERSTOOD, name, "does not write and read back as documented")
     text = _FUNCTION.sub("", text)
     text = _ARRAY.sub(lambda match: _array(case, header, match), text)

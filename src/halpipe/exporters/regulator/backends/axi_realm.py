@@ -1,13 +1,15 @@
 """AXI-REALM (pulp-platform/axi_rt): budgets in bytes per period, which software rewrites window by window.
 
-What its RTL was measured to do decides how it is programmed:
+Measurements of its RTL decide how it is programmed:
 
 * A budget is loaded at the end of a period only, so that it is written in the window before it applies.
 * A greedy manager gets one burst more than its budget: that is the overshoot.
-* A budget of 0 in any region or direction isolates the manager as a whole. That is what a unit gets that never uses the
-  resource. Of any other unit, a direction that is idle, now or always, keeps a budget of one burst, for which room is
-  reserved; only regions that hold no address are left open.
+* A budget of 0 in any region or direction isolates the manager as a whole. That is the budget of a unit that never uses
+  the resource. Of any other unit, a direction that is idle, now or always, keeps a budget of one burst, for which room
+  is reserved; only regions that hold no address are left open.
 * A period written before its budget starts with budget 0; budgets come first.
+* Set-up registers are write-only. What the file was built with, bypass, and what is left of budgets can be read.
+* An unused region still needs its end above its start.
 """
 
 from __future__ import annotations
@@ -17,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.diagnostics import about
 from halpipe.core.records import record
 from halpipe.exporters.regulator.backends.base import file_names, identifiers, render
-from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, TOO_MANY_WRITES
+from halpipe.exporters.regulator.codes import BINDS_BOTH, DOES_NOT_FIT, SHORT_BURSTS, TOO_MANY_WRITES
 from halpipe.exporters.regulator.frames import Row
-from halpipe.exporters.regulator.platform import DIRECTIONS, READ
+from halpipe.exporters.regulator.platform import DIRECTIONS
+from halpipe.registers import RegisterFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,43 +31,14 @@ if TYPE_CHECKING:
     from halpipe.exporters.regulator.platform import Platform
     from halpipe.exporters.regulator.tables import RegulatedUnit, Table, Tables
 
+DEVICE = "axi_realm"
 CLAIM = 0x7
-ENABLE = 0x0C
 OPEN = 0x7FFFFFFF
+ALL = 0xFFFFFFFF
+NOWHERE = (ALL - 1, ALL, ALL, ALL)
+"""Start and end, low and high, of a region that holds no address of a bus; the end is above the start."""
 
-
-@record
-class RegisterMap:
-    """Offsets of the registers, which move with the numbers of managers and regions that the RTL is built for."""
-
-    managers: int
-    regions: int
-
-    @property
-    def len_limit(self) -> int:
-        """Lengths of bursts, 8 bits for each manager."""
-        return 0x14
-
-    @property
-    def imtu_enable(self) -> int:
-        """One bit for each manager."""
-        return self.len_limit + -(-self.managers // 4) * 4
-
-    @property
-    def guard(self) -> int:
-        """Who owns the registers; it lies behind them, at the top of the next larger power of two."""
-        counters, facts = 4, 13  # banks to be read only; then isolation and what the RTL was built with
-        size = self.bank(END_OF_BANKS + counters, 0, 0) + 4 * facts
-        return (2 << (size - 1).bit_length()) - 4
-
-    def bank(self, number: int, manager: int, region: int) -> int:
-        """Return a register of one of the banks with one register for each manager and region."""
-        count = self.managers * self.regions
-        return self.imtu_enable + 8 + 4 * (number * count + manager * self.regions + region)
-
-
-START_LOW, START_HIGH, END_LOW, END_HIGH, WRITE_BUDGET, READ_BUDGET, WRITE_PERIOD, READ_PERIOD = range(8)
-END_OF_BANKS = 8
+EVERYWHERE = (0, 0, ALL, ALL)
 
 
 @record
@@ -74,6 +48,16 @@ class Write:
     window: int
     offset: int
     value: int
+
+
+@record
+class Check:
+    """A register that is read: its bits in `mask` are from `least` to `most`."""
+
+    offset: int
+    mask: int
+    least: int
+    most: int
 
 
 class AxiRealm:
@@ -92,14 +76,19 @@ class AxiRealm:
 
     def check(self, tables: Tables) -> list[Diagnostic]:
         """Return what the register file or the handler cannot do, and where promises depend on each other."""
-        return [*_check_managers(tables), *_check_directions(tables), *_check_handler(tables)]
+        return [
+            *_check_managers(tables),
+            *_check_directions(tables),
+            *_check_short(tables.platform),
+            *_check_handler(tables),
+        ]
 
     def facts(self, tables: Tables) -> dict[str, Any]:
         """Return how much software has to write."""
         worst, where = _worst(tables)
         limit = int(tables.platform.settings[self.name]["writes-per-window"])
         regulated = {unit.manager for unit in tables.units}
-        free = [m for m in range(_map(tables).managers) if m not in regulated]
+        free = [m for m in range(_managers(tables)) if m not in regulated]
         return {
             "writes_per_window": worst,
             "worst_window": where,
@@ -111,57 +100,100 @@ class AxiRealm:
         """Return ``setup.txt``, a script for every table, ``load.sh`` that loads them, and ``axi_realm.h``."""
         platform = tables.platform
         values = {"platform": platform, "model": tables.model, "digest": digest}
-        setup = list(_setup(tables))
+        registers = _map(tables)
+        start = {"built": _built(tables), "setup": list(_setup(tables)), "started": _started(tables)}
         scripts = [(table, _entry(tables, table), _changes(tables, table)) for table in tables.tables]
-        files = {"setup.txt": render("axi_realm_setup.txt.j2", setup=setup, **values)}
+        files = {"setup.txt": render("axi_realm_setup.txt.j2", **start, **values)}
         for stem, (table, entry, changes) in zip(file_names(t.name for t in tables.tables), scripts, strict=True):
             files[f"{stem}.txt"] = render("axi_realm.txt.j2", table=table, entry=entry, changes=changes, **values)
         names = identifiers(table.name for table in tables.tables)
-        base, guard = platform.settings[self.name]["base"], f"{_map(tables).guard:#05x}"
+        base = platform.settings[self.name]["base"]
         files["axi_realm.h"] = render(
             "axi_realm.h.j2",
-            setup=setup,
             scripts=list(zip(names, scripts, strict=True)),
             switches=tables.switches,
             number={table.name: table.index for table in tables.tables},
             base=base,
-            guard=guard,
+            guard=f"{registers.claim.offset:#05x}",
+            **start,
             **values,
         )
-        files["load.sh"] = render("load.sh.j2", base=base, guard=guard, digest=digest)
+        files["load.sh"] = render("load.sh.j2", base=base, digest=digest)
         return files
 
 
-def _map(tables: Tables) -> RegisterMap:
-    settings = tables.platform.settings[AxiRealm.name]
-    return RegisterMap(int(settings["managers"]), int(settings["regions"]))
+def _managers(tables: Tables) -> int:
+    return int(tables.platform.settings[AxiRealm.name]["managers"])
+
+
+def _regions(tables: Tables) -> int:
+    return int(tables.platform.settings[AxiRealm.name]["regions"])
+
+
+def _map(tables: Tables) -> RegisterFile:
+    return RegisterFile(DEVICE, _managers(tables), _regions(tables))
+
+
+def _built(tables: Tables) -> list[Check]:
+    """Return how the register file must be built, to be read before anything but the claim is written."""
+    p, registers = tables.platform, _map(tables)
+    budget = max((n for unit in tables.units for n in unit.default.values()), default=0)
+    budget = max(budget, p.burst * max((max(t.totals, default=0) for t in tables.tables), default=0))
+    return [
+        Check(registers.offset(name), ALL, least, most)
+        for name, least, most in (
+            ("num_managers", _managers(tables), _managers(tables)),
+            ("num_addr_regions", _regions(tables), _regions(tables)),
+            ("data_width", 8 * p.bus, 8 * p.bus),
+            ("period_width", (p.cycles - 1).bit_length(), ALL),
+            ("budget_width", budget.bit_length(), ALL),
+        )
+    ]
+
+
+def _started(tables: Tables) -> list[Check]:
+    """Return how the units must be after the set-up: in use, with what is left of a budget and a period in range."""
+    registers, found = _map(tables), []
+    mask = sum(1 << unit.manager for unit in tables.units)
+    found.append(Check(registers.offset("rt_bypassed"), mask, 0, 0))
+    for unit in tables.units:
+        field = unit.manager * _regions(tables)
+        for d in DIRECTIONS:
+            found.append(Check(registers.offset(f"{d}_period_left", field), ALL, 0, tables.platform.cycles - 1))
+            budget = _default(tables, unit, d)
+            found.append(Check(registers.offset(f"{d}_budget_left", field), ALL, min(1, budget), budget))
+    return found
+
+
+def _default(tables: Tables, unit: RegulatedUnit, direction: str) -> int:
+    """Return the bytes per window before the first table."""
+    is_bound = Row(unit.name, direction) in set(_bound(tables))
+    return max(unit.default[direction], tables.platform.burst) if is_bound else 0
 
 
 def _setup(tables: Tables) -> Iterator[Write]:
     """Yield the writes of the set-up: claim, burst length, regions, default budgets, and only then periods."""
-    p, registers, rows = tables.platform, _map(tables), set(_bound(tables))
+    p, registers, regions = tables.platform, _map(tables), _regions(tables)
     beats = p.burst // p.bus - 1
-    yield Write(0, registers.guard, CLAIM)
-    for offset in range(registers.len_limit, registers.imtu_enable, 4):
-        yield Write(0, offset, beats * 0x01010101)
+    yield Write(0, registers.claim.offset, CLAIM)
+    for word in registers.words_of("len_limit"):
+        yield Write(0, word.offset, beats * 0x01010101 & word.mask)
     for unit in tables.units:
-        for region in range(registers.regions):  # region 0 is all of memory, the others are empty
-            low, high = (0, 0xFFFFFFFF) if region == 0 else (0xFFFFFFFF, 0xFFFFFFFF)
-            for bank, value in ((START_LOW, low), (START_HIGH, low), (END_LOW, high), (END_HIGH, high)):
-                yield Write(0, registers.bank(bank, unit.manager, region), value)
-            for direction in DIRECTIONS:
-                budget = OPEN
-                if region == 0:
-                    is_bound = Row(unit.name, direction) in rows
-                    budget = max(unit.default[direction], p.burst) if is_bound else 0
-                yield Write(0, _budget(registers, unit, direction, region), budget)
+        for region in range(regions):  # region 0 is all of memory, the others are empty
+            field = unit.manager * regions + region
+            bounds = EVERYWHERE if region == 0 else NOWHERE
+            for name, value in zip(("start_low", "start_high", "end_low", "end_high"), bounds, strict=True):
+                yield Write(0, registers.offset(name, field), value)
+            for d in DIRECTIONS:
+                budget = OPEN if region else _default(tables, unit, d)
+                yield Write(0, registers.offset(f"{d}_budget", field), budget)
     for unit in tables.units:  # a period that is written loads the budget, so budgets come first
-        for region in range(registers.regions):
-            for bank in (WRITE_PERIOD, READ_PERIOD):
-                yield Write(0, registers.bank(bank, unit.manager, region), p.cycles - 1)
+        for region in range(regions):
+            for name in ("write_period", "read_period"):
+                yield Write(0, registers.offset(name, unit.manager * regions + region), p.cycles - 1)
     mask = sum(1 << unit.manager for unit in tables.units)
-    yield Write(0, ENABLE, mask)
-    yield Write(0, registers.imtu_enable, mask)  # one write for all, so that their windows are aligned
+    yield Write(0, registers.offset("rt_enable"), mask)
+    yield Write(0, registers.offset("imtu_enable"), mask)  # one write for all, so that their windows are aligned
 
 
 def _bound(tables: Tables) -> list[Row]:
@@ -170,17 +202,15 @@ def _bound(tables: Tables) -> list[Row]:
     return [Row(unit.name, d) for unit in tables.units if unit.name in used for d in DIRECTIONS]
 
 
-def _budget(registers: RegisterMap, unit: RegulatedUnit, direction: str, region: int = 0) -> int:
-    return registers.bank(READ_BUDGET if direction == READ else WRITE_BUDGET, unit.manager, region)
-
-
 def _programmed(tables: Tables, table: Table) -> dict[int, list[int]]:
     """Return for every budget register its bytes in every window; never 0."""
-    registers, burst = _map(tables), tables.platform.burst
+    registers, regions, burst = _map(tables), _regions(tables), tables.platform.burst
     rows = set(_bound(tables))
     bound = ((unit, d) for unit in tables.units for d in DIRECTIONS if Row(unit.name, d) in rows)
     return {
-        _budget(registers, unit, d): [max(n, AxiRealm.least) * burst for n in table.row(Row(unit.name, d))]
+        registers.offset(f"{d}_budget", unit.manager * regions): [
+            max(n, AxiRealm.least) * burst for n in table.row(Row(unit.name, d))
+        ]
         for unit, d in bound
     }
 
@@ -214,7 +244,7 @@ def _worst(tables: Tables) -> tuple[int, str]:
 
 
 def _check_managers(tables: Tables) -> list[Diagnostic]:
-    managers = _map(tables).managers
+    managers = _managers(tables)
     return [
         DOES_NOT_FIT(
             f"manager {unit.manager} does not exist; the register file has {managers}",
@@ -234,7 +264,10 @@ def _check_directions(tables: Tables) -> list[Diagnostic]:
         at, path = p.units[unit.name].at, about(unit=unit.name)
         bound = [row for row in (Row(unit.name, d) for d in DIRECTIONS) if row in rows]
         if len(bound) == len(DIRECTIONS):
-            message = "both its reads and its writes are bound; whichever spends its budget first stops the other, too"
+            message = (
+                "both its reads and its writes are bound; the direction that spends its budget first stops the other, "
+                "which may then get as little as two thirds of its own"
+            )
             help = "give the writes of this unit a manager of their own"
             found.append(BINDS_BOTH(message, at=at, path=path, help=help))
         for row in bound:
@@ -246,6 +279,17 @@ def _check_directions(tables: Tables) -> list[Diagnostic]:
                 help = "use longer windows, or fewer pending transactions"
                 found.append(BINDS_BOTH(message, at=at, path=path, help=help))
     return found
+
+
+def _check_short(platform: Platform) -> list[Diagnostic]:
+    """Return a finding unless all bursts are stated to be modifiable, since short ones that are not are refused."""
+    if platform.settings[AxiRealm.name]["bursts"] == "modifiable":
+        return []
+    message = f"bursts below {platform.burst} bytes that are WRAP or non-modifiable are answered with SLVERR"
+    help = (
+        'set AxCACHE[1] in every manager, or build with DisableSplitChecks, and state "axi-realm: {bursts: modifiable}"'
+    )
+    return [SHORT_BURSTS(message, at=platform.at, path="platform axi-realm", help=help)]
 
 
 def _check_handler(tables: Tables) -> list[Diagnostic]:

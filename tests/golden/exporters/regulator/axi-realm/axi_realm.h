@@ -16,21 +16,46 @@
 #define REALM_TABLE_SLOW_TO_FAST 3u /* slow->fast */
 
 struct realm_write { uint32_t window, offset, value; };
+struct realm_range { uint32_t offset, mask, least, most; };
 struct realm_table { uint32_t windows, successor, entries, changes; const struct realm_write *entry, *change; };
 
-/* Writes in this order, and reads each back. Returns 0, or the number, from 1 on, of the first write that is not there:
- * stop then, since nothing is regulated as it should be. */
-static inline uint32_t realm_load(uintptr_t base, const struct realm_write *write, uint32_t count)
+/* Writes in this order. The registers of the set-up and of budgets cannot be read back; realm_check reads others. */
+static inline void realm_load(uintptr_t base, const struct realm_write *write, uint32_t count)
+{
+  for (uint32_t n = 0u; n < count; n++) { *(volatile uint32_t *)(base + write[n].offset) = write[n].value; }
+}
+
+/* Reads registers. Returns 0, or the number, from 1 on, of the first that is out of its range: stop then, since nothing
+ * is regulated as it should be. */
+static inline uint32_t realm_check(uintptr_t base, const struct realm_range *range, uint32_t count)
 {
   for (uint32_t n = 0u; n < count; n++) {
-    volatile uint32_t *at = (volatile uint32_t *)(base + write[n].offset);
-    *at = write[n].value;
-    if (write[n].offset != REALM_GUARD && *at != write[n].value) { return n + 1u; }
+    uint32_t have = *(volatile uint32_t *)(base + range[n].offset) & range[n].mask;
+    if (have < range[n].least || have > range[n].most) { return n + 1u; }
   }
   return 0u;
 }
 
-/* Before any manager starts, in this order. */
+/* Before any manager starts: load the first write, which claims the registers; check realm_built; load all writes; check
+ * realm_started. */
+static const struct realm_range realm_built[5] = {
+  {0x32cu, 0xffffffffu, 0x00000008u, 0x00000008u},
+  {0x348u, 0xffffffffu, 0x00000002u, 0x00000002u},
+  {0x334u, 0xffffffffu, 0x00000040u, 0x00000040u},
+  {0x34cu, 0xffffffffu, 0x0000000au, 0xffffffffu},
+  {0x350u, 0xffffffffu, 0x0000000cu, 0xffffffffu},
+};
+static const struct realm_range realm_started[9] = {
+  {0x010u, 0x00000005u, 0x00000000u, 0x00000000u},
+  {0x2e4u, 0xffffffffu, 0x00000000u, 0x000003e7u},
+  {0x264u, 0xffffffffu, 0x00000001u, 0x000008c0u},
+  {0x2a4u, 0xffffffffu, 0x00000000u, 0x000003e7u},
+  {0x224u, 0xffffffffu, 0x00000001u, 0x00000040u},
+  {0x2f4u, 0xffffffffu, 0x00000000u, 0x000003e7u},
+  {0x274u, 0xffffffffu, 0x00000001u, 0x000008c0u},
+  {0x2b4u, 0xffffffffu, 0x00000000u, 0x000003e7u},
+  {0x234u, 0xffffffffu, 0x00000001u, 0x000008c0u},
+};
 static const struct realm_write realm_setup[37] = {
   {0u, 0x7fcu, 0x00000007u},
   {0u, 0x014u, 0x07070707u},
@@ -41,7 +66,7 @@ static const struct realm_write realm_setup[37] = {
   {0u, 0x0e4u, 0xffffffffu},
   {0u, 0x164u, 0x000008c0u},
   {0u, 0x124u, 0x00000040u},
-  {0u, 0x028u, 0xffffffffu},
+  {0u, 0x028u, 0xfffffffeu},
   {0u, 0x068u, 0xffffffffu},
   {0u, 0x0a8u, 0xffffffffu},
   {0u, 0x0e8u, 0xffffffffu},
@@ -53,7 +78,7 @@ static const struct realm_write realm_setup[37] = {
   {0u, 0x0f4u, 0xffffffffu},
   {0u, 0x174u, 0x000008c0u},
   {0u, 0x134u, 0x000008c0u},
-  {0u, 0x038u, 0xffffffffu},
+  {0u, 0x038u, 0xfffffffeu},
   {0u, 0x078u, 0xffffffffu},
   {0u, 0x0b8u, 0xffffffffu},
   {0u, 0x0f8u, 0xffffffffu},
