@@ -38,7 +38,7 @@ def test_without_its_library_it_says_how_to_get_it(folder, monkeypatch):
     refused = run_here(folder, "serve", "model.xml")
     assert refused.returncode == 1
     assert "HAL0958" in refused.stderr
-    assert "halpipe[serve]" in refused.stderr
+    assert "pip install starlette uvicorn" in refused.stderr
 
 
 def test_a_model_that_cannot_be_read(folder):

@@ -27,7 +27,7 @@ def test_jobs_of_one_task_are_told_together_and_figures_last(halpipe, changed):
     assert run.returncode == 1
     assert codes(run.stdout) == ["HAL0302", "HAL0313", "HAL0340"]
     assert '2 more like it: mode "drive" task "camera" job 1, mode "limp" task "camera" job 0' in run.stdout
-    assert "mend what is wrong in the jobs first" in run.stdout
+    assert "fix the violations of the jobs first" in run.stdout
 
 
 def test_everything_is_told_where_that_is_asked_for(halpipe, changed):
