@@ -27,7 +27,7 @@ COMMANDS = {
     "verify": (["verify", "model.xml", "schedule.xml"], 62, 125),
     "show": (["show", "schedule.xml"], 42, 125),
     "diff": (["diff", "schedule.xml", "schedule.xml"], 42, 125),
-    "explain": (["explain", "model.xml"], 124, 130),
+    "explain": (["explain", "model.xml"], 126, 130),
 }
 
 HEAVY = {"numpy", "xmlschema", "jinja2", "graphviz", "rich.console", "yaml", "asyncio", "ortools", "concurrent.futures"}
