@@ -97,6 +97,10 @@ class Outline(Fields):
         self.asked[key] = {"anyOf": [form, {"type": "array", "items": form}]}
         return ()
 
+    def checked(self, key: str, read: Callable[[], Any], default: Any, *, line: int = 0) -> Any:
+        """Return the default, whatever would be read."""
+        return default
+
     def texts_of(self, key: str, read: Callable[[str], Any]) -> None:
         """Note a text or a list of texts."""
         self.texts(key, read)
@@ -207,31 +211,44 @@ def _drivers() -> dict[str, Any]:
 
 
 def _pipeline() -> dict[str, Any]:
-    from halpipe.exporters.common.base import ExportOptions
-    from halpipe.exporters.common.choices import Form, choices, options_of
-    from halpipe.flow import plan
-    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats
+    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
+    from halpipe.pipeline.solve.schedule import SearchOptions
 
-    outline = Outline((), meanings("pipeline.md"))
-    plan._Reader(Path(), Findings()).plan(outline)
+    keys = ("import", "model", "schedule", "exports")
+    outline = Outline(keys, meanings("pipeline.md"))
+    outline.required += ["model", "schedule"]
+    outline.get("model", str)
     made = _finished("halpipe pipeline: sources, stages and exports", "halpipe-pipeline", outline)
-    steps = []
-    for name in formats(EXPORTERS):
-        kind = exporter(name).options
-        said = {each.name: each.help for each in choices(kind)}
-        step = Outline(("output", "mode", "title"), meanings("pipeline.md") | said if name in plan.BESIDES else said)
-        options_of(kind, ExportOptions(), step, "")
-        for each in choices(kind):
-            if each.form is Form.NAMES:
-                step.asked[each.name] = {"type": "object", "additionalProperties": form_of(each.read)}
-        for key in plan.BESIDES.get(name, ()):
-            step.get(key, str)
-        step.asked["format"] = {"const": name}
-        step.required += ["format", "output"]
-        steps.append(step.schema())
-    made["properties"]["exports"] = {"type": "array", "items": {"oneOf": steps}}
-    made["properties"]["import"]["properties"]["format"] = {"enum": formats(IMPORTERS)}
+    sources = [_step(name, importer(name).options, ("format", "inputs")) for name in formats(IMPORTERS)]
+    exports = [_step(name, exporter(name).options, ("format", "output")) for name in formats(EXPORTERS)]
+    made["properties"]["import"] |= {"oneOf": sources}
+    made["properties"]["schedule"] |= _step("", SearchOptions, ("output",))
+    made["properties"]["exports"] |= {"type": "array", "items": {"oneOf": exports}}
     return made
+
+
+def _step(format: str, kind: type, required: tuple[str, ...]) -> dict[str, Any]:
+    """Return the schema of a step: what every one has, and the options of its kind."""
+    from halpipe.core.options import Form, from_fields, options_of
+
+    step = Outline((), {each.name: each.help for each in options_of(kind)})
+    from_fields(kind, step, "")
+    for each in options_of(kind):
+        form = {"enum": list(each.words)} if each.words else form_of(each.read)
+        if each.form is Form.NAMES:
+            step.asked[each.name] = {"type": "object", "additionalProperties": form}
+        elif each.form is Form.LIST:
+            step.asked[each.name] = {"anyOf": [form, {"type": "array", "items": form}]}
+        elif each.form is Form.TEXT:
+            step.asked[each.name] = form
+    for key in required:
+        step.asked[key] = NUMBER
+    if "inputs" in required:
+        step.texts("inputs", str)
+    if format:
+        step.asked["format"] = {"const": format}
+    step.required += required
+    return step.schema()
 
 
 def meanings(page: str) -> dict[str, str]:

@@ -74,6 +74,7 @@ def pages() -> dict[str, str]:
         "checks.md": checks_page(),
         "exit-codes.md": exit_codes_page(),
         "cli.md": cli_page(),
+        "options.md": options_page(),
         "schemas.md": schemas_page(),
         "formats.md": formats_page(),
         "amalthea.md": amalthea_page(),
@@ -256,19 +257,21 @@ def exit_codes_page() -> str:
 
 def cli_page() -> str:
     """Every verb with its arguments and options, from the signatures that typer makes the command line of."""
+    from halpipe.cli import import_
     from halpipe.cli.app import VERBS, build
-    from halpipe.cli.export.command import command_of
+    from halpipe.cli.export import command as export
     from halpipe.cli.output import SHOWN_PER_CODE
-    from halpipe.flow.formats import EXPORTERS, exporter, formats
+    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
 
     app = build(VERBS)
     verbs = [(str(command.name), command.callback) for command in app.registered_commands if command.callback]
     for group in app.registered_groups:
         inside = group.typer_instance.registered_commands if group.typer_instance else []
         verbs += [(f"{group.name} {command.name}", command.callback) for command in inside if command.callback]
-        verbs += [
-            (f"export {name}", command_of(exporter(name))) for name in formats(EXPORTERS) if group.name == "export"
-        ]
+        if group.name == "export":
+            verbs += [(f"export {name}", export.command_of(exporter(name))) for name in formats(EXPORTERS)]
+        if group.name == "import":
+            verbs += [(f"import {name}", import_.command_of(importer(name))) for name in formats(IMPORTERS)]
     rows = (f"| [`{name}`](#halpipe-{name.replace(' ', '-')}) | {_doc(function)[0]} |" for name, function in verbs)
     overview = "\n".join(("| verb | |", "|---|---|", *rows))
     common = (
@@ -283,6 +286,43 @@ def cli_page() -> str:
     return _page(
         "The command line", common.format(**shown), overview, *(_verb(name, function) for name, function in verbs)
     )
+
+
+# ------------------------------------------------------------------------------------------------ options
+
+
+def options_page() -> str:
+    """Every option of formats and verbs, from the fields that state them."""
+    from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
+    from halpipe.pipeline.compare import CompareOptions
+    from halpipe.pipeline.explain.explanation import ExplainOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
+
+    kinds = {f"import {name}": importer(name).options for name in formats(IMPORTERS)}
+    kinds |= {"schedule": SearchOptions, "explain": ExplainOptions, "compare": CompareOptions}
+    kinds |= {f"export {name}": exporter(name).options for name in formats(EXPORTERS)}
+    return _page(
+        "Options",
+        "An option has one name, one default and one set of values everywhere: `--name` on the "
+        "[command line](cli.md), `name` in a [pipeline file](pipeline.md) (import, schedule and export), and a keyword "
+        "of [Python](python.md), in which `_` stands for `-`. An option that may be repeated is a list there, whose "
+        "keyword may be in the plural, too. Durations have a unit (`ns`, `us`, `ms`, `s`); a time limit without one is "
+        "in seconds. An option of another format or verb is refused, and so is one without effect beside the others "
+        "([HAL0025](diagnostics.md#hal0025)).",
+        *(part for verb, kind in kinds.items() for part in (f"## {verb}", _options(kind))),
+    )
+
+
+def _options(kind: type) -> str:
+    from halpipe.core.options import options_of
+
+    rows = []
+    for each in options_of(kind):
+        keywords = ", ".join(f"`{keyword}`" for keyword in each.keywords)
+        values = ", ".join(f"`{word}`" for word in each.words) or f"{each.metavar or each.form.value}".lower()
+        default = "required" if each.required else each.shown_default
+        rows.append(f"| `{each.name}` | {values} | {_escaped(each.help)} | {_escaped(default)} | {keywords} |")
+    return "\n".join(("| option | value | | default | in Python |", "|---|---|---|---|---|", *rows))
 
 
 def _doc(function: Callable[..., Any]) -> tuple[str, ...]:
@@ -331,7 +371,7 @@ def _option(name: str, kind: Any, info: Any) -> tuple[list[str], str]:
     if isinstance(inner, type) and issubclass(inner, Enum):
         return flags, info.metavar or "\\|".join(member.value for member in inner)
     words = {int: "INTEGER", float: "NUMBER", str: "TEXT"}
-    return flags, info.metavar or words[inner]
+    return flags, _escaped(info.metavar or words[inner])
 
 
 def _default(value: Any, info: Any, flags: list[str]) -> str:

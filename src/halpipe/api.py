@@ -8,15 +8,13 @@ Everything is imported where it is used, so that ``import halpipe`` costs nothin
 from __future__ import annotations
 
 import time
-from dataclasses import fields
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.files import YamlMap
+    from halpipe.core.durations import Duration
     from halpipe.importers.common.base import Imported
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
@@ -28,20 +26,19 @@ if TYPE_CHECKING:
 # ------------------------------------------------------------------------------------------------ in and out
 
 
-def import_model(format: str, *paths: str, overlay: str | Sequence[str] = (), **options: Any) -> Imported:
+def import_model(format: str, *paths: str, **options: Any) -> Imported:
     """Read sources of a format (``arxml``, ``ros``, ``amalthea``), with overlays on them.
 
-    `options` are those of the format as on the command line: ``strict=True``, ``granularity="event"``, ``ecu="Body"``.
+    `options` are those of the format as on the command line: ``strict=True``, ``overlay="o.yaml"``, ``ecu="Body"``.
     Return the model with its account: ``.model``, ``.diagnostics``, ``.coverage``. Raise ``TypeError`` for an option
-    that importers do not have.
+    that the format does not have.
     """
+    from halpipe.core.options import from_keywords
     from halpipe.flow.formats import import_model as read
-    from halpipe.importers.common.base import ImportOptions
+    from halpipe.flow.formats import importer
 
-    known = {field.name for field in fields(ImportOptions)} - {"overlay"}
-    _refuse_unknown("import_model", options, known)
-    overlays = [overlay] if isinstance(overlay, str) else list(overlay)
-    return read(format, paths, overlays, ImportOptions(**options))
+    kind = importer(format).options
+    return read(format, paths, kind(**from_keywords(f"import_model {format}", kind, options)))
 
 
 def load(path: str) -> TaskModel:
@@ -77,41 +74,18 @@ def save(value: TaskModel | Schedule, path: str) -> TaskModel | Schedule:
     return parse_model(content, path)
 
 
-def export(
-    format: str, model: TaskModel, schedule: Schedule | None = None, *, mode: str = "", title: str = "", **options: Any
-) -> dict[str, bytes]:
+def export(format: str, model: TaskModel, schedule: Schedule | None = None, **options: Any) -> dict[str, bytes]:
     """Return the files of an export by relative name, the main one as ``""``; refuse a schedule that is not valid.
 
-    `options` are the settings that a pipeline file has for the format: ``platform="regulators.yaml"``.
+    `options` are those of the format as on the command line: ``platform="regulators.yaml"``, ``mode="drive"``. Raise
+    ``TypeError`` for an option that the format does not have.
     """
-    from halpipe.core.diagnostics import Findings
-    from halpipe.core.settings import Fields
-    from halpipe.exporters.common.base import ExportOptions
-    from halpipe.exporters.common.choices import keys_of, options_of
+    from halpipe.core.options import from_keywords
     from halpipe.flow.formats import export as write
     from halpipe.flow.formats import exporter
 
-    writer = exporter(format)
-    chosen = ExportOptions(title=title, mode=mode)
-    if options:
-        findings, keys = Findings(), keys_of(writer.options) or ("",)
-        stated = _as_stated({name.replace("_", "-"): value for name, value in options.items()})
-        chosen = options_of(writer.options, chosen, Fields("", findings, stated, f"export {format}", keys), ".")
-        findings.stop_on_errors()
-    return write(format, model, schedule, chosen)
-
-
-def _as_stated(values: dict[str, Any]) -> YamlMap:
-    """Return values as a settings file would state them."""
-    from halpipe.core.files import YamlMap
-
-    stated = YamlMap(0)
-    for name, value in values.items():
-        if isinstance(value, dict):
-            stated[name] = _as_stated(value)
-        else:
-            stated[name] = value if isinstance(value, bool | list) else str(value)
-    return stated
+    kind = exporter(format).options
+    return write(format, model, schedule, kind(**from_keywords(f"export {format}", kind, options)))
 
 
 # ------------------------------------------------------------------------------------------------ find and check
@@ -127,68 +101,43 @@ def validate(model: TaskModel) -> list[Diagnostic]:
 def schedule(
     model: TaskModel,
     *,
-    seed: int = 1,
-    budget: int | None = None,
-    optimise: Iterable[str] = (),
-    target: Fraction | int | str | None = None,
-    freeze: Schedule | None = None,
-    near: Schedule | None = None,
-    modes: Iterable[str] = (),
-    tick: str = "",
-    engine: str = "anneal",
-    portfolio: int | None = None,
     workers: int = 1,
-    time_limit: float = 0,
     progress: Callable[[str, int, int, int], bool | None] | None = None,
+    **options: Any,
 ) -> Schedule:
     """Return a verified schedule of every mode, or of those named in `modes`; the options are those of the command.
 
-    `optimise` names objectives, the most important first: ``("chains", "jitter", "margin", "preemptions", "cost")``.
-    A cost F of at most `target` ends the improvement.
-    `progress` is called with mode, moves made, moves allowed and the least cost so far, from several threads; it ends
-    the search by returning False. A `time_limit` in seconds does, too; without a `budget` nothing else does, so that
-    what is found depends on the machine. Raise `HalpipeError` if no schedule is found, with what the best placement
-    still breaks.
+    `optimise` names objectives, the most important first: ``["chains", "jitter", "margin", "preemptions", "cost"]``;
+    `freeze` and `near` are schedules, or files. `progress` is called with mode, moves made, moves allowed and the least
+    cost so far, from several threads; it ends the search by returning False. A `time_limit` (``"30s"``, or seconds)
+    does, too; without a `budget` nothing else does, so that what is found depends on the machine. Raise `HalpipeError`
+    if no schedule is found, with what the best placement still breaks.
     """
     from halpipe.core.diagnostics import Exit, HalpipeError
-    from halpipe.core.durations import Duration
+    from halpipe.core.options import from_keywords
+    from halpipe.flow.searching import search_options
     from halpipe.pipeline.checked import explain_failure, schedule_model
-    from halpipe.pipeline.solve.goals import check_target, objectives_of
-    from halpipe.pipeline.solve.schedule import DEFAULT_PORTFOLIO, SearchOptions
+    from halpipe.pipeline.solve.schedule import SearchOptions
     from halpipe.pipeline.solve.workers import Workers
 
-    chosen = tuple(modes)
-    for name in chosen:
-        model.mode(name)
-    objectives = objectives_of(",".join(optimise))
-    end_cost = None if target is None else Fraction(target)
-    check_target(end_cost, objectives)
-    options = SearchOptions(
-        seed=seed,
-        budget=budget,
-        optimise=objectives,
-        target=end_cost,
-        shipped=freeze,
-        near=near,
-        modes=chosen,
-        tick=Duration.parse(tick) if tick else None,
-        engine=engine,
-        portfolio=DEFAULT_PORTFOLIO if portfolio is None else portfolio,
-        workers=Workers(workers),
-    )
-    if time_limit:
-        options = options.by_the_clock()
-    end = time.monotonic() + time_limit if time_limit else None
+    chosen = search_options(from_keywords("schedule", SearchOptions, options), workers=Workers(workers))
+    is_over = _clock(chosen.time_limit)
 
     def go_on(*done: Any) -> bool:
-        wanted = progress is None or progress(*done) is not False
-        return wanted and (end is None or time.monotonic() < end)
+        continued = progress is None or progress(*done) is not False
+        return continued and not is_over()
 
-    scheduled = schedule_model(model, options, go_on)
+    scheduled = schedule_model(model, chosen, go_on)
     if not scheduled.is_complete:
         found = explain_failure(model, scheduled, interrupted=scheduled.stopped)
         raise HalpipeError(*found, exit=Exit.INTERRUPTED if scheduled.stopped else Exit.NOT_FOUND)
     return scheduled.schedule
+
+
+def _clock(limit: Duration | None) -> Callable[[], bool]:
+    """Return a function that is true once `limit` has passed from now on."""
+    end = None if limit is None else time.monotonic() + float(limit.in_unit("s"))
+    return lambda: end is not None and time.monotonic() >= end
 
 
 def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
@@ -201,11 +150,19 @@ def verify(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
 # ------------------------------------------------------------------------------------------------ ask and compare
 
 
-def explain(model: TaskModel, mode: str | None = None) -> Explanation:
-    """Return why a model, or one of its modes, has no schedule: a proof where there is one, and what would help."""
+def explain(model: TaskModel, **options: Any) -> Explanation:
+    """Return why a model, or one of its modes, has no schedule: a proof where there is one, and what would help.
+
+    `options` are those of the command: ``mode="drive"``, ``remedies=False``, ``schedule=best``.
+    """
+    from halpipe.core.options import from_keywords
+    from halpipe.flow.searching import explain_options
+    from halpipe.pipeline.explain.explanation import ExplainOptions
     from halpipe.pipeline.explain.explanation import explain as explain_model
 
-    return explain_model(model, mode)
+    chosen = explain_options(from_keywords("explain", ExplainOptions, options))
+    is_over = _clock(chosen.time_limit)
+    return explain_model(model, chosen, lambda: not is_over())
 
 
 def size(
@@ -245,15 +202,18 @@ def diff(before: TaskModel | Schedule, after: TaskModel | Schedule) -> tuple[Cha
     raise TypeError("diff: give two models or two schedules")
 
 
-def compare(schedule: Schedule, trace: str, *, mode: str = "", tolerance: str = "0ms") -> list[Comparison]:
-    """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line."""
-    from halpipe.core.durations import Duration
+def compare(schedule: Schedule, trace: str, **options: Any) -> list[Comparison]:
+    """Compare what ran, as the file or directory `trace` recorded it, with the schedule; one answer for each line.
+
+    `options` are those of the command: ``mode="drive"``, ``tolerance="10us"``, ``origin="3ms"``.
+    """
+    from halpipe.core.options import from_keywords
     from halpipe.importers.traces import read_traces
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.compare import compare as compare_line
 
-    options = CompareOptions(mode=mode, tolerance=Duration.parse(tolerance))
-    return [compare_line(schedule, line, options) for line in read_traces(trace).traces]
+    chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
+    return [compare_line(schedule, line, chosen) for line in read_traces(trace).traces]
 
 
 # ------------------------------------------------------------------------------------------------ plain tables
@@ -281,12 +241,3 @@ def latencies(schedule: Schedule) -> list[dict[str, Any]]:
     from halpipe.flow.rows import latency_rows
 
     return latency_rows(schedule)
-
-
-def _refuse_unknown(function: str, options: dict[str, Any], known: set[str]) -> None:
-    from halpipe.core.suggest import did_you_mean
-
-    for name in options:
-        if name not in known:
-            hint = did_you_mean(name, sorted(known), "there are: " + ", ".join(sorted(known)))
-            raise TypeError(f"{function}() has no option {name!r}; {hint}")

@@ -36,6 +36,11 @@ def test_verbs():
     [
         ("halpipe schedule --optim", ["--optimise"]),
         ("halpipe schedule --engine e", ["exact"]),
+        ("halpipe schedule --optimise chains,m", ["chains,margin"]),
+        ("halpipe import a", ["amalthea", "arxml"]),
+        ("halpipe import arxml --granularity ", ["runnable", "event", "ostask"]),
+        ("halpipe export amalthea --release 3.", ["3.0.0", "3.1.0", "3.2.0", "3.3.0"]),
+        ("halpipe explain HAL002", ["HAL0020", "HAL0021", "HAL0022", "HAL0023", "HAL0024", "HAL0025"]),
         ("halpipe export re", ["regulator", "report"]),
         ("halpipe export report --ti", ["--title"]),
     ],

@@ -110,7 +110,7 @@ def test_shared_schedules_are_those_near_the_first(folder):
     [
         (("m0.xml", "copy/m0.xml", "-o", "out"), "one name"),
         (("-", "m0.xml", "-o", "out"), "standard input"),
-        (("m0.xml", "m1.xml", "-o", "out", "--resume"), "by themselves"),
+        (("m0.xml", "m1.xml", "-o", "out", "--resume"), "resumed without it"),
         (("m0.xml", "m1.xml", "-o", "out", "--share", "--near", "near.xml"), "--near or --share"),
     ],
 )

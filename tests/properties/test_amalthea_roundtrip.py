@@ -18,7 +18,7 @@ from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.exporters.native import format_model
 from halpipe.importers.amalthea import FORMAT as IN
 from halpipe.importers.amalthea import codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 from halpipe.importers.native import parse_model
 from profiles import examples
 
@@ -47,7 +47,7 @@ def again(tmp_path_factory, model, schedule=None, release=RELEASES[-1]):
     data = OUT.write(model, schedule, AmaltheaOptions(release=release))[""]
     path = tmp_path_factory.mktemp("amalthea") / "m.amxmi"
     path.write_bytes(data)
-    return data, IN.read([str(path)], ImportOptions())
+    return data, IN.read([str(path)], AmaltheaImportOptions())
 
 
 def edits(imported):
@@ -100,7 +100,7 @@ def test_a_damaged_file_is_refused_or_read_but_never_fails(tmp_path_factory, see
     path = tmp_path_factory.mktemp("damaged") / "m.amxmi"
     path.write_bytes(etree.tostring(root))
     try:
-        imported = IN.read([str(path)], ImportOptions())
+        imported = IN.read([str(path)], AmaltheaImportOptions())
     except HalpipeError as refused:
         assert refused.diagnostics, "a refusal needs a reason"  # noqa: PT017 - both ways out are allowed
     else:

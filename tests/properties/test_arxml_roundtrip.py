@@ -17,7 +17,7 @@ from halpipe.exporters.arxml import FORMAT as OUT
 from halpipe.exporters.arxml import PARTS, RELEASES, ArxmlOptions
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import FORMAT as IN
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.native import parse_model
 from profiles import examples
 
@@ -29,7 +29,7 @@ def again(tmp_path_factory, model, schedule=None, **options):
     data = OUT.write(model, schedule, ArxmlOptions(**options))[""]
     path = tmp_path_factory.mktemp("arxml") / "m.arxml"
     path.write_bytes(data)
-    return data, IN.read([str(path)], ImportOptions())
+    return data, IN.read([str(path)], ArxmlImportOptions())
 
 
 @FAST
@@ -58,7 +58,7 @@ def test_the_parts_together_are_the_whole(tmp_path_factory, seed):
     folder = tmp_path_factory.mktemp("parts")
     for part in PARTS[1:]:
         (folder / f"{part}.arxml").write_bytes(OUT.write(model, schedule, ArxmlOptions(part=part))[""])
-    assert IN.read([str(folder)], ImportOptions()).model == model
+    assert IN.read([str(folder)], ArxmlImportOptions()).model == model
 
 
 def texts_of(root):
@@ -98,7 +98,7 @@ def test_a_damaged_file_is_refused_or_read_but_never_fails(tmp_path_factory, see
     path = tmp_path_factory.mktemp("damaged") / "m.arxml"
     path.write_bytes(etree.tostring(root))
     try:
-        imported = IN.read([str(path)], ImportOptions())
+        imported = IN.read([str(path)], ArxmlImportOptions())
     except HalpipeError as refused:
         assert refused.diagnostics, "a refusal needs a reason"  # noqa: PT017 - both ways out are allowed
     else:
@@ -124,7 +124,7 @@ def test_standard_elements_speak_for_themselves(tmp_path_factory, make, seed):
     periodic = {task.name: task for task in model.tasks if task.period is not None}
     assume(len(periodic) == len(model.tasks))
     assume(all(len(chain.tasks) > 1 for chain in model.chains))  # else it looks like a deadline
-    found = IN.read([str(path)], ImportOptions()).model
+    found = IN.read([str(path)], ArxmlImportOptions()).model
     name = {task.name: f"{task.name}/{task.name}" for task in model.tasks}
     for task in model.tasks:
         seen = found.task(name[task.name])

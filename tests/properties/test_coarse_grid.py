@@ -15,7 +15,7 @@ from halpipe.models import Status
 from halpipe.pipeline.explain import coarse, codes
 from halpipe.pipeline.explain.coarse import as_stated, coarser_grid, easier, harder
 from halpipe.pipeline.explain.conflict import find_conflict
-from halpipe.pipeline.explain.explanation import Verdict, explain
+from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.solve.codes import TOO_LARGE
@@ -84,7 +84,7 @@ def test_a_mode_too_fine_for_the_exact_engine_is_answered_on_a_coarser_grid(monk
     monkeypatch.setattr(exact, "MAX_TICKS", 2**16)
     monkeypatch.setattr(coarse, "TICKS", 2**14)
     system = fine(last)
-    explanation = explain(system, budget=1, remedies=False)
+    explanation = explain(system, ExplainOptions(remedies=False), budget=1)
     if verdict is Verdict.SCHEDULABLE:  # the search finds it at once, the engine is asked apart
         found = find_conflict(system, system.modes[0], lambda: True)
         assert found.answer is Answer.FEASIBLE
@@ -102,4 +102,4 @@ def test_numbers_too_large_for_the_search_are_no_refusal():
     with pytest.raises(HalpipeError) as refused:
         schedule_model(system, SearchOptions(budget=10), lambda *_: True)
     assert [found.code for found in refused.value.diagnostics] == [TOO_LARGE.id]
-    assert explain(system, remedies=False, use_exact=False).verdicts == (("all", Verdict.SCHEDULABLE),)
+    assert explain(system, ExplainOptions(remedies=False, exact=False)).verdicts == (("all", Verdict.SCHEDULABLE),)

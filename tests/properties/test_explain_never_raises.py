@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from test_validate_soundness import MODELS
 
 from halpipe.core.diagnostics import render_text
-from halpipe.pipeline.explain.explanation import Verdict, explain
+from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from profiles import examples
 
 RANDOMS = st.randoms(use_true_random=False)
 
 
 def answer(system, plan=None):
-    explanation = explain(system, schedule=plan, budget=20, remedies=False)
+    explanation = explain(system, ExplainOptions(schedule=plan, remedies=False), budget=20)
     for diagnostic in explanation.diagnostics:
         assert render_text(diagnostic)
         assert diagnostic.path

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 import strategies
 from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.native import format_model
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.importers.ros.sources.measured import Measurements, read_measured
 
 FIXTURES = Path(__file__).parents[1] / "unit" / "importers" / "ros_fixtures"
@@ -45,7 +45,7 @@ def damaged(draw, texts):
 
 def ends_with_a_model_or_reasons(paths, **options):
     try:
-        imported = FORMAT.read(paths, ImportOptions(**options))
+        imported = FORMAT.read(paths, RosImportOptions(**options))
     except HalpipeError as refused:
         assert refused.diagnostics, "a refusal needs a reason"  # noqa: PT017 - both ways out are allowed
         return

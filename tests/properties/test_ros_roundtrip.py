@@ -13,9 +13,9 @@ from halpipe.core.diagnostics import NOWHERE, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.exporters.ros import FORMAT as OUT
 from halpipe.exporters.ros import RosOptions
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 from halpipe.importers.ros import FORMAT as IN
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.models import HealthAction, HealthEvent, HealthRule
 from halpipe.pipeline.verify import verify
 from profiles import examples
@@ -51,7 +51,7 @@ def again(tmp_path_factory, model, schedule):
     data = OUT.write(model, schedule, RosOptions())[""]
     path = tmp_path_factory.mktemp("ros") / "executors.yaml"
     path.write_bytes(data)
-    return data, IN.read([str(path)], ImportOptions(strict=True)).model
+    return data, IN.read([str(path)], RosImportOptions(strict=True)).model
 
 
 @pytest.mark.parametrize("make", [valid_system, switching_system])
@@ -101,7 +101,7 @@ def test_a_damaged_file_is_refused_or_read_but_never_fails(tmp_path_factory, see
     path = tmp_path_factory.mktemp("damaged") / "executors.yaml"
     path.write_bytes("\n".join(lines).encode("utf-8", "replace"))
     try:
-        imported = IN.read([str(path)], ImportOptions())
+        imported = IN.read([str(path)], RosImportOptions())
     except HalpipeError as refused:
         assert refused.diagnostics, "a refusal needs a reason"  # noqa: PT017 - both ways out are allowed
     else:

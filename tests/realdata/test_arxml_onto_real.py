@@ -15,8 +15,8 @@ from halpipe.core.durations import Duration
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml.files.special import data_of
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_tree
-from halpipe.importers.common.base import ImportOptions
 from halpipe.models import Origin
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -46,7 +46,9 @@ def imported(tmp_path, directory, granularity):
     if (directory / "HelloAutosar.arxml").exists():  # its components, and with them all periods, are in no file
         text += "sources:\n  TASK1: {period: 10ms}\n  TASK2: {period: 20ms}\n"
     overlay.write_text(text)
-    return import_model("arxml", [str(directory)], [str(overlay)], ImportOptions(granularity=granularity)).model
+    return import_model(
+        "arxml", [str(directory)], ArxmlImportOptions(overlays=(str(overlay),), granularity=granularity)
+    ).model
 
 
 def copied(source, directory):
@@ -65,7 +67,7 @@ def put(tmp_path, request):
     model = imported(tmp_path, directory, granularity)
     tick = Duration(10**6) if granularity == "ostask" else None
     schedule = schedule_model(model, SearchOptions(tick=tick), lambda *_: True).schedule
-    onto = export_onto(model, schedule, str(directory), ImportOptions())
+    onto = export_onto(model, schedule, str(directory), ArxmlImportOptions())
     return directory, granularity, model, schedule, onto, COUNTS[name, granularity]
 
 
@@ -184,7 +186,7 @@ def test_a_second_delta_beside_the_first_is_refused(put):
     directory, _, model, schedule, onto, _ = put
     merged(directory, onto)
     with pytest.raises(HalpipeError) as refused:
-        export_onto(model, schedule, str(directory), ImportOptions())
+        export_onto(model, schedule, str(directory), ArxmlImportOptions())
     assert {d.code for d in refused.value.diagnostics if d.is_error} == {"HAL0884"}
     assert all("delta.arxml" in d.at.file for d in refused.value.diagnostics if d.is_error)
 

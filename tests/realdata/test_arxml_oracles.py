@@ -9,13 +9,13 @@ import pytest
 
 from halpipe.core.diagnostics import Findings
 from halpipe.importers.arxml import FORMAT
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
 from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.grouping import group
 from halpipe.importers.arxml.tasks.periods import decide_periods
-from halpipe.importers.common.base import ImportOptions
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 PROJECTS = SHARED / "arxml_projects"
@@ -69,7 +69,7 @@ def test_every_periodic_call_is_a_task_and_every_task_of_an_os_task_is_one(name)
 @pytest.mark.parametrize("name", INPUTS)
 def test_neighbours_in_an_os_task_are_ordered_also_between_cycles(name):
     drafts, _ = drafts_of(name)
-    model = FORMAT.read([str(path) for path in INPUTS[name]], ImportOptions()).model
+    model = FORMAT.read([str(path) for path in INPUTS[name]], ArxmlImportOptions()).model
     orders = {(p.task, task.name) for task in model.tasks for p in task.versions[0].precedences}
     hosted = {}
     for draft in sorted((d for d in drafts if d.os_task), key=lambda d: d.position):
@@ -82,7 +82,7 @@ def test_neighbours_in_an_os_task_are_ordered_also_between_cycles(name):
 
 @pytest.mark.parametrize("name", INPUTS)
 def test_calls_without_a_cycle_are_accounted_for(name):
-    imported = FORMAT.read([str(path) for path in INPUTS[name]], ImportOptions())
+    imported = FORMAT.read([str(path) for path in INPUTS[name]], ArxmlImportOptions())
     told = " ".join(d.message for d in imported.diagnostics)
     expected = Counter(
         call["function"] for content in oracle(name).values() for call in content["calls"] if not cycle(call)
@@ -94,7 +94,7 @@ def test_calls_without_a_cycle_are_accounted_for(name):
 
 
 def test_bsw_events_that_no_os_task_calls_are_named():
-    found = FORMAT.read([str(TC275)], ImportOptions()).diagnostics
+    found = FORMAT.read([str(TC275)], ArxmlImportOptions()).diagnostics
     (told,) = [diagnostic for diagnostic in found if diagnostic.code == "HAL0571"]
     assert "BSW/Can/Can_MainFunction_BusOff" in told.message
     assert "BSW/Rte/Rte_ComSendSignalProxyPeriodic" in told.message
@@ -105,7 +105,7 @@ def test_calls_of_another_generator_are_found_and_the_rest_is_accounted_for():
     calls = json.loads((PROJECTS / "rte_oracles" / "arccore_helloworld.json").read_text())["tasks"]["OsRteTask"][
         "calls"
     ]
-    imported = FORMAT.read([str(hello)], ImportOptions())
+    imported = FORMAT.read([str(hello)], ArxmlImportOptions())
     periods = {task.name: task.period.in_unit("ms") for task in imported.model.tasks if "/" in task.name}
     assert periods == {f"{c['component']}/{c['function']}": c["cycle_ms"] for c in calls if c["cycle_ms"]}
     told = " ".join(d.message for d in imported.diagnostics if d.code == "HAL0530")

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.models import WHOLE, Binding
 from halpipe.pipeline.checked import schedule_model, verify_schedule
@@ -37,7 +37,7 @@ def imported(tmp_path_factory):
     overlay = tmp_path_factory.mktemp("tc275") / "overlay.yaml"
     overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 300us}\n')
     used = OverlayUse(read_overlays([str(overlay)]))
-    found = FORMAT.read([str(SYSTEM)], ImportOptions(overlay=used, granularity="ostask", pieces=ms("0.1ms")))
+    found = FORMAT.read([str(SYSTEM)], ArxmlImportOptions(overlay=used, granularity="ostask", pieces=ms("0.1ms")))
     return used.apply(found.model, found.coverage)[0]
 
 

@@ -11,9 +11,9 @@ from halpipe.core.diagnostics import Findings, HalpipeError
 from halpipe.exporters.native import format_model
 from halpipe.importers.arxml import FORMAT, codes
 from halpipe.importers.arxml.files.numbers import parse_seconds
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native import parse_model
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data" / "arxml"
@@ -25,7 +25,7 @@ DATA_DEPENDENCIES = {"sys_vector_tc275_3core": 7, "sys_arccore_helloworld": 4}
 
 
 def read(*paths, **options):
-    return FORMAT.read([str(path) for path in paths], ImportOptions(**options))
+    return FORMAT.read([str(path) for path in paths], ArxmlImportOptions(**options))
 
 
 def attempt(path, granularity):

@@ -14,7 +14,7 @@ from halpipe.core.durations import Duration
 from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import RELEASES, AmaltheaOptions
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 from halpipe.importers.native import read_model, read_schedule
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
@@ -54,7 +54,7 @@ UNSCHEDULABLE = {
 
 
 def read(*files, **options):
-    return FORMAT.read([str(DATA / file) for file in files], ImportOptions(**options))
+    return FORMAT.read([str(DATA / file) for file in files], AmaltheaImportOptions(**options))
 
 
 # ---------------------------------------------------------------------------------------------- WATERS
@@ -260,7 +260,7 @@ def bare(model):
 def test_an_imported_model_is_a_fixed_point_of_export_and_import(file, tmp_path):
     model = read(file).model
     (tmp_path / "again.amxmi").write_bytes(OUT.write(model, None, AmaltheaOptions())[""])
-    again = FORMAT.read([str(tmp_path / "again.amxmi")], ImportOptions()).model
+    again = FORMAT.read([str(tmp_path / "again.amxmi")], AmaltheaImportOptions()).model
     assert bare(again) == bare(model)
 
 
@@ -323,7 +323,7 @@ def test_the_modes_of_dreamcloud_are_one_model_with_limited_switches(tmp_path):
     for name, file in (("DEMO_CAR.modes", "dreamcloud_DEMO_CAR.modes"), ("t.csv", "dreamcloud_ModeChangeTiming.csv")):
         lines = (DATA / file).read_text().splitlines(keepends=True)
         (tmp_path / name).write_text("".join(line for line in lines if "Drive" not in line))
-    imported = FORMAT.read([str(tmp_path / "DEMO_CAR.modes"), str(tmp_path / "t.csv")], ImportOptions())
+    imported = FORMAT.read([str(tmp_path / "DEMO_CAR.modes"), str(tmp_path / "t.csv")], AmaltheaImportOptions())
     assert [mode.name for mode in imported.model.modes] == ["PowerUp", "PowerDown"]
     assert [len(mode.runs) for mode in imported.model.modes] == [7, 7]
     assert [(t.source, t.target, str(t.max_length)) for t in imported.model.transitions] == [

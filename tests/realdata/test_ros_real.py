@@ -8,9 +8,9 @@ import pytest
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration, least_common_multiple
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.loops import components
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.importers.traces import read_traces
 from halpipe.models import Status, Unit
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real ROS graphs are n
 
 
 def read(*files):
-    return FORMAT.read([str(DATA / file) for file in files], ImportOptions())
+    return FORMAT.read([str(DATA / file) for file in files], RosImportOptions())
 
 
 def is_design(path):

@@ -78,7 +78,7 @@ class Plugin:
 
 def run_import(monkeypatch, owner, *found, strict=False):
     monkeypatch.setattr(formats, "importer", lambda name: Plugin(owner, *found))
-    return formats.import_model("plugin", [], [], ImportOptions(strict=strict))
+    return formats.import_model("plugin", [], ImportOptions(strict=strict))
 
 
 def loss():

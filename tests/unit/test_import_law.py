@@ -29,6 +29,13 @@ MAY_IMPORT = {
     "core.diagnostics": set(),
     "core.files": {"core.diagnostics"},
     "core.settings": {"core.diagnostics", "core.files", "core.quantities", "core.suggest"},
+    "core.options": {
+        "core.diagnostics",
+        "core.durations",
+        "core.quantities",
+        "core.settings",
+        "core.suggest",
+    },
     "core.extent": set(),
     "core.caches": set(),
     "core.libraries": {"core.diagnostics"},
@@ -46,6 +53,8 @@ MAY_IMPORT = {
     "pipeline": {"core", "models"},
     # What interruptions make of a job has one home for the solver and all exporters.
     "pipeline.parts": {"core.durations", "models"},
+    # Modes by their names: an option of every verb.
+    "models.modes": {"core.diagnostics", "core.suggest", "models"},
     # The checker shares nothing with the solver or the exporters, so that a fault of theirs cannot hide in it.
     "pipeline.verify": {"models", "core.durations", "core.quantities", "core.diagnostics"},
     # The flow wires the three groups together, and nothing else does.

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe import __version__
-from halpipe.cli.groups import Command, Group
+from halpipe.cli.groups import Group
+from halpipe.cli.options import Verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -26,7 +27,7 @@ VERBS = (
 
 HELP = ("-h", "--help")
 
-GROUPS = ("export", "deploy")
+GROUPS = ("import", "export", "deploy")
 """Verbs that have commands of their own."""
 
 COMPLETION = "_HALPIPE_COMPLETE"
@@ -66,7 +67,8 @@ def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
         elif verb in GROUPS:
             app.add_typer(module.app, name=verb)
         else:
-            app.command(verb, cls=Command)(getattr(module, name))
+            function = getattr(module, name)
+            app.command(verb)(function.made() if isinstance(function, Verb) else function)
     return app
 
 

@@ -8,17 +8,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from halpipe.cli import output
-from halpipe.cli.completing import modes
-from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
+from halpipe.cli.options import takes
 from halpipe.core.diagnostics import Exit
+from halpipe.core.options import Values, refuse_unused
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
-    from halpipe.pipeline.compare import Comparison
+    from halpipe.pipeline.compare import CompareOptions, Comparison
 
 COLUMNS = ("task", "jobs", "missing", "extra", "start: least", "median", "worst", "end: worst", "longest", "WCET")
 
 
+def _kind() -> type:
+    from halpipe.pipeline.compare import CompareOptions
+
+    return CompareOptions
+
+
+@takes(_kind)
 def compare(
     schedule: Annotated[
         str, typer.Argument(metavar="SCHEDULE", help="Schedule XML, or a bundle of regulators; - is standard input.")
@@ -29,16 +36,7 @@ def compare(
             metavar="TRACE", help="CSV, BTF or Trace Event JSON; of regulators a CSV of bytes. - is standard input."
         ),
     ],
-    mode: Annotated[
-        str, typer.Option(help="The mode that ran, where the trace does not say.", autocompletion=modes)
-    ] = "",
-    tolerance: Annotated[str, typer.Option(help="Lateness that is forgiven, such as 10us.")] = "0ms",
-    origin: Annotated[
-        str, typer.Option(help="Instant of the trace at which the schedule starts; auto: no job is early.")
-    ] = "auto",
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    options: Values,
 ) -> int:
     """Compare what ran with the schedule: lateness, overruns, order, missing and extra jobs of every task."""
     from halpipe.importers.native import read_schedule
@@ -46,14 +44,12 @@ def compare(
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.compare import compare as compare_line
 
-    output.choose(format, quiet=quiet, verbose=verbose)
+    chosen = CompareOptions(**options)
     if os.path.isdir(schedule):
-        return _counters(schedule, trace, mode)
-    zero = None if origin == "auto" else _duration(origin, "--origin")
-    options = CompareOptions(mode=mode, tolerance=_duration(tolerance, "--tolerance"), origin=zero)
+        return _counters(schedule, trace, chosen)
     tables = read_schedule(schedule)
     recording = read_traces(trace)
-    lines = [compare_line(tables, line, options) for line in recording.traces]
+    lines = [compare_line(tables, line, chosen) for line in recording.traces]
     found = [*recording.diagnostics, *(d for line in lines for d in line.diagnostics)]
     if output.is_text():
         _show(lines)
@@ -64,13 +60,14 @@ def compare(
 USAGE = ("table", "unit", "direction", "samples", "promised", "granted", "used")
 
 
-def _counters(bundle: str, file: str, mode: str) -> int:
-    """Hold counters of bytes against a bundle of regulators."""
+def _counters(bundle: str, file: str, options: CompareOptions) -> int:
+    """Compare counters of bytes with a bundle of regulators."""
     from halpipe.core.files import read_bytes
     from halpipe.deploy.regulator.counters import compare_counters
     from halpipe.flow.formats import open_target
 
-    counted = compare_counters(open_target(bundle), read_bytes(file).decode("utf-8-sig", "replace"), file, mode)
+    refuse_unused(options, "compare with a bundle of regulators", ("tolerance", "origin"))
+    counted = compare_counters(open_target(bundle), read_bytes(file).decode("utf-8-sig", "replace"), file, options.mode)
     if output.is_text():
         rows = [
             (*place, str(u.samples), str(round(u.promised)), str(u.granted), str(u.used))
@@ -94,12 +91,3 @@ def _show(lines: list[Comparison]) -> None:
 
 def _text(span: Duration | None) -> str:
     return "" if span is None else str(span)
-
-
-def _duration(text: str, option: str) -> Duration:
-    from halpipe.core.durations import Duration
-
-    try:
-        return Duration.parse(text)
-    except ValueError as failure:
-        raise typer.BadParameter(str(failure), param_hint=option) from None

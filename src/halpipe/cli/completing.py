@@ -7,7 +7,28 @@ from typing import TYPE_CHECKING
 import typer  # noqa: TC002 - typer reads the annotation
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
+
+
+def words(known: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return the completion of one of some words, or of the last word of a list with commas."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [before + comma + word for word in known if word.startswith(last)]
+
+    return complete
+
+
+def codes(incomplete: str) -> list[str]:
+    """Return the codes that begin so; files are completed by the shell."""
+    if not incomplete.upper().startswith("HAL"):
+        return []
+    from halpipe.cli.explain import load_codes
+    from halpipe.core.diagnostics import REGISTER
+
+    load_codes()
+    return sorted(code for code in REGISTER if code.startswith(incomplete.upper()))
 
 
 def modes(context: typer.Context, incomplete: str) -> list[str]:

@@ -10,7 +10,7 @@ from halpipe.cli import output
 from halpipe.cli.groups import Group
 from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
 from halpipe.core.diagnostics import Exit
-from halpipe.exporters.common.choices import DRIVERS, SOURCES
+from halpipe.core.options import DRIVERS, SOURCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

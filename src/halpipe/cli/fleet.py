@@ -27,7 +27,6 @@ def schedule_fleet(
     options: SearchOptions,
     folder: str,
     *,
-    time_limit: float,
     processes: int,
     cluster: str,
     share: bool,
@@ -41,7 +40,7 @@ def schedule_fleet(
     target = Path(folder)
     make_folder(folder)
     refuse_inputs(*(str(target / variant.target) for variant in variants))
-    stop = Stop("stopping; finished schedules are kept", time_limit)
+    stop = Stop("stopping; finished schedules are kept", options.time_limit)
     run = _Run(Ledger(target), stop, len(variants))
     with stop.listening():
         if share:

@@ -1,15 +1,15 @@
-"""Layout of the help: commands in groups, options of one format in a section."""
+"""Groups of commands: their help has whole sentences, and formats that are installed are commands."""
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
-from typing import Any
+from abc import abstractmethod
+from typing import TYPE_CHECKING, Any
 
-from typer.core import TyperCommand, TyperGroup
+import typer
+from typer.core import TyperGroup
 
-FORMATS = re.compile(r"([A-Z]{2,}(?:, [A-Z]{2,})*): (.)")
-"""How the help of an option begins that only some formats have."""
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 class Group(TyperGroup):
@@ -29,26 +29,23 @@ def _sentence(help: str | None) -> str:
     return " ".join((help or "").partition("\n\n")[0].split())
 
 
-class Command(TyperCommand):
-    """A command whose options of some formats stand below the others, in a section for each."""
+class FormatGroup(Group):
+    """One command for each installed format of a `registry`, made on request."""
 
-    def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write arguments and options; those for all formats first."""
-        sections: dict[str, list[tuple[str, str]]] = defaultdict(list)
-        for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx)
-            if record is not None:
-                title = "Arguments" if parameter.param_type_name == "argument" else "Options"
-                title, help = _section(title, record[1])
-                sections[title].append((record[0], help))
-        for title in sorted(sections, key=lambda title: (title not in ("Arguments", "Options"), title)):
-            with formatter.section(title):
-                formatter.write_dl(sections[title])
+    registry = ""
 
+    @abstractmethod
+    def command_of(self, name: str) -> Callable[..., int]:
+        """Return the function that typer makes the command of a format from."""
 
-def _section(title: str, help: str) -> tuple[str, str]:
-    """Return the section that an option belongs to, and its help there, which need not name the formats again."""
-    named = FORMATS.match(help) if title == "Options" else None
-    if named is None:
-        return title, help
-    return f"{title} for {named[1].replace(', ', ' and ')}", named[2].upper() + help[named.end() :]
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all formats."""
+        from halpipe.flow.formats import formats
+
+        return formats(self.registry)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return the command of a format; the error for an unknown one lists those that there are."""
+        single = typer.Typer(rich_markup_mode=None, add_completion=False)
+        single.command(cmd_name)(self.command_of(cmd_name))
+        return typer.main.get_command(single)

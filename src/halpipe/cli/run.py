@@ -22,14 +22,12 @@ def run(
     verbose: Verbose = False,
 ) -> int:
     """Run a whole pipeline from one file: import, validate, schedule, verify, export."""
-    from halpipe.cli.export.onto import write_onto
     from halpipe.cli.export.writing import write_export
     from halpipe.cli.import_ import summarise
     from halpipe.cli.searching import find_schedule, workers_of
     from halpipe.core.files import refuse_inputs, write_output
     from halpipe.exporters.native import format_model
     from halpipe.flow import formats
-    from halpipe.flow.onto import export_onto
     from halpipe.flow.plan import read_plan
     from halpipe.importers.native import read_model, read_schedule
 
@@ -38,7 +36,7 @@ def run(
     outputs = [step.output for step in plan.exports]
     if plan.imports is not None:
         source = plan.imports
-        imported = formats.import_model(source.format, source.inputs, source.overlays, source.options)
+        imported = formats.import_model(source.format, source.inputs, source.options)
         output.report(imported.diagnostics)
         refuse_inputs(plan.model, plan.schedule, *outputs)
         write_output(plan.model, format_model(imported.model))
@@ -50,10 +48,5 @@ def run(
         return code
     schedule = read_schedule(plan.schedule)
     for step in plan.exports:
-        if step.onto:
-            write_onto(export_onto(model, schedule, step.onto, step.source), step.output)
-            continue
-        exported = formats.export_with_remarks(step.format, model, schedule, step.options)
-        output.report(exported.remarks)
-        write_export(exported.contents, step.output)
+        write_export(formats.export_with_remarks(step.format, model, schedule, step.options), step.output)
     return code

@@ -20,6 +20,7 @@ from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, write_o
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+    from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
     from halpipe.pipeline.solve.checkpoint import Checkpoint
     from halpipe.pipeline.solve.schedule import Scheduled, SearchOptions
@@ -33,7 +34,7 @@ NEAR = "HAL0414"
 class Watch:
     """Watches one search: shows its progress and stops it on Ctrl-C or at the time limit."""
 
-    def __init__(self, time_limit: float) -> None:
+    def __init__(self, time_limit: Duration | None = None) -> None:
         self.stop = Stop("stopping; the best placement so far will be saved", time_limit)
         self._may_go_on = self.stop.clock()
         self._lock = threading.Lock()
@@ -87,9 +88,7 @@ class Watch:
         self._progress.update(self._bars[mode], completed=moves, state=state)  # type: ignore[arg-type]
 
 
-def find_schedule(
-    model: TaskModel, options: SearchOptions, target: str, time_limit: float = 0, *, resume: bool = False
-) -> int:
+def find_schedule(model: TaskModel, options: SearchOptions, target: str, *, resume: bool = False) -> int:
     """Search, write what was found, say how it went, and return the exit code."""
     from halpipe.exporters.native import format_schedule
     from halpipe.pipeline.checked import schedule_model
@@ -103,7 +102,7 @@ def find_schedule(
         else:
             checkpoint.claim()
         options = replace(options, keeper=checkpoint)
-    with Watch(time_limit) as watch, watch.stop.listening():
+    with Watch(options.time_limit) as watch, watch.stop.listening():
         try:
             scheduled = schedule_model(model, replace(options, on_better=watch.on_better), watch.on_progress)
         except HalpipeError as failure:

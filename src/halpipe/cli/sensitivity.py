@@ -70,7 +70,7 @@ def _with_search(
     from halpipe.pipeline.whatif.sensitivity import searched
     from halpipe.pipeline.whatif.trial import Search
 
-    with Watch(0) as watch:
+    with Watch() as watch:
         how = Search(SearchOptions(seed=seed, budget=budget), watch.on_progress)
         return [replace(row, searched=searched(system, row, how, step)) for row in rows]
 

@@ -58,7 +58,7 @@ def size(
     system = read_model(model)
     question = _question(system, units, bandwidth, mode, grid)
     output.report(question.warnings)
-    with Watch(0) as watch:
+    with Watch() as watch:
         answer = ask(question, Search(_options(seed, budget, tick), watch.on_progress, switches))
     wrong = complaint(answer)
     if wrong is not None:
@@ -88,10 +88,14 @@ def _question(system: TaskModel, units: str, bandwidth: str, mode: str, step: Fr
 
 
 def _options(seed: int, budget: int, tick: str) -> Any:
-    from halpipe.cli.schedule import parse_tick
+    from halpipe.core.options import positive_duration
     from halpipe.pipeline.solve.schedule import SearchOptions
 
-    return SearchOptions(seed=seed, budget=budget, tick=parse_tick(tick))
+    try:
+        grid = positive_duration(tick) if tick else None
+    except ValueError as failure:
+        raise typer.BadParameter(str(failure), param_hint="--tick") from None
+    return SearchOptions(seed=seed, budget=budget, tick=grid)
 
 
 def _text(value: Fraction | None) -> str | None:

@@ -12,6 +12,8 @@ from halpipe.cli import output
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from halpipe.core.durations import Duration
+
 
 class Stop:
     """Stop request of the user, named in `words`; a second Ctrl-C ends the command at once.
@@ -19,10 +21,10 @@ class Stop:
     A copy in another process, or on a cluster, has the time limit alone.
     """
 
-    def __init__(self, words: str, time_limit: float = 0) -> None:
+    def __init__(self, words: str, time_limit: Duration | None = None) -> None:
         self.pressed = False
         self._words = words
-        self._limit = time_limit
+        self._limit = float(time_limit.in_unit("s")) if time_limit else 0
 
     @contextmanager
     def listening(self) -> Iterator[None]:

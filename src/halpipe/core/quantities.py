@@ -36,6 +36,12 @@ def parse_rational(text: str) -> Fraction:
         raise ValueError(f"{quoted(text)} divides by zero") from None
 
 
+def parse_signed(text: str) -> Fraction:
+    """Read a number as `parse_rational` does, with a sign before it if it is negative."""
+    stripped = text.strip()
+    return -parse_rational(stripped[1:]) if stripped.startswith("-") else parse_rational(stripped)
+
+
 def parse_share(text: str) -> Fraction:
     """Read ``0.35``, ``7/20`` or ``35%`` exactly; raise ``ValueError`` that says what is wrong."""
     stripped = text.strip()

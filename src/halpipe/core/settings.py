@@ -201,12 +201,17 @@ class Fields:
             help = f'quote it: "{str(value).lower()}"' if isinstance(value, bool) else "write a single value"
             self.complain(WRONG_TYPE, f'"{key}" is {_kind(value)}; it must be a text', line=line, help=help)
             return None
+        found = self.checked(key, lambda: read(value), None, line=line)
+        return None if found is None else Stated(found, Location(self._file, line))
+
+    def checked(self, key: str, read: Callable[[], T], default: D, *, line: int = 0) -> T | D:
+        """Return what `read` makes of `key`; report its ``ValueError`` and return the default."""
         try:
-            return Stated(read(value), Location(self._file, line))
+            return read()
         except ValueError as failure:
             message, _, help = str(failure).partition("; ")
-            self.complain(BAD_VALUE, f'"{key}": {message}', line=line, help=help or "correct the value")
-            return None
+            self.complain(BAD_VALUE, f'"{key}": {message}', key, line=line, help=help or "correct the value")
+            return default
 
 
 def _kind(value: Any) -> str:

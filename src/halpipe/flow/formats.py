@@ -12,9 +12,10 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from importlib.metadata import entry_points
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
+from halpipe.core.options import refuse_unused, specific
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.pipeline.checked import refuse_invalid, validate_model
@@ -86,12 +87,13 @@ def deployment(name: str) -> Deployment:
     return _registered(DEPLOYMENTS, name)  # type: ignore[return-value]
 
 
-def import_model(format: str, paths: Sequence[str], overlays: Sequence[str], options: ImportOptions) -> Imported:
-    """Read sources, put the overlay onto the result, and say whether it can be scheduled."""
+def import_model(format: str, paths: Sequence[str], options: ImportOptions) -> Imported:
+    """Read sources, apply the overlays, and report what keeps the model from being scheduled."""
     from halpipe.importers.overlay import OverlayUse, read_overlays
 
     reader = importer(format)
-    overlay = OverlayUse(read_overlays(overlays))
+    refuse_unused(options, f"import {format}")
+    overlay = OverlayUse(read_overlays(options.overlays))
     imported = reader.read(paths, replace(options, overlay=overlay))
     model, changes = overlay.apply(imported.model, imported.coverage)
     imported = replace(imported, model=model, diagnostics=(*imported.diagnostics, *changes)).completed()
@@ -158,19 +160,60 @@ def export(format: str, model: TaskModel, schedule: Schedule | None, options: Ex
 
 @record
 class Exported:
-    """The contents by relative file name, the main output as ``""``, and what the user should know of them."""
+    """The contents by relative file name, the main output as ``""``, and what the user should know of them.
+
+    `changes` names the file that lists what is changed in files of a project (empty: none), `summary` has it in words.
+    """
 
     contents: dict[str, bytes]
     remarks: tuple[Diagnostic, ...]
+    changes: str = ""
+    summary: tuple[str, ...] = ()
 
 
 def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> Exported:
     """Verify, then write; see `halpipe.exporters.common.base.Exporter`."""
     writer = exporter(format)
+    options = specific(writer.options, options)
+    refuse_unused(options, f"export {format}")
     if schedule is not None:
         refuse_invalid(model, schedule)
+    if getattr(options, "onto", ""):
+        return _put_onto(model, schedule, options)
+    if getattr(options, "graphs", ()):
+        options = _with_bindings(options)
     contents = writer.write(model, schedule, options)
     return Exported(contents, tuple(writer.remarks(model, schedule, options, contents)))
+
+
+def _put_onto(model: TaskModel, schedule: Schedule | None, options: Any) -> Exported:
+    """Put a schedule onto the project that its model was imported from."""
+    from halpipe.exporters.arxml.onto import CHANGES
+    from halpipe.exporters.common.codes import NEEDS_SCHEDULE
+    from halpipe.flow.onto import export_onto
+    from halpipe.importers.arxml.options import ArxmlImportOptions
+
+    if schedule is None:
+        help = "name the file of the schedule after the model"
+        raise HalpipeError(NEEDS_SCHEDULE("a project gets a schedule, and none is given", help=help), exit=Exit.USAGE)
+    source = ArxmlImportOptions(ecu=options.ecu, variant=options.variant, conditions=options.conditions)
+    onto = export_onto(model, schedule, options.onto, source)
+    lines = []
+    for change in onto.summary:
+        name = f" {change.name}" if change.name else ""
+        value = f"{change.old} -> {change.new or '(nothing)'}" if change.old else f"+ {change.new}"
+        lines.append(f"{change.file}: {change.path}{name}: {value}")
+    return Exported(onto.files, onto.findings, CHANGES, tuple(lines))
+
+
+def _with_bindings(options: Any) -> ExportOptions:
+    """Return options of a ROS package with the callbacks that its graphs or traces have."""
+    from halpipe.exporters.ros.packaging import Binding
+    from halpipe.importers.ros.callbacks import callbacks_of
+
+    found = callbacks_of(options.graphs).items()
+    bound: ExportOptions = replace(options, bindings={task: Binding(**vars(callback)) for task, callback in found})
+    return bound
 
 
 def open_target(path: str) -> Target:

@@ -11,14 +11,14 @@ from halpipe.pipeline.checked import refuse_invalid
 
 if TYPE_CHECKING:
     from halpipe.exporters.arxml.onto import Onto
-    from halpipe.importers.common.base import ImportOptions
+    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.models import Schedule, TaskModel
 
 
 WITHOUT_ONTO = "export a configuration of its own, without --onto, or schedule without split"
 
 
-def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: ImportOptions) -> Onto:
+def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: ArxmlImportOptions) -> Onto:
     """Return delta, changed files and list of changes; raise `HalpipeError` with all that stands against it."""
     from dataclasses import replace
 

@@ -5,27 +5,26 @@ Paths in it are relative to the file itself, so that a pipeline means the same f
 
 from __future__ import annotations
 
-from dataclasses import field, replace
-from fractions import Fraction
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, error, sort_diagnostics
-from halpipe.core.durations import Duration
 from halpipe.core.files import YamlMap, parse_yaml, read_bytes
-from halpipe.core.quantities import parse_share, whole
+from halpipe.core.options import from_fields, names_of, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.settings import Fields
+from halpipe.exporters.arxml.options import OF_PROJECT
 from halpipe.exporters.common.base import ExportOptions
-from halpipe.exporters.common.choices import keys_of, options_of
-from halpipe.flow.formats import UNKNOWN_FORMAT, burst_grid, exporter, importer
-from halpipe.importers.common.base import PIECES, RESOURCES, ImportOptions, group_rule, quantile_of
+from halpipe.flow.formats import UNKNOWN_FORMAT, exporter, importer
+from halpipe.flow.searching import search_options
+from halpipe.importers.common.base import ImportOptions
 from halpipe.pipeline.solve.schedule import SearchOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from halpipe.pipeline.solve.quantise import BurstGrid
+K = TypeVar("K", ImportOptions, ExportOptions)
 
 NOT_A_PIPELINE = error(
     "HAL0906",
@@ -35,15 +34,6 @@ NOT_A_PIPELINE = error(
 
 VERSION = "1"
 _TOP = ("halpipe-pipeline", "import", "model", "schedule", "exports")
-_IMPORT = (
-    *("format", "inputs", "overlay", "name", "granularity", "ecu", "variant", "conditions"),
-    *("wcet", "memory", "mapping", "pieces"),
-    *("calibrate", "quantile", "margin", "groups", "strict"),
-)
-_SCHEDULE = ("output", "seed", "budget", "tick", "quantise")
-_EXPORT = ("format", "output", "mode", "title")
-BESIDES = {"arxml": ("onto",)}
-"""Keys of an export besides the options of its format."""
 
 
 @record
@@ -52,19 +42,16 @@ class ImportStep:
 
     format: str
     inputs: tuple[str, ...]
-    overlays: tuple[str, ...]
     options: ImportOptions
 
 
 @record
 class ExportStep:
-    """What to write from the verified schedule; with `onto`, onto the project that was imported with `source`."""
+    """What to write from the verified schedule."""
 
     format: str
     output: str
     options: ExportOptions
-    onto: str = ""
-    source: ImportOptions = field(default_factory=ImportOptions)
 
 
 @record
@@ -100,18 +87,17 @@ class _Reader:
 
     def plan(self, top: Fields) -> Plan:
         top.require("model", "schedule")
-        imports = top.section("import", _IMPORT, "import")
-        schedule = top.section("schedule", _SCHEDULE, "schedule")
+        imports = top.section("import", (), "import")
+        schedule = top.section("schedule", ("output", *names_of(SearchOptions)), "schedule")
         if schedule is not None:
             schedule.require("output")
         source = None if imports is None else self._import(imports)
-        used = ImportOptions() if source is None else source.options
         return Plan(
             imports=source,
             model=top.value("model", self._path, ""),
             search=SearchOptions() if schedule is None else self._search(schedule),
             schedule="" if schedule is None else schedule.value("output", self._path, ""),
-            exports=tuple(self._export(f, used) for f in top.items("exports", (), "export")),
+            exports=tuple(self._export(f, source) for f in top.items("exports", (), "export")),
         )
 
     def _path(self, text: str) -> str:
@@ -121,26 +107,21 @@ class _Reader:
 
     def _import(self, f: Fields) -> ImportStep:
         f.require("format", "inputs")
-        strict = f.flag("strict")
-        options = ImportOptions(
-            name=f.value("name", str, ""),
-            granularity=f.value("granularity", str, "runnable"),
-            ecu=f.value("ecu", str, ""),
-            variant=f.value("variant", str, ""),
-            conditions=tuple(stated.value for stated in f.texts("conditions", str)),
-            wcet=f.value("wcet", str, "upper"),
-            memory=f.value("memory", str, "within"),
-            mapping=f.value("mapping", str, "stated"),
-            pieces=f.value("pieces", Duration.parse, PIECES),
-            calibrate=tuple(stated.value for stated in f.texts("calibrate", self._path)),
-            quantile=f.value("quantile", quantile_of, Fraction(1)),
-            margin=f.value("margin", parse_share, Fraction(0)),
-            groups=f.value("groups", group_rule, RESOURCES),
-            strict=strict is not None and strict.value,
-        )
+        name = self._format(f, importer)
         inputs = tuple(stated.value for stated in f.texts("inputs", self._path))
-        overlays = tuple(stated.value for stated in f.texts("overlay", self._path))
-        return ImportStep(self._format(f, importer), inputs, overlays, options)
+        kind = importer(name).options if name else ImportOptions
+        return ImportStep(name, inputs, self._options(f, kind, ("format", "inputs") if name else ()))
+
+    def _options(self, f: Fields, kind: type[K], others: tuple[str, ...]) -> K:
+        """Read the options of a format, beside other keys (none: of what format is not known, so any may be there)."""
+        if others:
+            f.allow((*others, *names_of(kind)))
+        options = kind(**from_fields(kind, f, str(self._base)))
+        try:
+            refuse_unused(options, f.path)
+        except HalpipeError as failure:
+            self._findings.extend(replace(each, at=f.at()) for each in failure.diagnostics)
+        return options
 
     def _format(self, f: Fields, find: Callable[[str], object]) -> str:
         """Read the name of a format that is installed."""
@@ -154,35 +135,19 @@ class _Reader:
         return name
 
     def _search(self, f: Fields) -> SearchOptions:
-        return SearchOptions(
-            seed=f.value("seed", whole(0), 1),
-            budget=f.value("budget", whole(1), None),
-            tick=f.value("tick", _grid, None),
-            grid=self._grid(f.value("quantise", self._path, "")),
-        )
-
-    def _grid(self, platform: str) -> BurstGrid | None:
+        values = from_fields(SearchOptions, f, str(self._base))
         try:
-            return burst_grid(platform) if platform else None
+            return search_options(values)
         except HalpipeError as failure:
             self._findings.extend(failure.diagnostics)
-            return None
+            return SearchOptions()
 
-    def _export(self, f: Fields, used: ImportOptions) -> ExportStep:
+    def _export(self, f: Fields, source: ImportStep | None) -> ExportStep:
         f.require("format", "output")
         name = self._format(f, exporter)
-        options = ExportOptions(mode=f.value("mode", str, ""), title=f.value("title", str, ""))
-        if name:
-            kind = exporter(name).options
-            f.allow((*_EXPORT, *keys_of(kind), *BESIDES.get(name, ())))
-            options = options_of(kind, options, f, str(self._base))
-        step = ExportStep(name, f.value("output", self._path, ""), options)
-        return replace(step, onto=f.value("onto", self._path, ""), source=used) if name in BESIDES else step
-
-
-def _grid(text: str) -> Duration:
-    """Read a duration above zero."""
-    tick = Duration.parse(text)
-    if not tick:
-        raise ValueError(f"{text} is no grid; write a duration above zero, or leave it out")
-    return tick
+        kind = exporter(name).options if name else ExportOptions
+        options = self._options(f, kind, ("format", "output") if name else ())
+        if getattr(options, "onto", "") and source is not None:  # it is the project that was imported
+            used = {each: getattr(source.options, each, "") for each in OF_PROJECT if not getattr(options, each)}
+            options = replace(options, **used)
+        return ExportStep(name, f.value("output", self._path, ""), options)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import NOWHERE, Diagnostic, Exit, Findings, HalpipeError, about, error
+from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,6 +46,8 @@ def schedule_model(model: TaskModel, options: SearchOptions, on_progress: OnProg
 
     The search for a mode that provably has no schedule is soon given up: raise `HalpipeError` with the proof.
     """
+    for name in options.modes:
+        require_mode(name, model.modes)
     findings = Findings(validate_model(model))
     findings.stop_on_errors()
     doubt = _Doubt(model, options.modes, on_progress)

@@ -195,12 +195,12 @@ class Session:
 
     def why(self, mode: str) -> tuple[Diagnostic, ...]:
         """Return why there is no schedule and what would help; ends early where it is cancelled."""
-        from halpipe.pipeline.explain.explanation import explain
+        from halpipe.pipeline.explain.explanation import ExplainOptions, explain
 
         self._cancelled = False
         model = self._as_read(self.state.model)
-        known = mode if mode in {each.name for each in model.modes} else None
-        return explain(model, known, go_on=lambda: not self._cancelled).diagnostics
+        known = mode if mode in {each.name for each in model.modes} else ""
+        return explain(model, ExplainOptions(mode=known), lambda: not self._cancelled).diagnostics
 
     def margins(self) -> dict[str, float]:
         """Return for each task by how much of it the WCET can grow before the schedule breaks, the least of all."""

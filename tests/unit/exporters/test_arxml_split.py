@@ -11,7 +11,7 @@ from halpipe.exporters.arxml.codes import TOO_MANY_EVENTS
 from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.common.priorities import levels_of, relation_of
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.models import Binding, Interrupt, ModeSchedule, Schedule, Split, Status, TransitionTable
 from halpipe.pipeline.parts import job_of
 from support import access, job, mode, model, ms, task, version
@@ -270,6 +270,6 @@ def test_the_model_comes_back_with_what_it_says_of_splitting(tmp_path):
     system, plan = split()
     path = tmp_path / "ecu.arxml"
     path.write_bytes(EXPORTER.write(system, plan, ArxmlOptions())[""])
-    back = FORMAT.read([str(path)], ImportOptions()).model
+    back = FORMAT.read([str(path)], ArxmlImportOptions()).model
     assert [replace(t, origin=None) for t in back.tasks] == [replace(t, origin=None) for t in system.tasks]
     assert [(u.name, u.interrupts) for u in back.units] == [(u.name, u.interrupts) for u in system.units]

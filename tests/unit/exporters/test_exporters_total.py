@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.exporters.graph import FORMAT as GRAPH
-from halpipe.exporters.graph import GraphOptions
 from halpipe.exporters.report import FORMAT as REPORT
 from halpipe.exporters.trace import FORMAT as TRACE
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
@@ -60,8 +59,8 @@ def schedules(draw, wild):
     return Schedule(model="m", model_sha256="", modes=(mode,), transitions=draw(st.sampled_from([(), (switch,)])))
 
 
-def write(exporter, planned, cluster=False):
-    return exporter.write(SYSTEM, planned, GraphOptions(cluster=cluster))[""].decode()
+def write(exporter, planned, **options):
+    return exporter.write(SYSTEM, planned, exporter.options(**options))[""].decode()
 
 
 @given(schedules(wild=False), st.booleans())
@@ -71,7 +70,7 @@ def test_any_schedule_that_fits_the_model_is_drawn(planned, cluster):
     assert reader.rawdata == ""
     events = json.loads(write(TRACE, planned))["traceEvents"]
     assert all(event.get("dur", 0) >= 0 for event in events)
-    assert write(GRAPH, planned, cluster).startswith("digraph")
+    assert write(GRAPH, planned, cluster=cluster).startswith("digraph")
 
 
 def verdict(exporter, planned):

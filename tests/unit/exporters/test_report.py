@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from halpipe.core.durations import Duration
-from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.base import TitledOptions
 from halpipe.exporters.common.palette import FILLS, INK
 from halpipe.exporters.common.timeline import Window
 from halpipe.exporters.report import FORMAT
@@ -25,7 +25,7 @@ SAMPLES = [roboracer, two_modes, thirds, hostile]
 
 
 def write(system, planned, **options):
-    files = FORMAT.write(system, planned, ExportOptions(**options))
+    files = FORMAT.write(system, planned, TitledOptions(**options))
     assert list(files) == [""]
     return files[""].decode()
 

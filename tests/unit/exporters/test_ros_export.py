@@ -13,7 +13,7 @@ from halpipe.exporters.common.codes import BAD_CPU, NEEDS_HOLD, NEEDS_SCHEDULE
 from halpipe.exporters.ros import FORMAT, RosOptions, codes
 from halpipe.exporters.ros.unrealised import unrealised
 from halpipe.models import Interrupt, Part, Split
-from stated_options import choice_of, stated
+from stated_options import option_of, stated
 from support import access, job, model, ms, schedule, task, version
 
 
@@ -237,18 +237,18 @@ def test_one_mode_alone_needs_no_switching():
 @pytest.mark.parametrize("text", ["a", "a=", "=1", "a=1,a=2", "a=-1", "a=12345"])
 def test_cpus_that_cannot_be_read(text):
     with pytest.raises(ValueError, match=";"):
-        choice_of(FORMAT, "cpus").value_of(text)
+        option_of(FORMAT, "cpus").from_text(text)
 
 
 def test_cpus_that_can_be_read():
-    assert choice_of(FORMAT, "cpus").value_of("core1=2, a=b=0") == {"core1": 2, "a=b": 0}
-    assert choice_of(FORMAT, "cpus").value_of("") is None
+    assert option_of(FORMAT, "cpus").from_text("core1=2, a=b=0") == {"core1": 2, "a=b": 0}
+    assert option_of(FORMAT, "cpus").from_text("") is None
 
 
 @pytest.mark.parametrize("text", ["0", "100", "x", "-1"])
 def test_priorities_out_of_range(text):
     with pytest.raises(ValueError, match="1 to 99"):
-        choice_of(FORMAT, "priority").value_of(text)
+        option_of(FORMAT, "priority").from_text(text)
 
 
 def pipeline_options(text):

@@ -13,7 +13,7 @@ from halpipe.exporters.riscv.splitting import check_splits
 from halpipe.exporters.ros import FORMAT as ROS
 from halpipe.exporters.ros import RosOptions
 from halpipe.importers.amalthea import FORMAT as IMPORTER
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 from halpipe.models import Split
 from halpipe.pipeline.verify import verify
 from support import job, version
@@ -60,7 +60,7 @@ def test_amalthea_states_what_may_be_split_and_reads_it_again(tmp_path):
     system = split_switches.system(version("v", 4), version("v", 1))
     path = tmp_path / "m.amxmi"
     path.write_bytes(AMALTHEA.write(system, split_switches.plan(system), AmaltheaOptions())[""])
-    back = IMPORTER.read([str(path)], ImportOptions()).model
+    back = IMPORTER.read([str(path)], AmaltheaImportOptions()).model
     assert [t.versions[0].split for t in back.tasks] == [t.versions[0].split for t in system.tasks]
     assert [(t.source, t.target, t.max_length) for t in back.transitions] == [
         (t.source, t.target, t.max_length) for t in system.transitions

@@ -7,7 +7,7 @@ import pytest
 from exporter_samples import hostile, many, roboracer, thirds, two_modes
 from golden_file import assert_golden
 
-from halpipe.exporters.common.base import ExportOptions
+from halpipe.exporters.common.base import TitledOptions
 from halpipe.exporters.trace import FORMAT
 from support import after, job, model, schedule, task, version
 
@@ -15,7 +15,7 @@ SAMPLES = [roboracer, two_modes, thirds, hostile]
 
 
 def write(sample, **options):
-    files = FORMAT.write(*sample(), ExportOptions(**options))
+    files = FORMAT.write(*sample(), TitledOptions(**options))
     assert list(files) == [""]
     return files[""].decode()
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 
 FIXTURES = Path(__file__).parent / "arxml_fixtures"
 NAMESPACE = "http://autosar.org/schema/r4.0"
@@ -40,7 +40,7 @@ class Overlay:
 def read(*paths, sources=None, drop=(), **options):
     """Import files and directories."""
     overlay = Overlay(sources or {}, drop) if sources or drop else None
-    options = ImportOptions(overlay=overlay, **options)
+    options = ArxmlImportOptions(overlay=overlay, **options)
     return FORMAT.read([str(path) for path in paths], options)
 
 

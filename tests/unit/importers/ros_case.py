@@ -4,8 +4,8 @@ from pathlib import Path
 
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT
+from halpipe.importers.ros.options import RosImportOptions
 
 FIXTURES = Path(__file__).parent / "ros_fixtures"
 
@@ -33,7 +33,7 @@ class Overlay:
 def read(*files, sources=None, drop=(), periods=None, strict=False, name=""):
     """Import fixtures (or absolute paths)."""
     paths = [str(FIXTURES / file) for file in files]
-    options = ImportOptions(overlay=Overlay(sources, drop, periods), strict=strict, name=name)
+    options = RosImportOptions(overlay=Overlay(sources, drop, periods), strict=strict, name=name)
     return FORMAT.read(paths, options).completed()
 
 

@@ -29,7 +29,7 @@ from arxml_case import (
 
 from halpipe.core.durations import Duration
 from halpipe.importers.arxml import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 
 
@@ -177,6 +177,6 @@ def test_the_time_of_a_function_may_be_stated_by_either_name(tmp_path, stated, w
     lines = "".join(f"  {name}: {{wcet: {time}ms}}\n" for name, time in stated.items())
     overlay.write_text("halpipe-overlay: 1\ntasks:\n" + lines)
     used = OverlayUse(read_overlays([str(overlay)]))
-    imported = FORMAT.read([str(folder)], ImportOptions(overlay=used, granularity="ostask"))
+    imported = FORMAT.read([str(folder)], ArxmlImportOptions(overlay=used, granularity="ostask"))
     (owner,) = imported.model.tasks
     assert owner.versions[0].wcet == Duration.parse(wcet)

@@ -11,7 +11,6 @@ from halpipe.importers.arxml import codes
 CASES = sorted((FIXTURES / "findings").iterdir())
 WITHOUT_FIXTURE = {
     codes.NO_INPUT.id,  # an empty directory
-    codes.GRANULARITY.id,  # an option
 }
 
 

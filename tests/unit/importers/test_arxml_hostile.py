@@ -8,7 +8,7 @@ from lxml import etree
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.importers.arxml import FORMAT
 from halpipe.importers.arxml.files.tree import NS
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from profiles import examples
 
 SOURCES = [
@@ -29,7 +29,7 @@ TEXTS = ["", "0", "-1", "1e40", "INF", "x", "/", "//", "/T", "T/x", "0x", "/Type
 
 def findings_of(path, granularity):
     try:
-        return FORMAT.read([str(path)], ImportOptions(granularity=granularity)).diagnostics
+        return FORMAT.read([str(path)], ArxmlImportOptions(granularity=granularity)).diagnostics
     except HalpipeError as failure:
         return failure.diagnostics
 
@@ -82,6 +82,6 @@ def test_elements_outside_the_namespace_are_passed_over(tmp_path):
     path.write_text(
         text.replace("<EVENTS>", '<x:EVENTS xmlns:x="urn:x"><x:SHORT-NAME>n</x:SHORT-NAME></x:EVENTS><EVENTS>')
     )
-    imported = FORMAT.read([str(path)], ImportOptions())
+    imported = FORMAT.read([str(path)], ArxmlImportOptions())
     assert len(imported.model.tasks) == 1
     assert NS not in str(imported.coverage.rows())

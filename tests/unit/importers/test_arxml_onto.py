@@ -31,8 +31,8 @@ from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes as arxml_codes
 from halpipe.importers.arxml import project_codes, selection_codes
 from halpipe.importers.arxml.files import sniff
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.arxml.project import read_project
-from halpipe.importers.common.base import ImportOptions
 from support import job, schedule
 
 TICK = "0.001"
@@ -72,7 +72,7 @@ def model_of(path, drop="", source=""):
     dropped = f"drop: [{drop}]\n" if drop else ""
     sources = f"sources: {{{source}}}\n" if source else ""
     overlay.write_text(f'halpipe-overlay: 1\n{dropped}{sources}tasks:\n  "*": {{wcet: 1ms}}\n')
-    return import_model("arxml", [str(path.parent)], [str(overlay)], ImportOptions()).model
+    return import_model("arxml", [str(path.parent)], ArxmlImportOptions(overlays=(str(overlay),))).model
 
 
 def planned(model, *starts):
@@ -85,7 +85,7 @@ def planned(model, *starts):
 
 def put(path, model=None, starts=(0, 2)):
     model = model or model_of(path)
-    return export_onto(model, planned(model, *starts), str(path.parent), ImportOptions())
+    return export_onto(model, planned(model, *starts), str(path.parent), ArxmlImportOptions())
 
 
 def refused(path, model, *starts):
@@ -193,11 +193,11 @@ def two_rates(folder, slow):
 
 def test_a_period_that_changed_is_told_where_it_is_in_the_name_of_the_task(tmp_path):
     path = two_rates(tmp_path, "0.02")
-    model = import_model("arxml", [str(path)], [], ImportOptions(granularity="ostask")).model
+    model = import_model("arxml", [str(path)], ArxmlImportOptions(granularity="ostask")).model
     two_rates(tmp_path, "0.04")
     findings = Findings()
     with pytest.raises(HalpipeError) as refused:
-        read_project([str(tmp_path)], model, ImportOptions(), findings)
+        read_project([str(tmp_path)], model, ArxmlImportOptions(), findings)
     (told,) = refused.value.diagnostics
     assert (told.code, told.path) == (project_codes.CHANGED_PROJECT.id, 'task "Main@20ms"')
     assert 'is "Main@40ms" in the project, with the period 40ms for 20ms, imported from ' in told.message
@@ -211,7 +211,7 @@ def test_what_hides_a_part_of_the_project_is_told_with_the_rest(tmp_path):
     path.write_text(
         path.read_text().replace("<SHORT-NAME>Tick</SHORT-NAME>", f"<SHORT-NAME>Tick</SHORT-NAME>{point}", 1)
     )
-    told = {d.code for d in export_onto(model, planned(model, 0, 2), str(tmp_path), ImportOptions()).findings}
+    told = {d.code for d in export_onto(model, planned(model, 0, 2), str(tmp_path), ArxmlImportOptions()).findings}
     assert {arxml_codes.SKIPPED_FILE.id, arxml_codes.VARIANT.id} <= told
 
 
@@ -219,11 +219,11 @@ def test_an_ecu_of_several_must_be_named_and_gets_all(tmp_path):
     path = write(tmp_path, VEHICLE, *BOTH)
     overlay = tmp_path / "wcet.yaml"
     overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
-    front = ImportOptions(ecu="Front")
-    model = import_model("arxml", [str(path)], [str(overlay)], front).model
+    front = ArxmlImportOptions(ecu="Front")
+    model = import_model("arxml", [str(path)], ArxmlImportOptions(ecu="Front", overlays=(str(overlay),))).model
     plan = schedule(model, 10, job(model, "p/Step", 0, "1ms", "A0"), mode_name="default")
     with pytest.raises(HalpipeError) as failure:
-        export_onto(model, plan, str(tmp_path), ImportOptions())
+        export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
     (told,) = [d for d in failure.value.diagnostics if d.is_error]
     assert told.code == selection_codes.SEVERAL_ECUS.id
     onto = export_onto(model, plan, str(tmp_path), front)
@@ -256,7 +256,7 @@ def test_a_project_without_os_has_nothing_to_put_a_schedule_onto(tmp_path):
     model = model_of(path)
     plan = schedule(model, 10, job(model, "Pump/Step", 0, "0ms", model.units[0].name), mode_name="default")
     with pytest.raises(HalpipeError) as failure:
-        export_onto(model, plan, str(tmp_path), ImportOptions())
+        export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
     assert project_codes.NO_CONFIGURATION.id in {d.code for d in failure.value.diagnostics}
 
 
@@ -278,7 +278,7 @@ def test_an_event_without_os_task_is_refused(tmp_path):
         mode_name="default",
     )
     with pytest.raises(HalpipeError) as failure:
-        export_onto(model, plan, str(tmp_path), ImportOptions())
+        export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
     (told,) = [d for d in failure.value.diagnostics if d.is_error]
     assert (told.code, told.path) == (codes.NOT_MAPPED.id, 'task "Pump/Other"')
 
@@ -299,7 +299,7 @@ def test_several_tasks_of_one_event_are_named(tmp_path):
     plan = schedule(
         model, 10, job(model, "Pump/A", 0, "0ms", unit), job(model, "Pump/B", 0, "2ms", unit), mode_name="default"
     )
-    onto = export_onto(model, plan, str(tmp_path), ImportOptions())
+    onto = export_onto(model, plan, str(tmp_path), ArxmlImportOptions())
     (told,) = [d for d in onto.findings if d.code == codes.SHARED_EVENT.id]
     assert "starts Pump/A, Pump/B" in told.message
 

@@ -22,7 +22,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.exporters.arxml.onto import codes
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.models import Part
 from halpipe.pipeline.verify import verify
 from support import job, ms, schedule
@@ -75,8 +75,8 @@ def _task(name, kind, params, refs=()):
 
 def put(path):
     """Main runs One at 0, is interrupted by Quick at 1 ms, and goes on with Two at 2 ms."""
-    options = ImportOptions(granularity="ostask")
-    model = import_model("arxml", [str(path)], [], options).model
+    options = ArxmlImportOptions(granularity="ostask")
+    model = import_model("arxml", [str(path)], options).model
     main = model.task("Main").version("default")
     if not main.split.is_allowed:  # an OsTask that is not preemptive has no split points unless the user states them
         versions = tuple(replace(v, split=replace(v.split, points=(ms(1),), max_gaps=1)) for v in (main,))
@@ -91,7 +91,7 @@ def put(path):
     quick = [job(model, "Quick", k, 1 + 10 * k, model.units[0].name) for k in range(2)]
     plan = schedule(model, 20, split, *quick, mode_name="default")
     assert [d.message for d in verify(model, plan) if d.is_error] == []
-    return export_onto(model, plan, str(path.parent), ImportOptions())
+    return export_onto(model, plan, str(path.parent), ArxmlImportOptions())
 
 
 def refused(path):

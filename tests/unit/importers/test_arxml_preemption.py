@@ -20,7 +20,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.core.files import TOO_MUCH
 from halpipe.importers.arxml import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.models import WHOLE, Binding, Split
 
@@ -52,7 +52,9 @@ def imported(folder, schedule, *more, overlay="", times=(1, 7), **options):
         file = folder / "overlay.yaml"
         file.write_text("halpipe-overlay: 1\n" + overlay)
         used = OverlayUse(read_overlays([str(file)]))
-    return FORMAT.read([str(project(folder, schedule, *more, times=times))], ImportOptions(overlay=used, **options))
+    return FORMAT.read(
+        [str(project(folder, schedule, *more, times=times))], ArxmlImportOptions(overlay=used, **options)
+    )
 
 
 def split_of(folder, schedule, name="Main", granularity="ostask", **options):

@@ -8,14 +8,14 @@ from arxml_case import assembly, component, composition, every, in_port, out_por
 
 from growth import growth, half_way
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 
 # The peak is read from /proc: getrusage would count that of the process which started this one, too.
 _IMPORT = """
 import re, sys
 from halpipe.importers.arxml import FORMAT
-from halpipe.importers.common.base import ImportOptions
-imported = FORMAT.read([sys.argv[1]], ImportOptions())
+from halpipe.importers.arxml.options import ArxmlImportOptions
+imported = FORMAT.read([sys.argv[1]], ArxmlImportOptions())
 peak = re.search(r"VmHWM:\\s*(\\d+) kB", open("/proc/self/status").read())[1]
 print(len(imported.model.tasks), peak)
 """
@@ -57,6 +57,6 @@ def test_the_time_of_an_import_grows_with_the_extract_and_not_with_its_square(tm
         folder = tmp_path / str(components)
         folder.mkdir()
         path = extract(folder, components)
-        return lambda: FORMAT.read([str(path)], ImportOptions())
+        return lambda: FORMAT.read([str(path)], ArxmlImportOptions())
 
     assert growth(prepare, 100, 2_000) < half_way(20)

@@ -28,7 +28,6 @@ from arxml_case import (
     write,
 )
 
-from halpipe.core.diagnostics import Exit
 from halpipe.core.durations import Duration
 from halpipe.importers.arxml import codes
 
@@ -66,13 +65,6 @@ def test_tasks_cut_by_os_task_keep_the_order_of_their_runnables(tmp_path):
     imported = read(path, granularity="ostask")
     assert periods(imported) == {"Main@10ms": "10ms", "Main@5ms": "5ms"}
     assert imported.model.task("Main@10ms").origin.path == "/E/Os/Main: Pump/First, Pump/Last"
-
-
-def test_an_unknown_granularity_suggests_one(tmp_path):
-    failure = refusal(tmp_path, granularity="runable")
-    assert failure.exit is Exit.USAGE
-    assert [d.code for d in failure.diagnostics] == [codes.GRANULARITY.id]
-    assert "runnable" in failure.diagnostics[0].help
 
 
 def test_modules_are_named_apart_from_components(tmp_path):

@@ -7,7 +7,7 @@ from halpipe.core.diagnostics import HalpipeError
 from halpipe.flow.formats import import_model
 from halpipe.flow.onto import export_onto
 from halpipe.importers.arxml import codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.arxml.options import ArxmlImportOptions
 from support import job, schedule
 
 HEAD = """<?xml version='1.0'?>
@@ -174,14 +174,14 @@ def test_another_module_is_refused_by_name_and_skipped_in_a_folder(tmp_path):
 def model_of(folder):
     overlay = folder.parent / "wcet.yaml"
     overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
-    options = ImportOptions(granularity="ostask")
-    return import_model("arxml", [str(folder)], [str(overlay)], options).model
+    options = ArxmlImportOptions(granularity="ostask", overlays=(str(overlay),))
+    return import_model("arxml", [str(folder)], options).model
 
 
 def put(folder, model):
     jobs = [job(model, "Main", 0, "2ms", "Core0")]
     lone = [job(model, task.name, 0, "6ms", "Core0") for task in model.tasks if task.name == "Other"]
-    return export_onto(model, schedule(model, 10, *jobs, *lone, mode_name="default"), str(folder), ImportOptions())
+    return export_onto(model, schedule(model, 10, *jobs, *lone, mode_name="default"), str(folder), ArxmlImportOptions())
 
 
 def whole(folder):

@@ -7,10 +7,10 @@ import pytest
 from overlay_case import bare
 
 from halpipe.core.files import parse_yaml, read_bytes
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.native.model import read_model
 from halpipe.importers.overlay import OverlayUse, read_overlays
 from halpipe.importers.ros import FORMAT
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
 from halpipe.pipeline.health import with_reactions
 from halpipe.pipeline.verify import verify
@@ -76,7 +76,7 @@ def errors(system, schedule):
 
 def test_the_graph_with_its_overlay_is_the_model_written_by_hand(written):
     use = OverlayUse(read_overlays([str(EXAMPLE / "overlay.yaml")]))
-    graph = FORMAT.read([str(EXAMPLE / "graph" / "architecture.yaml")], ImportOptions(overlay=use))
+    graph = FORMAT.read([str(EXAMPLE / "graph" / "architecture.yaml")], RosImportOptions(overlay=use))
     imported, diagnostics = use.apply(graph.model, graph.coverage)
     assert [d for d in diagnostics if d.is_error] == []
     assert bare(imported) == bare(written)

@@ -9,9 +9,9 @@ from ros_case import FIXTURES, Overlay, found, write
 
 from halpipe.core.diagnostics import Findings, HalpipeError, Location, Severity
 from halpipe.core.durations import Duration
-from halpipe.importers.common.base import ImportOptions, quantile_of
 from halpipe.importers.ros import FORMAT, codes
 from halpipe.importers.ros.calibrate import estimate
+from halpipe.importers.ros.options import RosImportOptions, quantile_of
 from halpipe.importers.ros.sources.measured import Measurements, Sample, read_measured
 
 GRAPH = str(FIXTURES / "calibrated.dot")
@@ -154,7 +154,7 @@ def test_what_is_no_quantile(text):
 
 def calibrated(tmp_path, text, **options):
     path = write(tmp_path, text, "t.csv")
-    return FORMAT.read([GRAPH], ImportOptions(overlay=Overlay({"/scan": "25ms"}), calibrate=(str(path),), **options))
+    return FORMAT.read([GRAPH], RosImportOptions(overlay=Overlay({"/scan": "25ms"}), calibrate=(str(path),), **options))
 
 
 def wcets(imported):
@@ -197,7 +197,7 @@ def test_zero_is_no_wcet(tmp_path):
 
 def test_several_files_count_together(tmp_path):
     first, second = write(tmp_path, LONG, "a.csv"), write(tmp_path, "callback,duration_ms\n/driver,9\n", "b.csv")
-    options = ImportOptions(overlay=Overlay({"/scan": "25ms"}), calibrate=(str(first), str(second)))
+    options = RosImportOptions(overlay=Overlay({"/scan": "25ms"}), calibrate=(str(first), str(second)))
     driver = FORMAT.read([GRAPH], options).model.task("/driver").versions[0]
     assert (str(driver.wcet), driver.origin.file) == ("9ms", str(second))
 
@@ -211,7 +211,7 @@ def test_broken_rows_stop_the_import(tmp_path):
 def test_a_callback_may_be_named_as_its_graph_does():
     """In CARET's files, the callback has a name besides that of its node, which becomes the task."""
     path = FIXTURES / "calibrated.csv"
-    options = ImportOptions(overlay=Overlay({"/gps": "100ms"}), calibrate=(str(path),))
+    options = RosImportOptions(overlay=Overlay({"/gps": "100ms"}), calibrate=(str(path),))
     imported = FORMAT.read([str(FIXTURES / "stack.yaml")], options)
     assert str(imported.model.task("/camera").versions[0].wcet) == "4ms"
     assert str(imported.model.task("/fusion/callback_1").versions[0].wcet) == "12ms"

@@ -6,8 +6,8 @@ import pytest
 from ros_case import Overlay, found, reasons, rows
 
 from halpipe.core.diagnostics import Severity
-from halpipe.importers.common.base import RESOURCES, ImportOptions, group_rule
 from halpipe.importers.ros import FORMAT, codes
+from halpipe.importers.ros.options import RESOURCES, RosImportOptions
 from halpipe.models import Job, ModeSchedule, Schedule, Status, Unit
 from halpipe.pipeline.verify import verify
 from support import ms
@@ -35,7 +35,7 @@ def grouped(tmp_path):
     def read(table=TABLE, groups=RESOURCES):
         (tmp_path / "a.yaml").write_text(GRAPH)
         (tmp_path / "t.csv").write_text(table)
-        options = ImportOptions(calibrate=(str(tmp_path / "t.csv"),), groups=groups)
+        options = RosImportOptions(calibrate=(str(tmp_path / "t.csv"),), groups=groups)
         return FORMAT.read([str(tmp_path / "a.yaml")], options)
 
     return read
@@ -93,7 +93,7 @@ def pending(tmp_path):
 
     def read(wcets, groups=RESOURCES, graph=GRAPH):
         (tmp_path / "a.yaml").write_text(graph)
-        imported = FORMAT.read([str(tmp_path / "a.yaml")], ImportOptions(overlay=Overlay(), groups=groups))
+        imported = FORMAT.read([str(tmp_path / "a.yaml")], RosImportOptions(overlay=Overlay(), groups=groups))
         assert imported.model.resources == ()
         return replace(imported, model=overlaid(imported.model, wcets)).completed()
 
@@ -151,14 +151,8 @@ def test_groups_of_an_unknown_type_are_exclusive(pending):
 
 def test_a_callback_that_may_meet_itself_holds_its_group_alone(pending, tmp_path):
     (tmp_path / "a.yaml").write_text(GRAPH.replace("callback_names: [/n/a, /n/b]", "callback_names: [/n/a]"))
-    imported = FORMAT.read([str(tmp_path / "a.yaml")], ImportOptions(overlay=Overlay()))
+    imported = FORMAT.read([str(tmp_path / "a.yaml")], RosImportOptions(overlay=Overlay()))
     model = overlaid(imported.model, {f"/n/{name}": ms(1) for name in "abcd"})
     tasks = tuple(replace(t, deadline=ms(20)) if t.name == "/n/a" else t for t in model.tasks)
     done = replace(imported, model=replace(model, tasks=tasks)).completed()
     assert [resource.name for resource in done.model.resources] == ["/n/both"]
-
-
-def test_an_unknown_rule_is_refused():
-    assert group_rule("ignored") == "ignored"
-    with pytest.raises(ValueError, match="ignored or resources"):
-        group_rule("locks")

@@ -7,8 +7,8 @@ from ros_case import FIXTURES, found, read, reasons, refusal, rows
 
 from halpipe.core.durations import Duration
 from halpipe.core.settings import BAD_VALUE, MISSING_KEY, UNKNOWN_KEY
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
+from halpipe.importers.ros.options import RosImportOptions
 from halpipe.models import Origin, Transition
 from support import after, chain, mode, model, ms, task, version
 
@@ -72,7 +72,7 @@ def test_recordings_add_nothing():
 def test_measurements_replace_the_wcet_of_a_task_with_one_version(tmp_path):
     table = tmp_path / "t.csv"
     table.write_text("callback,duration_ms\n" + "/act,5\n/sense,7\n" * 10)
-    options = ImportOptions(calibrate=(str(table),))
+    options = RosImportOptions(calibrate=(str(table),))
     imported = FORMAT.read([str(FIXTURES / "executors.yaml")], options)
     assert str(imported.model.task("/act").versions[0].wcet) == "5ms"
     assert [str(v.wcet) for v in imported.model.task("/sense").versions] == ["3ms", "1ms"]

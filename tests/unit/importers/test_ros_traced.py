@@ -5,8 +5,8 @@ from ros_case import Overlay, found, periods, predecessors, rows
 
 from ctf_writer import ros_trace
 from halpipe.core.diagnostics import HalpipeError
-from halpipe.importers.common.base import ImportOptions
 from halpipe.importers.ros import FORMAT, codes
+from halpipe.importers.ros.options import RosImportOptions
 
 GRAPH = """\
 named_paths:
@@ -31,7 +31,7 @@ nodes:
 
 
 def read(*paths, calibrate=(), **options):
-    return FORMAT.read([str(path) for path in paths], ImportOptions(calibrate=tuple(map(str, calibrate)), **options))
+    return FORMAT.read([str(path) for path in paths], RosImportOptions(calibrate=tuple(map(str, calibrate)), **options))
 
 
 @pytest.fixture(scope="module")
@@ -131,5 +131,5 @@ def test_two_traces_are_one_too_many(trace, tmp_path):
 
 
 def test_an_overlay_may_drop_callbacks_of_a_trace(trace):
-    imported = FORMAT.read([str(trace)], ImportOptions(overlay=Overlay(drop=["/sink/callback_1"])))
+    imported = FORMAT.read([str(trace)], RosImportOptions(overlay=Overlay(drop=["/sink/callback_1"])))
     assert {task.name for task in imported.model.tasks} == {"/source", "/sink/callback_0"}

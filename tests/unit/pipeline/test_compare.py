@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from halpipe.core.diagnostics import HalpipeError, Severity
 from halpipe.core.durations import ZERO, Duration
 from halpipe.models import Job, ModeSchedule, Schedule, Status, TransitionTable
+from halpipe.models.modes import UNKNOWN_MODE
 from halpipe.models.trace import Execution, Trace
 from halpipe.pipeline.compare import CompareOptions, codes, compare
 from support import ms
@@ -262,7 +263,7 @@ def test_two_tables_in_one_cycle():
 
 def test_several_modes_and_no_labels_need_a_word():
     seen = play([("race", RACE)], stated=False)
-    for options, code in [({}, codes.NEEDS_MODE), ({"mode": "rice"}, codes.UNKNOWN_TABLE)]:
+    for options, code in [({}, codes.NEEDS_MODE), ({"mode": "rice"}, UNKNOWN_MODE)]:
         with pytest.raises(HalpipeError) as refused:
             compared(seen, **options)
         assert [d.code for d in refused.value.diagnostics] == [code.id]

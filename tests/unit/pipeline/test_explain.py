@@ -10,7 +10,7 @@ from halpipe.core.durations import Duration, milliseconds
 from halpipe.models import Chain, Mode, Unit
 from halpipe.pipeline.explain import changes, codes, conflict
 from halpipe.pipeline.explain.conflict import find_conflict
-from halpipe.pipeline.explain.explanation import Verdict, explain
+from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.invalid import tasks_of
 from halpipe.pipeline.explain.remedies import Trials, find_remedies
 from halpipe.pipeline.jobs import expand, natural_tick
@@ -21,6 +21,8 @@ from halpipe.pipeline.verify import verify
 from support import access, after, chain, job, model, schedule, task, version
 
 CORES = "c1 c2"
+
+NEITHER = ExplainOptions(exact=False, remedies=False)
 
 
 def packing(*extra, last="6ms"):
@@ -54,7 +56,7 @@ def test_a_mode_with_a_schedule():
 
 
 def test_not_found_is_never_called_infeasible():
-    explanation = explain(packing(), use_exact=False, budget=50, remedies=False)
+    explanation = explain(packing(), NEITHER, budget=50)
     assert verdicts(explanation) == [Verdict.NOT_FOUND]
     assert found_codes(explanation) == {search_codes.NOT_FOUND.id, search_codes.STILL_BROKEN.id}
     first = explanation.diagnostics[0].message
@@ -65,11 +67,11 @@ def test_not_found_is_never_called_infeasible():
 
 def test_the_best_placement_given_is_the_one_that_is_explained():
     best = schedule_model(packing(), SearchOptions(budget=10), lambda *_: True).schedule
-    explanation = explain(packing(), schedule=best, use_exact=False, remedies=False)
+    explanation = explain(packing(), replace(NEITHER, schedule=best))
     broken = [d for d in explanation.diagnostics if d.code == search_codes.STILL_BROKEN.id]
     assert broken
     valid = schedule_model(packing(last="3ms"), SearchOptions(), lambda *_: True).schedule
-    assert verdicts(explain(packing(last="3ms"), schedule=valid)) == [Verdict.SCHEDULABLE]
+    assert verdicts(explain(packing(last="3ms"), ExplainOptions(schedule=valid))) == [Verdict.SCHEDULABLE]
 
 
 def test_an_invalid_model_is_explained_by_what_validate_finds():
@@ -117,9 +119,9 @@ def test_modes_are_explained_one_by_one():
     system = packing()
     runs = system.modes[0].runs
     system = replace(system, modes=(Mode(name="all", runs=runs), Mode(name="two", runs=runs[:2])))
-    both = explain(system, use_exact=False, remedies=False, budget=50)
+    both = explain(system, NEITHER, budget=50)
     assert both.verdicts == (("all", Verdict.NOT_FOUND), ("two", Verdict.SCHEDULABLE))
-    assert explain(system, "two").verdicts == (("two", Verdict.SCHEDULABLE),)
+    assert explain(system, ExplainOptions(mode="two")).verdicts == (("two", Verdict.SCHEDULABLE),)
 
 
 # ------------------------------------------------------------------------------------------------ conflicts
@@ -190,7 +192,7 @@ def test_a_conflict_that_is_stopped_is_not_called_minimal():
 def test_without_the_exact_engine_there_is_no_conflict(monkeypatch):
     monkeypatch.setattr(conflict, "is_installed", lambda: False)
     assert find_conflict(packing(), packing().modes[0], lambda: True).answer is Answer.UNKNOWN
-    explanation = explain(packing(), budget=50, remedies=False)
+    explanation = explain(packing(), ExplainOptions(remedies=False), budget=50)
     assert verdicts(explanation) == [Verdict.NOT_FOUND]
 
 
@@ -301,7 +303,7 @@ def test_where_nothing_helps_it_says_so():
 
 
 def test_every_remedy_is_a_model_with_a_verified_schedule():
-    explanation = explain(packing(), use_exact=False, budget=50)
+    explanation = explain(packing(), ExplainOptions(exact=False), budget=50)
     assert codes.REMEDY.id in found_codes(explanation)
     shorter = changes.with_wcet(packing(), ["c"], Fraction(1, 2))
     assert verdicts(explain(shorter)) == [Verdict.SCHEDULABLE]

@@ -12,7 +12,7 @@ from halpipe.core.files import write_output
 from halpipe.importers.native import read_model
 from halpipe.models import Interrupt, Status
 from halpipe.pipeline.explain import codes
-from halpipe.pipeline.explain.explanation import Verdict, explain
+from halpipe.pipeline.explain.explanation import ExplainOptions, Verdict, explain
 from halpipe.pipeline.explain.pairs_meet import Budget, Part, find_meeting, meet
 from halpipe.pipeline.explain.witnesses import find_witnesses
 from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
@@ -43,7 +43,7 @@ FIXTURES = sorted(FOLDER.glob("*.xml"))
 
 def found_in(path):
     """The findings of explain, without remedies, as (line, code)."""
-    explanation = explain(read_model(str(path)), remedies=False)
+    explanation = explain(read_model(str(path)), ExplainOptions(remedies=False))
     return explanation, {(d.at.line, d.code) for d in explanation.diagnostics}
 
 
@@ -162,7 +162,7 @@ def test_jobs_of_a_task_may_go_to_different_units():
     tasks = [task(n, "10ms", version("v", c, units)) for n, c in (("a", "7ms"), ("b", "7ms"), ("c", "6ms"))]
     system = model(*tasks, task("slow", "20ms", version("v", "1ms", "u3")), units="u1 u2 u3")
     assert not find_witnesses(system)
-    assert explain(system, remedies=False).verdicts == (("all", Verdict.SCHEDULABLE),)
+    assert explain(system, ExplainOptions(remedies=False)).verdicts == (("all", Verdict.SCHEDULABLE),)
 
 
 def test_a_version_without_the_constraint_is_a_way_out():

@@ -82,7 +82,7 @@ exports:
     )
     source, (export,) = plan.imports, plan.exports
     assert (source.format, source.inputs) == ("arxml", (str(tmp_path / "a.arxml"), str(tmp_path / "in")))
-    assert source.overlays == (str(tmp_path / "o.yaml"),)
+    assert source.options.overlays == (str(tmp_path / "o.yaml"),)
     assert (source.options.name, source.options.granularity, source.options.strict) == ("n", "event", True)
     assert plan.search == SearchOptions(seed=7, budget=300, tick=ms("0.5ms"))
     assert (export.format, export.output) == ("graph", str(tmp_path / "out/g.dot"))
@@ -92,7 +92,7 @@ exports:
 def test_one_input_needs_no_list_and_an_absolute_path_stays(tmp_path):
     plan = written(tmp_path, SMALLEST + "import: {format: ros, inputs: /data/graph.dot, overlay: o.yaml}\n")
     assert plan.imports.inputs == ("/data/graph.dot",)
-    assert plan.imports.overlays == (str(tmp_path / "o.yaml"),)
+    assert plan.imports.options.overlays == (str(tmp_path / "o.yaml"),)
 
 
 @pytest.mark.parametrize("tick", ["0ms", "-1ms", "5", "one"])

@@ -1,34 +1,28 @@
-"""``halpipe export``: a command for each installed format, made from what the format says of itself."""
+"""``halpipe export``: a command for each installed format, made from its options."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import typer
 
-from halpipe.cli.groups import Group
+from halpipe.cli.groups import FormatGroup
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
-class ExportGroup(Group):
-    """One command for each exporter that is installed, made when it is asked for.
+class ExportGroup(FormatGroup):
+    """A command for each exporter."""
 
-    The types of contexts and commands are click's or typer's own, depending on the version of typer.
-    """
+    registry = "halpipe.exporters"
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of all formats."""
-        from halpipe.flow.formats import EXPORTERS, formats
-
-        return formats(EXPORTERS)
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of a format; an unknown name is answered with the names that there are."""
+    def command_of(self, name: str) -> Callable[..., int]:
+        """Return the function that typer makes the command of a format from."""
         from halpipe.cli.export.command import command_of
         from halpipe.flow.formats import exporter
 
-        single = typer.Typer(rich_markup_mode=None, add_completion=False)
-        single.command(cmd_name)(command_of(exporter(cmd_name)))
-        return typer.main.get_command(single)
+        return command_of(exporter(name))
 
 
 app = typer.Typer(

@@ -1,49 +1,40 @@
-"""What the commands of ``halpipe export`` share: read, have the stage verify and write, and put the files in place."""
+"""Exports from the command line: read, verify and write by the stage, and put the files in place."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Annotated
-
-import typer
+from typing import TYPE_CHECKING
 
 from halpipe.cli import output
-from halpipe.cli.completing import modes
 from halpipe.core.diagnostics import Exit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from halpipe.cli.export.request import Request
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.exporters.common.base import ExportOptions
-
-OptionalSchedule = Annotated[str, typer.Argument(metavar="SCHEDULE", help="Schedule XML; - is standard input.")]
-Title = Annotated[str, typer.Option(help="Title; otherwise the model's name.")]
-ModeName = Annotated[str, typer.Option(help="This mode only; otherwise all.", autocompletion=modes)]
-Folder = Annotated[str, typer.Option("--output", "-o", metavar="FOLDER", help="Folder to write, as a whole.")]
+    from halpipe.exporters.common.base import Exporter, ExportOptions
+    from halpipe.flow.formats import Exported
 
 
-def export_files(request: Request) -> int:
-    """Export as requested, and show what the user should know of it; return the exit code."""
+def export_files(exporter: Exporter, model: str, schedule: str, target: str, options: ExportOptions) -> int:
+    """Export files of the user, and report what the target cannot do; return the exit code."""
     from halpipe.flow.formats import export_with_remarks
     from halpipe.importers.native import read_model, read_schedule
 
-    system = read_model(request.model)
-    tables = read_schedule(request.schedule) if request.schedule else None
-    exported = export_with_remarks(request.exporter.name, system, tables, request.options)
-    output.report(_with_folders(exported.remarks, [request.model, request.schedule, *_paths(request.options)]))
-    write_export(exported.contents, request.target)
-    if request.exporter.shown and not output.is_quiet():
-        output.text(exported.contents[request.exporter.shown].decode().rstrip())
+    tables = read_schedule(schedule) if schedule else None
+    exported = export_with_remarks(exporter.name, read_model(model), tables, options)
+    remarks = _with_folders(exported.remarks, [model, schedule, *_paths(options)])
+    write_export(replace(exported, remarks=tuple(remarks)), target)
+    if exporter.shown and not output.is_quiet():
+        output.text(exported.contents[exporter.shown].decode().rstrip())
     return Exit.OK
 
 
 def _paths(options: ExportOptions) -> list[str]:
-    from halpipe.exporters.common.choices import choices
+    from halpipe.core.options import options_of
 
-    stated = ((each, getattr(options, each.attribute)) for each in choices(type(options)))
+    stated = ((each, getattr(options, each.attribute)) for each in options_of(type(options)))
     return [value for each, value in stated if isinstance(value, str) and each.is_path(value)]
 
 
@@ -53,7 +44,7 @@ def _with_folders(remarks: Sequence[Diagnostic], files: Sequence[str]) -> list[D
     return [replace(d, at=replace(d.at, file=given.get(d.at.file, d.at.file))) for d in remarks]
 
 
-def write_export(contents: dict[str, bytes], target: str) -> None:
+def write_export(exported: Exported, target: str) -> None:
     """Write an export to `target`: a file with further files beside it, or a whole folder.
 
     DOT is drawn where SVG is asked for.
@@ -68,6 +59,8 @@ def write_export(contents: dict[str, bytes], target: str) -> None:
         write_outputs,
     )
 
+    output.report(exported.remarks)
+    contents = exported.contents
     if "" not in contents:
         write_directory(target, contents)
     elif target == STDIO:
@@ -84,4 +77,15 @@ def write_export(contents: dict[str, bytes], target: str) -> None:
                 refuse_foreign(name, begins_like(content))
         refuse_inputs(*placed)
         write_outputs(placed)
+    _show_changes(exported)
     output.inform(f"{target}: written")
+
+
+def _show_changes(exported: Exported) -> None:
+    """Show what an export changes in files that are there, such as those of a project."""
+    if not exported.changes:
+        return
+    if not output.is_text():
+        output.text(exported.contents[exported.changes].decode().rstrip())
+    for line in exported.summary:
+        output.inform(line)

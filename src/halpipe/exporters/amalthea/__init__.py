@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import specific
 from halpipe.exporters.amalthea.options import RELEASES, AmaltheaOptions
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
+from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
     from halpipe.models import Schedule, TaskModel

@@ -2,11 +2,6 @@
 
 from halpipe.core.diagnostics import error
 
-UNKNOWN_RELEASE = error(
-    "HAL0890",
-    "AMALTHEA release is unknown",
-    "The export writes the releases of Eclipse APP4MC from 1.2.0 on.",
-)
 DANGLING_NAME = error(
     "HAL0891",
     "AMALTHEA export lacks a definition of a name",

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, HalpipeError, about
+from halpipe.core.diagnostics import Findings, about
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.amalthea.codes import DANGLING_NAME, UNKNOWN_RELEASE
+from halpipe.exporters.amalthea.codes import DANGLING_NAME
 from halpipe.exporters.amalthea.constraints import Events, write_constraints
 from halpipe.exporters.amalthea.document import NONE, add, add_property, add_structure, document, serialise
-from halpipe.exporters.amalthea.options import RELEASES
 from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
-from halpipe.exporters.common.selection import require_mode, select
+from halpipe.exporters.common.selection import select
 from halpipe.models.attributes import texts
+from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
@@ -26,12 +26,9 @@ if TYPE_CHECKING:
 
 
 def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:
-    """Return the document; raise `HalpipeError` for an unknown release or mode, or names of what is not there."""
-    if options.release not in RELEASES:
-        help = did_you_mean(options.release, RELEASES, "use one of " + ", ".join(RELEASES))
-        raise HalpipeError(UNKNOWN_RELEASE(f'there is no release "{options.release}"', help=help))
+    """Return the document; raise `HalpipeError` for an unknown mode, or names of what is not there."""
     if options.mode:
-        require_mode(options.mode, (mode.name for mode in model.modes))
+        require_mode(options.mode, model.modes)
         model = model.alone(options.mode)
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "amalthea")

@@ -2,18 +2,6 @@
 
 from halpipe.core.diagnostics import error
 
-UNKNOWN_RELEASE = error(
-    "HAL0870",
-    "AUTOSAR release is unknown",
-    "The export writes files of the releases 4.0.3, 4.2.2, R19-11 and R22-11. Tools read files of older releases "
-    "than their own.",
-)
-UNKNOWN_PART = error(
-    "HAL0871",
-    "Part of the export is unknown",
-    "What is written is the system (components, platform, modes, timing), the ECU configuration (EcuC, Os and Rte) or "
-    "all of it. The ECU configuration needs a schedule.",
-)
 BAD_PREFIX = error(
     "HAL0872",
     "Prefix of ECU configuration definitions is unusable",

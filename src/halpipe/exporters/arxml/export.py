@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.core.embedding import package_hash, pieces
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME, UNKNOWN_PART, UNKNOWN_RELEASE
+from halpipe.exporters.arxml.codes import BAD_PREFIX, DANGLING_NAME
 from halpipe.exporters.arxml.document import add, document, named, package, sd, serialise, special
 from halpipe.exporters.arxml.guarantees import write_guarantees
 from halpipe.exporters.arxml.holds import Holds
 from halpipe.exporters.arxml.layout import Layout
 from halpipe.exporters.arxml.modes import disabled_modes, write_modes
-from halpipe.exporters.arxml.options import PARTS, RELEASES
 from halpipe.exporters.arxml.osconfig import PACKAGE, OsNames, write_collection, write_cores, write_os
 from halpipe.exporters.arxml.platform import write_platform
 from halpipe.exporters.arxml.rteconfig import write_rte
@@ -23,8 +22,9 @@ from halpipe.exporters.arxml.tables import make_plan
 from halpipe.exporters.arxml.ticks import choose_counter
 from halpipe.exporters.arxml.timing import write_demands
 from halpipe.exporters.common.codes import NEEDS_SCHEDULE
-from halpipe.exporters.common.selection import require_mode, select
+from halpipe.exporters.common.selection import select
 from halpipe.exporters.native import format_model
+from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
@@ -41,7 +41,7 @@ def format_arxml(model: TaskModel, schedule: Schedule | None, options: ArxmlOpti
     """Return the file; raise `HalpipeError` for impossible options, dangling names, and rules of the OS not kept."""
     _check_options(options, has_schedule=schedule is not None)
     if options.mode:
-        require_mode(options.mode, (mode.name for mode in model.modes))
+        require_mode(options.mode, model.modes)
         model = model.alone(options.mode)
     _refuse_dangling(model)
     chosen = None if schedule is None else select(model, schedule, options.mode, "arxml")
@@ -96,12 +96,6 @@ def _write_ecuc(
 
 def _check_options(options: ArxmlOptions, *, has_schedule: bool) -> None:
     findings = Findings()
-    if options.release not in RELEASES:
-        help = did_you_mean(options.release, RELEASES, "use one of " + ", ".join(RELEASES))
-        findings.add(UNKNOWN_RELEASE(f'there is no release "{options.release}"', help=help))
-    if options.part not in PARTS:
-        help = did_you_mean(options.part, PARTS, "use one of " + ", ".join(PARTS))
-        findings.add(UNKNOWN_PART(f'there is no part "{options.part}"', help=help))
     if not _PREFIX.fullmatch(options.ecuc_prefix):
         help = "write a path of short names, such as /AUTOSAR/EcucDefs"
         findings.add(BAD_PREFIX(f'"{options.ecuc_prefix}" is no path of a package', help=help))

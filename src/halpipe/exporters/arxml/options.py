@@ -1,13 +1,14 @@
-"""What may be chosen of an ARXML file."""
+"""Options of an ARXML export."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.options import Form, option, positive_duration
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
+from halpipe.core.settings import Words
 from halpipe.exporters.common.base import ExportOptions
-from halpipe.exporters.common.choices import choice, positive_duration
 
 if TYPE_CHECKING:
     from halpipe.core.durations import Duration
@@ -27,6 +28,9 @@ DEFAULT_MAX_VALUE = 2**30 - 1
 """What the counters of all known operating systems hold; some have 32 bits with and some without a sign."""
 
 
+OF_PROJECT = ("ecu", "variant", "conditions")
+"""Options that say how the project was imported which the schedule is put onto."""
+
 _ticks = whole(0, 10**19, "number of ticks")
 
 
@@ -36,25 +40,48 @@ def _points(text: str) -> int | None:
 
 @record(kw_only=True)
 class ArxmlOptions(ExportOptions):
-    """What may be chosen of an ARXML file; the title is not used.
+    """Options of an ARXML export.
 
     - `release` is one of `RELEASES`; `part` is one of `PARTS`: the system, the ECU configuration, or both.
     - `ecuc_prefix` stands before the names of the modules in the paths of definitions; vendors have their own.
     - `tick` is the tick of the counters (None: the largest that all instants are multiples of); `min_cycle` and
       `max_value` are their OsCounterMinCycle and OsCounterMaxAllowedValue.
+    - The schedule is put `onto` a project, whose import chose `ecu`, `variant` and `conditions`.
     - `max_points` is how many expiry points a table of the target may have (None: any number).
     """
 
-    release: str = choice(DEFAULT_RELEASE, f"AUTOSAR release: {', '.join(RELEASES)}.")
-    part: str = choice("all", "system, ecuc (cores, OS and RTE; needs a schedule), or all.")
-    ecuc_prefix: str = choice(
+    release: str = option(DEFAULT_RELEASE, f"AUTOSAR release: {', '.join(RELEASES)}.", Words(*RELEASES))
+    part: str = option("all", "system, ecuc (cores, OS and RTE; needs a schedule), or all.", Words(*PARTS))
+    ecuc_prefix: str = option(
         DEFAULT_PREFIX, "Package of the ECUC definitions; vendors have their own.", metavar="PATH"
     )
-    tick: Duration | None = choice(
+    tick: Duration | None = option(
         None, "Tick of the counters; otherwise the largest.", positive_duration, metavar="TIME"
     )
-    min_cycle: int = choice(1, "OsCounterMinCycle of the counters.", _ticks, metavar="TICKS")
-    max_value: int = choice(DEFAULT_MAX_VALUE, "OsCounterMaxAllowedValue of the counters.", _ticks, metavar="TICKS")
-    max_points: int | None = choice(
+    min_cycle: int = option(1, "OsCounterMinCycle of the counters.", _ticks, metavar="TICKS")
+    max_value: int = option(DEFAULT_MAX_VALUE, "OsCounterMaxAllowedValue of the counters.", _ticks, metavar="TICKS")
+    max_points: int | None = option(
         None, "Expiry points that the OS allows in a table, 254 for ATK2; 0: any number.", _points, metavar="N"
     )
+    onto: str = option(
+        "",
+        "Put the schedule onto the project that the model was imported from; the output is a folder then.",
+        metavar="PROJECT_DIR",
+        is_path=True,
+    )
+    ecu: str = option("", "With --onto: the ECU that was imported.", metavar="NAME")
+    variant: str = option("", "With --onto: the variant that was imported.", metavar="NAME")
+    conditions: tuple[str, ...] = option(
+        (),
+        "With --onto: as it was given to the import; repeatable.",
+        name="condition",
+        metavar="NAME=VALUE",
+        form=Form.LIST,
+    )
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the options without effect: of files of their own, or of a project, or of the ECU configuration."""
+        of_tables = ("ecuc_prefix", "tick", "min_cycle", "max_value", "max_points")
+        if self.onto:
+            return ("mode", "release", "part", *of_tables)
+        return (*OF_PROJECT, *(of_tables if self.part == "system" else ()))

@@ -5,20 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import option, specific
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import choice
+from halpipe.exporters.common.base import PlainExporter, TitledOptions
 
 if TYPE_CHECKING:
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
 @record(kw_only=True)
-class BtfOptions(ExportOptions):
+class BtfOptions(TitledOptions):
     """`cycles`: how often each mode is played before the next switch."""
 
-    cycles: int = choice(
+    cycles: int = option(
         2, "Hyperperiods of a mode before the next switch.", whole(1, 1000, "number of cycles"), metavar="N"
     )
 
@@ -44,7 +45,6 @@ class BtfExporter(PlainExporter):
     )
     suffix = ".btf"
     options = BtfOptions
-    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the trace as one document; see `halpipe.exporters.common.base.Exporter`."""

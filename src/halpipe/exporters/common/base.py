@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol
 
+from halpipe.core.options import option
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
@@ -13,23 +14,23 @@ if TYPE_CHECKING:
     from halpipe.core.extent import Extent
     from halpipe.models import Schedule, TaskModel
 
-O = TypeVar("O", bound="ExportOptions")  # noqa: E741
-
 
 @record(kw_only=True)
 class ExportOptions:
-    """What the user may choose of every format: a `title`, and one `mode` where all would be written (empty: all).
+    """Options of every format; a format with further ones has a subclass of this beside its exporter."""
 
-    A format with choices of its own has a subclass of this beside its exporter.
-    """
+    mode: str = option("", "This mode only; otherwise all.", metavar="NAME", completes="modes")
 
-    title: str = ""
-    mode: str = ""
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others; stating one is refused."""
+        return ()
 
 
-def specific(kind: type[O], options: ExportOptions) -> O:
-    """Return `options` as the options of one format, with its defaults where only the common ones are given."""
-    return options if isinstance(options, kind) else kind(title=options.title, mode=options.mode)
+@record(kw_only=True)
+class TitledOptions(ExportOptions):
+    """Options of a format that shows a title."""
+
+    title: str = option("", "Title; otherwise the model's name.")
 
 
 class Exporter(Protocol):
@@ -37,9 +38,8 @@ class Exporter(Protocol):
 
     An exporter decides nothing: it writes the schedule it is given, which the caller has verified. It is a pure
     function of its arguments, so the same schedule gives the same bytes. `suffix` is how its file names end, empty
-    for a folder. `options` is the type of its options, in which each choice is stated
-    (`halpipe.exporters.common.choices`); `titled` tells whether their title is used. `shown` names the file of an
-    export that is for the eyes of who exports (empty: none). `help` is the sentence that the command line has for it.
+    for a folder. `options` is the type of its options (`halpipe.core.options`). `shown` names the file of an export
+    that the command line prints, too (empty: none). `help` is the sentence that the command line has for it.
     """
 
     name: str
@@ -48,7 +48,6 @@ class Exporter(Protocol):
     extent: Extent
     suffix: str
     options: type[ExportOptions]
-    titled: bool
     shown: str
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
@@ -71,7 +70,6 @@ class PlainExporter:
 
     help = ""
     options: type[ExportOptions] = ExportOptions
-    titled = False
     shown = ""
 
     def remarks(

@@ -7,11 +7,6 @@ NEEDS_SCHEDULE = error(
     "Export needs a schedule",
     "The format shows when jobs run, so the model alone is not enough. Make a schedule first.",
 )
-UNKNOWN_MODE = error(
-    "HAL0802",
-    "Mode to export does not exist",
-    "The mode named in the options is not one that the model (or the schedule) has.",
-)
 FOREIGN_SCHEDULE = error(
     "HAL0803",
     "Schedule does not fit the model",

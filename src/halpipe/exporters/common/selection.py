@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Findings, HalpipeError, about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.suggest import did_you_mean
-from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME, UNKNOWN_MODE
+from halpipe.exporters.common.codes import FOREIGN_SCHEDULE, NEEDS_HOLD, NEEDS_SCHEDULE, UNDRAWABLE_TIME
 from halpipe.exporters.common.timeline import versions_of
+from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Collection
 
     from halpipe.core.diagnostics import Location
     from halpipe.core.durations import Duration
@@ -29,7 +30,7 @@ def select(model: TaskModel, schedule: Schedule | None, mode: str, format_name: 
         help = "run `halpipe schedule` and give its output with the model"
         raise HalpipeError(NEEDS_SCHEDULE(f'format "{format_name}" needs a schedule', help=help))
     if mode:
-        require_mode(mode, (m.name for m in schedule.modes))
+        require_mode(mode, schedule.modes)
         kept = tuple(m for m in schedule.modes if m.name == mode)
         schedule = schedule.alone(kept)
     check = _Check(model, schedule)
@@ -77,14 +78,6 @@ def refuse_early_phases(model: TaskModel, schedule: Schedule, target: str, help:
             message = f"an access phase begins within its jobs, and jobs may be early; {target}"
             findings.add(NEEDS_HOLD(message, at=version.at, path=version_of(task, name), help=help))
     findings.stop_on_errors()
-
-
-def require_mode(mode: str, known: Iterable[str]) -> None:
-    """Raise `HalpipeError` unless `mode` is one of `known`."""
-    names = list(known)
-    if mode not in names:
-        help = did_you_mean(mode, names, "the modes are " + ", ".join(names))
-        raise HalpipeError(UNKNOWN_MODE(f'there is no mode "{mode}"', help=help))
 
 
 class _Check:

@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import Form, option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import Form, choice
+from halpipe.exporters.common.base import PlainExporter, TitledOptions
 
 if TYPE_CHECKING:
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
 @record(kw_only=True)
-class GraphOptions(ExportOptions):
+class GraphOptions(TitledOptions):
     """`cluster`: one box per mode instead of one graph of all tasks."""
 
-    cluster: bool = choice(False, "One box per mode.", form=Form.SWITCH)
+    cluster: bool = option(False, "One box per mode.", form=Form.SWITCH)
 
 
 class GraphExporter(PlainExporter):
@@ -39,15 +40,15 @@ class GraphExporter(PlainExporter):
     )
     suffix = ".dot"
     options = GraphOptions
-    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the graph as one DOT document; see `halpipe.exporters.common.base.Exporter`."""
-        from halpipe.exporters.common.selection import require_mode, select
+        from halpipe.exporters.common.selection import select
         from halpipe.exporters.graph.dot import format_graph
+        from halpipe.models.modes import require_mode
 
         if options.mode:
-            require_mode(options.mode, (mode.name for mode in model.modes))
+            require_mode(options.mode, model.modes)
         chosen = None if schedule is None else select(model, schedule, options.mode, self.name)
         return {"": format_graph(model, chosen, specific(GraphOptions, options)).encode()}
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import CPUS, SOURCES, Form, cpu_number, option, specific
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import CPUS, SOURCES, Form, choice, cpu_number
+from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,12 +32,12 @@ class LinuxOptions(ExportOptions):
     - `busy`: versions without sources get a program that takes so many percent of their WCET; 0: they are errors.
     """
 
-    cpus: Mapping[str, int] | None = choice(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
-    priority: int = choice(
+    cpus: Mapping[str, int] | None = option(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
+    priority: int = option(
         PRIORITY, "SCHED_FIFO priority of the lowest thread.", whole(1, HIGHEST_PRIORITY, "priority"), metavar="1..98"
     )
-    sources: str = choice("", SOURCES, metavar="FOLDER", is_path=True)
-    busy: int = choice(
+    sources: str = option("", SOURCES, metavar="FOLDER", is_path=True)
+    busy: int = option(
         0,
         "Percent of its WCET that a version without sources takes; 0: refuse.",
         whole(0, 100, "percentage"),

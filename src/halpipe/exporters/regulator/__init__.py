@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import file_name, option, specific
 from halpipe.core.records import record
 from halpipe.core.settings import Words
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import choice, file_name
+from halpipe.exporters.common.base import ExportOptions, PlainExporter
 from halpipe.exporters.regulator.words import AUTO, BACKENDS, RULES
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ class RegulatorOptions(ExportOptions):
     Rounding is ``whole``, ``controlled``, or ``auto``: whole where it fits, table by table.
     """
 
-    platform: str = choice(
+    platform: str = option(
         "", "The regulators and the memory: YAML.", file_name, metavar="FILE", is_path=True, required=True
     )
-    backend: str = choice("", f"{', '.join(BACKENDS)}; otherwise what the platform names.", Words(*BACKENDS))
-    rounding: str = choice(
+    backend: str = option("", f"{', '.join(BACKENDS)}; otherwise what the platform names.", Words(*BACKENDS))
+    rounding: str = option(
         AUTO,
         "whole bursts for every phase, controlled (cumulative), or auto: whole where it fits.",
         Words(*RULES),

@@ -5,19 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import choice
+from halpipe.exporters.common.base import PlainExporter, TitledOptions
 
 if TYPE_CHECKING:
+    from halpipe.exporters.common.base import ExportOptions
     from halpipe.models import Schedule, TaskModel
 
 
 @record(kw_only=True)
-class ReportOptions(ExportOptions):
+class ReportOptions(TitledOptions):
     """`import_report`: the file in which the import of the model gave its account; empty: none."""
 
-    import_report: str = choice(
+    import_report: str = option(
         "", "What `halpipe import --report` wrote; shown as a section.", metavar="FILE", is_path=True
     )
 
@@ -47,7 +48,6 @@ class ReportExporter(PlainExporter):
     )
     suffix = ".html"
     options = ReportOptions
-    titled = True
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the page; see `halpipe.exporters.common.base.Exporter`."""

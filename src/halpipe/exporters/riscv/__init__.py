@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import DRIVERS, SOURCES, option, specific
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import DRIVERS, SOURCES, choice
+from halpipe.core.settings import Words
+from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,15 +34,15 @@ class RiscvOptions(ExportOptions):
     - `drivers` states functions of the board that fill and empty buffers (empty: none).
     """
 
-    profile: str = choice(
+    profile: str = option(
         DEFAULT_PROFILE, "Target: a profile's name, or a file that ends in .yaml.", is_path=_is_profile_file
     )
-    toolchain: str = choice("auto", "zig, gcc, or auto: zig where it is installed.")
-    sources: str = choice("", SOURCES, metavar="FOLDER", is_path=True)
-    regulator: str = choice(
+    toolchain: str = option("auto", "zig, gcc, or auto: zig where it is installed.", Words("auto", "zig", "gcc"))
+    sources: str = option("", SOURCES, metavar="FOLDER", is_path=True)
+    regulator: str = option(
         "", "Regulators of the memory, YAML: their tables go into the bundle.", metavar="FILE", is_path=True
     )
-    drivers: str = choice("", DRIVERS, metavar="FILE", is_path=True)
+    drivers: str = option("", DRIVERS, metavar="FILE", is_path=True)
 
 
 class RiscvExporter(PlainExporter):

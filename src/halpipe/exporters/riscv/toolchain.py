@@ -79,8 +79,6 @@ def find_toolchain(name: str) -> Toolchain:
         if spec is None or not spec.submodule_search_locations:
             raise HalpipeError(TOOLCHAIN_MISSING("the zig toolchain is not installed", help=INSTALL_ZIG))
         return _zig(Path(next(iter(spec.submodule_search_locations))))
-    if name not in ("auto", "gcc"):
-        raise HalpipeError(TOOLCHAIN_MISSING(f'there is no toolchain "{name}"', help="use auto, zig or gcc"))
     if shutil.which(GCC) is None:
         raise HalpipeError(TOOLCHAIN_MISSING(f"{GCC} is not installed", help=INSTALL_GCC))
     return _gcc()

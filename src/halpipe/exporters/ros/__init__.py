@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.quantities import quoted, whole
+from halpipe.core.options import CPUS, Form, cpu_number, option, specific
+from halpipe.core.quantities import whole
 from halpipe.core.records import record
-from halpipe.exporters.common.base import ExportOptions, PlainExporter, specific
-from halpipe.exporters.common.choices import CPUS, Form, choice, cpu_number
+from halpipe.core.settings import Words
+from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,30 +30,38 @@ WITH_HOLDS = "make the phase a task of its own, or export the linux format, whic
 OLDEST, NEWEST = MESSAGES = ("oldest", "newest")
 
 
-def _messages(text: str) -> str:
-    if text not in MESSAGES:
-        raise ValueError(f"{quoted(text)} is no order; write {OLDEST} or {NEWEST}")
-    return text
-
-
 @record(kw_only=True)
 class RosOptions(ExportOptions):
     """`cpus`: the Linux CPU of each unit (None: in the order of the model); `priority` of SCHED_FIFO, 1 to 99.
 
-    The title is not used. Units that `cpus` does not name get no affinity. With `package` an ament package is written
+    Units that `cpus` does not name get no affinity. With `package` an ament package is written
     instead of the YAML file; `bindings` has the callback of each task for it, and `messages` says which of the waiting
     messages a job of a subscription gets, one of `MESSAGES`.
     """
 
-    cpus: Mapping[str, int] | None = choice(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
-    priority: int = choice(
+    cpus: Mapping[str, int] | None = option(None, CPUS, cpu_number, metavar="UNIT=CPU,...", form=Form.NAMES)
+    priority: int = option(
         PRIORITY, "Priority of the executors, SCHED_FIFO.", whole(1, HIGHEST_PRIORITY, "priority"), metavar="1..99"
     )
-    package: bool = choice(False, "Write an ament package that plays the tables, as a folder.", form=Form.SWITCH)
-    messages: str = choice(
-        OLDEST, "Package: a job gets the oldest waiting message, or the newest and drops the others.", _messages
+    package: bool = option(False, "Write an ament package that plays the tables, as a folder.", form=Form.SWITCH)
+    messages: str = option(
+        OLDEST,
+        "With --package: a job gets the oldest waiting message, or the newest and drops the others.",
+        Words(*MESSAGES),
+    )
+    graphs: tuple[str, ...] = option(
+        (),
+        "With --package: graph or trace that says which callback each task is; repeatable.",
+        name="graph",
+        metavar="PATH",
+        form=Form.LIST,
+        is_path=True,
     )
     bindings: Mapping[str, Binding] | None = None
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the options without effect: only a package plays messages."""
+        return () if self.package else ("messages", "graphs")
 
 
 class RosExporter(PlainExporter):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.exporters.common.base import PlainExporter
+from halpipe.core.options import specific
+from halpipe.exporters.common.base import PlainExporter, TitledOptions
 
 if TYPE_CHECKING:
     from halpipe.exporters.common.base import ExportOptions
@@ -30,7 +31,7 @@ class TraceExporter(PlainExporter):
         ("Instants that no decimal of a microsecond can state are rounded to 1 ns, and counted.",),
     )
     suffix = ".json"
-    titled = True
+    options = TitledOptions
 
     def write(self, model: TaskModel, schedule: Schedule | None, options: ExportOptions) -> dict[str, bytes]:
         """Return the trace as one JSON document; see `halpipe.exporters.common.base.Exporter`."""
@@ -38,7 +39,7 @@ class TraceExporter(PlainExporter):
         from halpipe.exporters.trace.events import format_trace
 
         chosen = select(model, schedule, options.mode, self.name)
-        return {"": format_trace(model, chosen, options.title).encode()}
+        return {"": format_trace(model, chosen, specific(TitledOptions, options).title).encode()}
 
 
 FORMAT = TraceExporter()

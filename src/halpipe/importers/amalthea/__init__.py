@@ -12,6 +12,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import specific
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -50,11 +52,13 @@ class AmaltheaFormat:
         ),
     )
 
+    options = AmaltheaImportOptions
+
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read the files of one model; raise `HalpipeError` when no task is in them."""
         from halpipe.importers.amalthea.build import import_amalthea
 
-        return import_amalthea(paths, options)
+        return import_amalthea(paths, specific(AmaltheaImportOptions, options))
 
 
 FORMAT = AmaltheaFormat()

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
-from halpipe.core.suggest import did_you_mean
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.account import account
@@ -26,8 +25,7 @@ from halpipe.importers.amalthea.sniff import load
 from halpipe.importers.amalthea.splitting import Splitter
 from halpipe.importers.amalthea.tasks import TaskBuilder
 from halpipe.importers.amalthea.timing import reactions_of, read_timing
-from halpipe.importers.amalthea.values import STATISTICS
-from halpipe.importers.amalthea.versions import MEMORY_CHOICES, UNIT, VersionMaker
+from halpipe.importers.amalthea.versions import UNIT, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest
 from halpipe.importers.common.base import Coverage, Imported
 from halpipe.models import Mode, Origin, Run, TaskModel, Unit
@@ -38,22 +36,19 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.importers.amalthea.hardware import Hardware
     from halpipe.importers.amalthea.modes import SystemMode
+    from halpipe.importers.amalthea.options import AmaltheaImportOptions
     from halpipe.importers.amalthea.parts import Drafts
     from halpipe.importers.amalthea.tasks import Built
     from halpipe.importers.amalthea.xmi import Item
-    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Chain, Interrupt
 
-MAPPING_CHOICES = ("stated", "free")
 
-
-def import_amalthea(paths: Sequence[str], options: ImportOptions) -> Imported:
+def import_amalthea(paths: Sequence[str], options: AmaltheaImportOptions) -> Imported:
     """Read the files of one AMALTHEA model into one task model.
 
     Raise `HalpipeError` with every finding if any is an error: unusable files, values of a wrong form, no task with a
     period; under `options.strict` also every loss (warning), with the exit code for unsupported input.
     """
-    _check_choices(options)
     findings = Findings()
     try:
         imported = _import(paths, options, findings)
@@ -70,22 +65,11 @@ def import_amalthea(paths: Sequence[str], options: ImportOptions) -> Imported:
     return replace(imported, diagnostics=tuple(found))
 
 
-def _check_choices(options: ImportOptions) -> None:
-    for option, chosen, known in (
-        ("wcet", options.wcet, STATISTICS),
-        ("memory", options.memory, MEMORY_CHOICES),
-        ("mapping", options.mapping, MAPPING_CHOICES),
-    ):
-        if chosen not in known:
-            help = did_you_mean(chosen, known, f"use one of {', '.join(known)}")
-            raise HalpipeError(codes.CHOICE(f'--{option} "{chosen}" is unknown', help=help), exit=Exit.USAGE)
-
-
 def _as_error(found: Diagnostic) -> Diagnostic:
     return replace(found, severity=Severity.ERROR) if found.severity is Severity.WARNING else found
 
 
-def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> Imported:
+def _import(paths: Sequence[str], options: AmaltheaImportOptions, findings: Findings) -> Imported:
     """Import one model, or one for each mode where the input is a list of modes."""
     coverage = Coverage()
     if not is_list(paths):
@@ -104,7 +88,7 @@ def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) ->
 
 
 def _model(
-    paths: Sequence[str], options: ImportOptions, findings: Findings, coverage: Coverage
+    paths: Sequence[str], options: AmaltheaImportOptions, findings: Findings, coverage: Coverage
 ) -> tuple[TaskModel, Reactions]:
     """Read files into a model, and what is added once an overlay is on it; `coverage` accounts for every element."""
     forest = Forest(load(paths, findings), findings)

@@ -30,11 +30,6 @@ UNKNOWN_VERSION = warning(
     "AMALTHEA version is unknown",
     "The version in the namespace is none that the importer was made for. The file is read as the nearest known one.",
 )
-CHOICE = error(
-    "HAL1206",
-    "Option of the import is unknown",
-    "`--wcet` is upper, average or lower; `--memory` is within, added or none; `--mapping` is stated or free.",
-)
 BAD_MODE_LIST = error(
     "HAL1207",
     "List of modes is malformed",

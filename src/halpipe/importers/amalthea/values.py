@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.hardware import Pu
     from halpipe.importers.amalthea.xmi import Forest, Item
 
-STATISTICS = ("upper", "average", "lower")
 TIMED = ("Ticks", "RunnableInstructions", "InstructionsDeviation", "InstructionsConstant", "ExecutionNeed")
 _BOUNDS = {"upper": "upperBound", "lower": "lowerBound"}
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 UNIT = "core0"
 VERSION = "default"
-MEMORY_CHOICES = ("within", "added", "none")
 
 
 @dataclass(slots=True)

@@ -17,6 +17,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import specific
+from halpipe.importers.arxml.options import ArxmlImportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,11 +57,13 @@ class ArxmlFormat:
         ),
     )
 
+    options = ArxmlImportOptions
+
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read files and directories into one model; raise `HalpipeError` when no task is in them."""
         from halpipe.importers.arxml.build import import_arxml
 
-        return import_arxml(paths, options)
+        return import_arxml(paths, specific(ArxmlImportOptions, options))
 
 
 FORMAT = ArxmlFormat()

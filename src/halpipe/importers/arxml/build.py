@@ -18,7 +18,6 @@ from halpipe.core.diagnostics import (
 )
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
 from halpipe.importers.arxml import codes, reports
 from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mappings, note_structure, note_timing
 from halpipe.importers.arxml.embedded import find_embedded, read_embedded
@@ -33,7 +32,7 @@ from halpipe.importers.arxml.tasks.boundary import report_boundary
 from halpipe.importers.arxml.tasks.calls import join_calls
 from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.execution_modes import make_modes
-from halpipe.importers.arxml.tasks.grouping import GRANULARITIES, group
+from halpipe.importers.arxml.tasks.grouping import group
 from halpipe.importers.arxml.tasks.interrupts import with_interrupts
 from halpipe.importers.arxml.tasks.periods import decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform
@@ -47,21 +46,21 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.precedence import Edge
     from halpipe.importers.arxml.tasks.requirements import Requirements
     from halpipe.importers.arxml.tasks.versions import Variant
-    from halpipe.importers.common.base import Coverage, ImportOptions
+    from halpipe.importers.common.base import Coverage
 
 
-def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
+def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
     """Read ARXML files and directories into one task model.
 
     Raise `HalpipeError` with every finding if any is an error: unusable files, parts that contradict each other, no
     periodic task; under `options.strict` also every loss (warning), with the exit code for unsupported input.
     """
-    _check_granularity(options.granularity)
     findings = Findings()
     try:
         model, coverage = _import(paths, options, findings)
@@ -75,7 +74,7 @@ def import_arxml(paths: Sequence[str], options: ImportOptions) -> Imported:
     return Imported(model=model, diagnostics=tuple(found), coverage=coverage)
 
 
-def _import(paths: Sequence[str], options: ImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
+def _import(paths: Sequence[str], options: ArxmlImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
     tree = read_tree(paths, findings, Choice(options.variant, options.conditions), on_progress=options.on_progress)
     data = find_embedded(tree)
     embedded = None if data is None else read_embedded(tree, data, options)
@@ -96,7 +95,7 @@ class Built:
     triggers: tuple[Trigger, ...]
 
 
-def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOptions) -> Built:
+def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImportOptions) -> Built:
     """Make the model of what was read; findings go to those of the tree."""
     findings = tree.findings
     report_boundary(tree, system)
@@ -143,18 +142,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ImportOp
     return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers)
 
 
-def _check_granularity(granularity: str) -> None:
-    if granularity not in GRANULARITIES:
-        known = f"use one of {', '.join(GRANULARITIES)}"
-        raise HalpipeError(
-            codes.GRANULARITY(
-                f'granularity "{granularity}" is unknown', help=did_you_mean(granularity, GRANULARITIES, known)
-            ),
-            exit=Exit.USAGE,
-        )
-
-
-def _kept(drafts: list[Draft], options: ImportOptions) -> list[Draft]:
+def _kept(drafts: list[Draft], options: ArxmlImportOptions) -> list[Draft]:
     if options.overlay is None:
         return drafts
     overlay = options.overlay

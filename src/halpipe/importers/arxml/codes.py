@@ -51,12 +51,6 @@ NO_TASKS = error(
     "Neither a runnable, nor a BSW schedulable entity, nor an OS task has a period. Name the files that hold the "
     "component types with their events, and the ECU configuration of Os and Rte, or give periods in an overlay.",
 )
-GRANULARITY = error(
-    "HAL0509",
-    "Unknown granularity",
-    "Tasks are cut by runnable (one per runnable instance and period), by event (one per event) or by ostask (one "
-    "per OS task and period).",
-)
 
 # ---------------------------------------------------------------------------------------- elements and references
 CONFLICT = error(

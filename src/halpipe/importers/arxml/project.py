@@ -18,10 +18,10 @@ from halpipe.importers.arxml.codes import SKIPPED_FILE, VARIANT
 from halpipe.importers.arxml.files.tree import NS, place
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import listed
+from halpipe.importers.arxml.options import GRANULARITIES
 from halpipe.importers.arxml.system.containers import Containers, standard_modules
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.system.triggers import Ticks
-from halpipe.importers.arxml.tasks.grouping import GRANULARITIES
 from halpipe.importers.arxml.tasks.splitting import FULL
 from halpipe.models.project import Call, Deed, Item, Project, ProjectCounter, ProjectTask, Starter, Value
 
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     from halpipe.importers.arxml.build import Built
     from halpipe.importers.arxml.files.tree import Tree
+    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.containers import Container
     from halpipe.importers.arxml.tasks.activation import Activation
-    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Task, TaskModel
 
 _MODULE, _CONTAINER = "ECUC-MODULE-CONFIGURATION-VALUES", "ECUC-CONTAINER-VALUE"
@@ -70,7 +70,7 @@ class _OfModel:
         return self.source_period(name)
 
 
-def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions, findings: Findings) -> Project:
+def read_project(paths: Sequence[str], model: TaskModel, options: ArxmlImportOptions, findings: Findings) -> Project:
     """Read the project that `model` was imported from; report what is not as the model has it.
 
     Raise `HalpipeError` with every difference, if the project is another one or changed.
@@ -82,7 +82,9 @@ def read_project(paths: Sequence[str], model: TaskModel, options: ImportOptions,
     return _Reader(tree, built, findings).project()
 
 
-def _again(tree: Tree, model: TaskModel, paths: Sequence[str], options: ImportOptions, findings: Findings) -> Built:
+def _again(
+    tree: Tree, model: TaskModel, paths: Sequence[str], options: ArxmlImportOptions, findings: Findings
+) -> Built:
     """Return the model of the project at the granularity of the given one, without what that has not."""
     system = read_system(tree, options.ecu)
     tree.findings.stop_on_errors()
@@ -153,7 +155,9 @@ def _path(task: Task) -> str:
     return task.origin.path if task.origin else ""
 
 
-def _options(options: ImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool) -> ImportOptions:
+def _options(
+    options: ArxmlImportOptions, model: TaskModel, granularity: str, *, is_dropping: bool
+) -> ArxmlImportOptions:
     return replace(options, overlay=_OfModel(model, is_dropping), granularity=granularity)
 
 

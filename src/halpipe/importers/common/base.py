@@ -4,28 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.diagnostics import NOWHERE, Location
-from halpipe.core.durations import milliseconds
-from halpipe.core.quantities import parse_rational, quoted
+from halpipe.core.durations import Duration, milliseconds
+from halpipe.core.options import Form, option
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.core.durations import Duration
     from halpipe.core.extent import Extent
     from halpipe.models import TaskModel
-
-
-PIECES = milliseconds(5)
-"""The longest piece between split points of a task that may be preempted anywhere."""
-
-IGNORED, RESOURCES = GROUP_RULES = ("ignored", "resources")
-"""What becomes of mutually exclusive callback groups."""
 
 
 class Supplement(Protocol):
@@ -58,49 +49,39 @@ class Supplement(Protocol):
 
 @record(kw_only=True)
 class ImportOptions:
-    """What the user may choose: `overlay` adds what the source lacks.
+    """Options of every importer; one with further ones has a subclass of this.
 
-    `granularity`, `ecu`, `variant` and `conditions` are for ARXML only: the ECU of a system with several, the
-    variant of a product line, and values of system constants and criteria (``NAME=VALUE``); `on_progress` is told
-    the bytes read so far, and all bytes. `wcet`, `memory` and `mapping` are for AMALTHEA only: which statistic of
-    an execution time counts, whether it contains the accesses to memory, and whether the stated mapping binds
-    tasks. `pieces` is the longest piece of a runnable of a preemptive task of ARXML or AMALTHEA (0: as long as it
-    is). `calibrate`, `quantile` and `margin` are for ROS only: tables of measured durations, which of them is the
-    WCET (1: the maximum), and the share of it that is added; `groups` says whether mutually exclusive callback
-    groups are ignored or become resources.
+    `overlay` answers for the files named in `overlays`; `on_progress` gets the bytes read so far, and all bytes.
     """
 
-    name: str = ""
+    overlays: tuple[str, ...] = option(
+        (),
+        "YAML file with what the source cannot say; repeatable, later wins.",
+        name="overlay",
+        metavar="FILE",
+        form=Form.LIST,
+        is_path=True,
+    )
+    name: str = option("", "Name of the model; otherwise the source's own.", metavar="NAME")
+    strict: bool = option(False, "Every loss is an error (exit code 5).", form=Form.SWITCH)
     overlay: Supplement | None = None
-    granularity: str = "runnable"
-    ecu: str = ""
-    variant: str = ""
-    conditions: tuple[str, ...] = ()
     on_progress: Callable[[int, int], None] | None = field(default=None, compare=False)
-    wcet: str = "upper"
-    memory: str = "within"
-    mapping: str = "stated"
-    pieces: Duration = PIECES
-    calibrate: tuple[str, ...] = ()
-    quantile: Fraction = Fraction(1)
-    margin: Fraction = Fraction(0)
-    groups: str = RESOURCES
-    strict: bool = False
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others; stating one is refused."""
+        return ()
 
 
-def quantile_of(text: str) -> Fraction:
-    """Read a quantile, above 0 and up to 1; raise ``ValueError`` that says what is wrong."""
-    value = parse_rational(text)
-    if not 0 < value <= 1:
-        raise ValueError(f"{quoted(text)} is no quantile; write a number above 0, up to 1")
-    return value
+@record(kw_only=True)
+class PiecesOptions(ImportOptions):
+    """Options of an importer that cuts the runnables of preemptive tasks; `pieces` of 0 cuts none."""
 
-
-def group_rule(text: str) -> str:
-    """Read what becomes of exclusive callback groups; raise ``ValueError`` that says what is wrong."""
-    if text not in GROUP_RULES:
-        raise ValueError(f"{quoted(text)} is not known; write {' or '.join(GROUP_RULES)}")
-    return text
+    pieces: Duration = option(
+        milliseconds(5),
+        "The longest piece of a runnable of a preemptive task; 0ms cuts none.",
+        Duration.parse,
+        metavar="TIME",
+    )
 
 
 @record
@@ -181,11 +162,15 @@ class Imported:
 
 
 class Importer(Protocol):
-    """The door through which a source format comes in; registered as entry point ``halpipe.importers``."""
+    """The door through which a source format comes in; registered as entry point ``halpipe.importers``.
+
+    `options` is the type of its options (`halpipe.core.options`).
+    """
 
     name: str
     summary: str
     extent: Extent
+    options: type[ImportOptions]
 
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read `paths` into one model; raise `HalpipeError` when nothing usable is in them."""

@@ -11,6 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
+from halpipe.core.options import specific
+from halpipe.importers.ros.options import RosImportOptions
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -44,11 +46,13 @@ class RosFormat:
         ),
     )
 
+    options = RosImportOptions
+
     def read(self, paths: Sequence[str], options: ImportOptions) -> Imported:
         """Read one graph and any number of recordings; raise `HalpipeError` when no task is in them."""
         from halpipe.importers.ros.build import import_graph
 
-        return import_graph(paths, options)
+        return import_graph(paths, specific(RosImportOptions, options))
 
 
 FORMAT = RosFormat()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
-from halpipe.importers.common.base import RESOURCES, Coverage, Imported
+from halpipe.importers.common.base import Coverage, Imported
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.account import Result, account
 from halpipe.importers.ros.activation import Wiring, activate, settled
@@ -22,6 +22,7 @@ from halpipe.importers.ros.drops import prune
 from halpipe.importers.ros.exclusion import Exclusion, default_groups
 from halpipe.importers.ros.feedback import few
 from halpipe.importers.ros.names import Names, clean, task_names
+from halpipe.importers.ros.options import RESOURCES
 from halpipe.importers.ros.sources.caret import read_caret
 from halpipe.importers.ros.sources.executors import read_executors
 from halpipe.importers.ros.sources.rosbag import read_bag
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from halpipe.core.diagnostics import Diagnostic
-    from halpipe.importers.common.base import ImportOptions
+    from halpipe.importers.ros.options import RosImportOptions
     from halpipe.importers.ros.sources.graph import Callback, Group, Rate, RosGraph
     from halpipe.importers.ros.sources.sniff import Input
     from halpipe.importers.traces.ros2 import RosTrace
@@ -45,7 +46,7 @@ VERSION = "default"
 MODE = "default"
 
 
-def import_graph(paths: Sequence[str], options: ImportOptions) -> Imported:
+def import_graph(paths: Sequence[str], options: RosImportOptions) -> Imported:
     """Import one graph or design with the recordings that go with it; raise `HalpipeError` when no task comes out."""
     inputs = find(paths)
     findings, coverage = Findings(list(inputs.findings)), Coverage()
@@ -88,7 +89,7 @@ def _from_graph(
     source: Input,
     trace: RosTrace | None,
     rates: list[Rate],
-    options: ImportOptions,
+    options: RosImportOptions,
     findings: Findings,
     coverage: Coverage,
 ) -> _System:
@@ -101,7 +102,7 @@ def _from_graph(
 
 
 def _from_parsed(
-    graph: RosGraph, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+    graph: RosGraph, rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
 ) -> _System:
     _stop_on_errors(findings)
     system = _tasks(ModeGraph(MODE, graph, {}, Location(graph.file)), rates, options, findings, coverage)
@@ -119,7 +120,7 @@ def _from_executors(source: Input, rates: list[Rate], findings: Findings, covera
 
 
 def _from_design(
-    sources: Sequence[Input], rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+    sources: Sequence[Input], rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
 ) -> _System:
     design = read_design([(source.name, source.content) for source in sources], findings, coverage)
     _stop_on_errors(findings)
@@ -143,7 +144,7 @@ def _from_design(
 
 
 def _tasks(
-    part: ModeGraph, rates: list[Rate], options: ImportOptions, findings: Findings, coverage: Coverage
+    part: ModeGraph, rates: list[Rate], options: RosImportOptions, findings: Findings, coverage: Coverage
 ) -> _System | None:
     """Return the model of one graph; None if nothing in it has a period."""
     names = task_names(part.graph, Names(findings))

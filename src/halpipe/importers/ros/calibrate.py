@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.core.diagnostics import Findings
-    from halpipe.importers.common.base import Coverage, ImportOptions
+    from halpipe.importers.common.base import Coverage
+    from halpipe.importers.ros.options import RosImportOptions
     from halpipe.importers.ros.sources.graph import Callback
     from halpipe.importers.ros.sources.measured import Sample
     from halpipe.importers.traces.ros2 import RosTrace
@@ -55,7 +56,7 @@ def calibrate(
     tasks_of: Mapping[str, str],
     callbacks: Sequence[Callback],
     trace: RosTrace | None,
-    options: ImportOptions,
+    options: RosImportOptions,
     findings: Findings,
     coverage: Coverage,
 ) -> TaskModel:
@@ -113,7 +114,7 @@ def _by_task(
     return samples
 
 
-def _calibrated(task: Task, samples: Sequence[Sample], options: ImportOptions, findings: Findings) -> Task:
+def _calibrated(task: Task, samples: Sequence[Sample], options: RosImportOptions, findings: Findings) -> Task:
     if not samples:
         return task
     path = about(task=task.name)

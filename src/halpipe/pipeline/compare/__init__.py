@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, HalpipeError, about
 from halpipe.core.durations import ZERO, Duration
+from halpipe.core.options import option
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
-from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TABLE, UNKNOWN_TASK
+from halpipe.models.modes import require_mode
+from halpipe.pipeline.compare.codes import ALIGNED, NEEDS_MODE, UNKNOWN_TASK
 from halpipe.pipeline.compare.expected import Table, played_tables, tables_of, unknown_tables
 from halpipe.pipeline.compare.judging import Judge
 from halpipe.pipeline.compare.matching import Matching, find_origin, lateness, match_nearest, match_stated
@@ -31,16 +33,27 @@ PREFIXES = ("TASK_", "Core_")
 """What recorders, and halpipe's own traces, put before the names of tasks and units for the sake of their viewers."""
 
 
+def _origin(text: str) -> Duration | None:
+    return None if text == "auto" else Duration.parse(text)
+
+
 @record(kw_only=True)
 class CompareOptions:
-    """`mode`: the one that ran, for traces that do not say; `tolerance`: what is forgiven at starts and ends.
+    """`origin`: the instant of the trace at which the first table starts; None: found, so that no job starts early."""
 
-    `origin`: the instant of the trace at which the first table starts; None: found, so that no job starts early.
-    """
-
-    mode: str = ""
-    tolerance: Duration = ZERO
-    origin: Duration | None = None
+    mode: str = option(
+        "", "The mode that ran, where the trace does not say.", metavar="NAME", completes="modes", otherwise="none"
+    )
+    tolerance: Duration = option(
+        ZERO, "Lateness that is allowed at starts and ends, such as 10us.", Duration.parse, metavar="TIME"
+    )
+    origin: Duration | None = option(
+        None,
+        "Instant of the trace at which the schedule starts; auto: no job is early.",
+        _origin,
+        metavar="TIME",
+        otherwise="auto",
+    )
 
 
 @record(kw_only=True)
@@ -116,11 +129,9 @@ def _mode(schedule: Schedule, executions: Sequence[Execution], options: CompareO
     """Return the mode that ran: the one asked for, the only one that the trace names, or the only one there is."""
     names = [mode.name for mode in schedule.modes]
     stated = list(dict.fromkeys(execution.table for execution in executions if execution.table))
-    if options.mode in names:
-        return options.mode
     if options.mode:
-        help = did_you_mean(options.mode, names, "the modes are " + ", ".join(names))
-        raise HalpipeError(UNKNOWN_TABLE(f'the schedule has no mode "{options.mode}"', help=help))
+        require_mode(options.mode, schedule.modes)
+        return options.mode
     if stated:
         if len(stated) == 1 and stated[0] in names and all(execution.table for execution in executions):
             return stated[0]

@@ -12,8 +12,11 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
+from halpipe.core.options import Form, option, time_limit_of
+from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.models import Schedule, Status
+from halpipe.models.modes import require_mode
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.explain.conflict import Conflict, describe, find_conflict
 from halpipe.pipeline.explain.invalid import proves_infeasible, tasks_of
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.models import Mode, TaskModel
 
 BUDGET = 5_000
@@ -45,6 +49,26 @@ class Verdict(StrEnum):
     INFEASIBLE = "infeasible"
     NOT_FOUND = "not found"
     INVALID = "invalid"
+
+
+@record(kw_only=True)
+class ExplainOptions:
+    """Options of an explanation; see `explain`."""
+
+    schedule: Schedule | None = option(
+        None,
+        "Best placement of a failed search, to explain instead of a new one.",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
+    mode: str = option("", "Explain this mode only.", metavar="NAME", completes="modes", otherwise="all")
+    exact: bool = option(True, "Look for a minimal conflict with the exact engine, if installed.", form=Form.SWITCH)
+    remedies: bool = option(True, "Look for the smallest changes that help.", form=Form.SWITCH)
+    seed: int = option(1, "Same model, options and seed: same findings.", whole(0), metavar="N")
+    time_limit: Duration | None = option(
+        None, "Time after which no new search begins, such as 30s.", time_limit_of, metavar="TIME", otherwise="none"
+    )
 
 
 EXITS = {
@@ -74,21 +98,18 @@ class Explanation:
 
 def explain(
     model: TaskModel,
-    mode: str | None = None,
-    schedule: Schedule | None = None,
-    *,
-    use_exact: bool = True,
-    remedies: bool = True,
-    budget: int | None = None,
-    seed: int = 1,
+    options: ExplainOptions = ExplainOptions(),  # noqa: B008 - it is frozen
     go_on: Callable[[], bool] = lambda: True,
+    budget: int | None = None,
 ) -> Explanation:
-    """Explain why `mode` (or every mode) of a model has no schedule, or what stood in the way of finding one.
+    """Explain why a mode (or every mode) of a model has no schedule, or what stood in the way of finding one.
 
-    `schedule` is the best placement of an earlier search; without it one is made, with `budget` moves per task (by
-    default as many as the size of the mode allows). The exact engine takes part where it is installed and the mode
+    `options.schedule` is the best placement of an earlier search; without it one is made, with `budget` moves per task
+    (by default as many as the size of the mode allows). The exact engine takes part where it is installed and the mode
     small. `go_on` is asked now and then and may end it all.
     """
+    if options.mode:
+        require_mode(options.mode, model.modes)
     findings = validate(model)
     errors = [d for d in findings if d.is_error]
     if errors:
@@ -98,8 +119,10 @@ def explain(
     verdicts: list[tuple[str, Verdict]] = []
     diagnostics: list[Diagnostic] = []
     for chosen in model.modes:
-        if mode in (None, chosen.name):
-            question = _Question(model, chosen, schedule, use_exact, remedies, budget, seed, go_on)
+        if options.mode in ("", chosen.name):
+            question = _Question(
+                model, chosen, options.schedule, options.exact, options.remedies, budget, options.seed, go_on
+            )
             verdict, found = question.answer()
             verdicts.append((chosen.name, verdict))
             diagnostics += found

@@ -6,7 +6,6 @@ from dataclasses import field
 from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
-from halpipe.core.suggest import did_you_mean
 from halpipe.models import Status
 from halpipe.pipeline.measure.metrics import mode_report
 from halpipe.pipeline.measure.objectives import Judge, Objective
@@ -94,23 +93,3 @@ def polish_of(
 
     judge = Judge(model, expansion, goals.objectives)
     return Polish(goals, judge, POLISH_BUDGET, seed, is_enough, on_better)
-
-
-def objectives_of(text: str) -> tuple[Objective, ...]:
-    """Read a list of objectives such as ``chains,jitter``; raise ``ValueError`` that says what is wrong."""
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    known = [objective.value for objective in Objective]
-    for place, name in enumerate(names):
-        if name not in known:
-            raise ValueError(
-                f"there is no objective {name!r}; {did_you_mean(name, known, 'there are: ' + ', '.join(known))}"
-            )
-        if name in names[:place]:
-            raise ValueError(f"{name} is named twice")
-    return tuple(map(Objective, names))
-
-
-def check_target(target: Fraction | None, objectives: tuple[Objective, ...]) -> None:
-    """Reject a target that no objective leads to; raise ``ValueError`` with the reason."""
-    if target is not None and Objective.COST not in objectives:
-        raise ValueError("a target ends the improvement of the cost F: optimise cost, too")

@@ -8,9 +8,13 @@ from typing import TYPE_CHECKING
 
 from halpipe import __version__
 from halpipe.core.durations import greatest_common_divisor
+from halpipe.core.options import Form, option, positive_duration, time_limit_of
+from halpipe.core.quantities import parse_signed, whole
 from halpipe.core.records import record
+from halpipe.core.settings import Words
 from halpipe.models import Schedule, Status
 from halpipe.pipeline.jobs import Expansion, expand, natural_tick
+from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.solve.limits import DEFAULT_WORK
 from halpipe.pipeline.solve.one_mode import ANNEAL, EXACT, Found, schedule_mode
 from halpipe.pipeline.solve.workers import Workers
@@ -21,7 +25,6 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import TaskModel
-    from halpipe.pipeline.measure.objectives import Objective
     from halpipe.pipeline.solve.away import Away
     from halpipe.pipeline.solve.kernel.run_in_slices import Keeper
     from halpipe.pipeline.solve.kernel.warmstart import Earlier
@@ -74,24 +77,84 @@ class SearchOptions:
     - A `cluster` makes the moves of searches in their place, which changes the time alone, too.
     """
 
-    seed: int = 1
-    budget: int | None = None
-    tick: Duration | None = None
-    modes: tuple[str, ...] = ()
+    seed: int = option(1, "Same model, options and seed: same bytes.", whole(0), metavar="N")
+    budget: int | None = option(
+        None,
+        "Moves per task before the search gives up.",
+        whole(1),
+        metavar="N",
+        otherwise="20000, and a million in all; with a time limit, none",
+    )
+    time_limit: Duration | None = option(
+        None,
+        "Time after which the search gives up, such as 30s; what is found then depends on the machine.",
+        time_limit_of,
+        metavar="TIME",
+        otherwise="none",
+        compare=False,
+    )
+    tick: Duration | None = option(
+        None,
+        "Grid of the start times.",
+        positive_duration,
+        metavar="TIME",
+        otherwise="the largest that loses nothing",
+    )
+    modes: tuple[str, ...] = option(
+        (), "Schedule this mode only; repeatable.", name="mode", metavar="NAME", form=Form.LIST, completes="modes"
+    )
     attempt: int = 0
-    target: Fraction | None = None
-    engine: str = ANNEAL
+    engine: str = option(ANNEAL, "anneal; or exact, for small systems: CP-SAT.", Words(ANNEAL, EXACT))
+    target: Fraction | None = option(
+        None, "With cost among the objectives: stop once the cost F is at most this.", parse_signed, metavar="F"
+    )
+    optimise: tuple[Objective, ...] = option(
+        (),
+        f"Objectives after the first valid schedule, the most important first: {', '.join(Objective)}.",
+        Words(*Objective, mean=Objective),
+        metavar="LIST",
+        form=Form.LIST,
+        splits=True,
+    )
     effort: float | None = DEFAULT_WORK
-    shipped: Schedule | None = None
-    near: Schedule | None = None
+    shipped: Schedule | None = option(
+        None,
+        "Schedule that has shipped: its jobs keep start, version and units.",
+        name="freeze",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
+    near: Schedule | None = option(
+        None,
+        "Earlier schedule: as many jobs as can keep start, version and units.",
+        metavar="FILE",
+        is_path=True,
+        takes=(Schedule,),
+    )
     like: Schedule | None = None
-    grid: BurstGrid | None = None
-    portfolio: int = DEFAULT_PORTFOLIO
-    optimise: tuple[Objective, ...] = ()
+    grid: BurstGrid | None = option(
+        None,
+        "Regulator platform: starts and bounds that it can serve exactly.",
+        name="quantise",
+        metavar="FILE",
+        is_path=True,
+    )
+    portfolio: int = option(
+        DEFAULT_PORTFOLIO,
+        "Searches of a mode that take turns when the first is not quick.",
+        whole(1),
+        metavar="N",
+    )
     keeper: Keeper | None = field(default=None, compare=False)
     on_better: Callable[[str, str], None] = field(default=lambda mode, text: None, compare=False)
     workers: Workers = field(default_factory=Workers, compare=False)
     cluster: Away | None = field(default=None, compare=False)
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others; stating one is refused."""
+        idle = () if Objective.COST in self.optimise else ("target",)
+        return (*idle, *(("budget", "portfolio") if self.engine == EXACT else ()))
 
     @property
     def is_open(self) -> bool:

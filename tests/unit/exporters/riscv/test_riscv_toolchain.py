@@ -33,13 +33,6 @@ def test_with_pyelftools_alone(nothing, monkeypatch, name, how):
     assert how in caught.value.diagnostics[0].help
 
 
-def test_unknown_toolchain(monkeypatch):
-    monkeypatch.setattr(toolchain, "find_spec", lambda name: True)
-    with pytest.raises(HalpipeError) as caught:
-        find_toolchain("tcc")
-    assert "zig or gcc" in caught.value.diagnostics[0].help
-
-
 def test_errors_of_compilers_have_file_and_line():
     said = (
         "src/a.c:3:5: error: unknown type name 'flaot'\nsrc/a.c:4:1: warning: unused\nsrc/b.h:7:2: fatal error: no x.h"

@@ -3,7 +3,7 @@
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import FORMAT
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 
 NAMESPACES = (
     'xmlns:am="http://app4mc.eclipse.org/amalthea/{}" xmlns:xmi="http://www.omg.org/XMI" '
@@ -92,7 +92,7 @@ def read(folder, *, overlay=None, strict=False, wcet="upper", memory="within", b
     """Import a model of the given parts, with hardware and one stimulus of 10 ms unless stated."""
     version = models.pop("version", "1.0.0")
     models = {"hw": HARDWARE, "stimuli": PLAIN_STIMULI} | models
-    options = ImportOptions(overlay=overlay, strict=strict, wcet=wcet, memory=memory, mapping=bind)
+    options = AmaltheaImportOptions(overlay=overlay, strict=strict, wcet=wcet, memory=memory, mapping=bind)
     return FORMAT.read([write(folder, document(version, **models))], options).completed()
 
 
@@ -106,7 +106,7 @@ def refusal(function, *arguments, **options):
 
 
 def files(*paths, **options):
-    return FORMAT.read([str(path) for path in paths], ImportOptions(**options))
+    return FORMAT.read([str(path) for path in paths], AmaltheaImportOptions(**options))
 
 
 def found(diagnostics, code):

@@ -4,8 +4,7 @@ import pytest
 from amalthea_case import HARDWARE, document, files, found, read, refusal, runnable, task, ticks, write
 
 from halpipe.core.diagnostics import Exit
-from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea import codes
 
 SW = task("T", '<items xsi:type="am:RunnableCall" runnable="R?type=Runnable"/>') + runnable("R", ticks(5))
 STIMULI = '<stimuli xsi:type="am:PeriodicStimulus" name="p10"><recurrence value="10" unit="ms"/></stimuli>'
@@ -140,12 +139,6 @@ def test_values_of_a_wrong_form_are_errors_with_their_line(tmp_path, bad, words)
     (diagnostic,) = found(failure.diagnostics, codes.BAD_VALUE)
     assert words in diagnostic.message
     assert diagnostic.at.line > 0
-
-
-@pytest.mark.parametrize("option", ["wcet", "memory", "mapping"])
-def test_unknown_choices_are_a_usage_error(option):
-    failure = refusal(FORMAT.read, ["x.amxmi"], ImportOptions(**{option: "fre"}))
-    assert ([d.code for d in failure.diagnostics], failure.exit) == ([codes.CHOICE.id], Exit.USAGE)
 
 
 def test_strict_turns_warnings_into_errors(tmp_path):

@@ -134,7 +134,7 @@ def test_unique_targets_may_be_more_than_sources_but_not_fewer(tmp_path):
 
 def test_an_overlay_may_change_the_periods_before(tmp_path):
     from halpipe.importers.amalthea import FORMAT
-    from halpipe.importers.common.base import ImportOptions
+    from halpipe.importers.amalthea.options import AmaltheaImportOptions
 
     class Overlay:
         def drops(self, name):
@@ -146,7 +146,7 @@ def test_an_overlay_may_change_the_periods_before(tmp_path):
         task_period = task_wcet = work_wcet = states_interrupt = source_period
 
     given(tmp_path, delay("Reaction"))
-    imported = FORMAT.read([str(tmp_path / "model.amxmi")], ImportOptions(overlay=Overlay()))
+    imported = FORMAT.read([str(tmp_path / "model.amxmi")], AmaltheaImportOptions(overlay=Overlay()))
     tasks = tuple(replace(t, period=Duration.parse("70ms")) if t.name == "U" else t for t in imported.model.tasks)
     done = replace(imported, model=replace(imported.model, tasks=tasks)).completed()
     assert windows(done, "T") == [("U", "start", "65ms", "70ms")]

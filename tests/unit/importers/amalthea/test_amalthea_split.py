@@ -12,7 +12,7 @@ from halpipe.core.files import TOO_MUCH
 from halpipe.exporters.amalthea import FORMAT as EXPORTER
 from halpipe.exporters.amalthea import AmaltheaOptions
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 from halpipe.models import WHOLE, Binding, Interrupt, Split
 
 OS = (
@@ -41,7 +41,7 @@ CALLS = (call("r1"), call("r2"), call("r3"))
 
 def split_of(folder, preemption, pieces="5ms", memory="within"):
     path = write(folder, document(hw=HARDWARE, stimuli=PLAIN_STIMULI, sw=RUNNABLES + tasks(preemption, *CALLS)))
-    imported = FORMAT.read([path], ImportOptions(pieces=ms(pieces), memory=memory))
+    imported = FORMAT.read([path], AmaltheaImportOptions(pieces=ms(pieces), memory=memory))
     return {v.name: v.split for v in imported.model.task("T").versions}, imported
 
 
@@ -98,7 +98,7 @@ def test_no_point_lies_inside_an_access_phase(tmp_path):
 
     def versions(memory):
         path = write(tmp_path, document(hw=hw, stimuli=PLAIN_STIMULI, sw=sw, mapping=mapping))
-        options = ImportOptions(memory=memory)
+        options = AmaltheaImportOptions(memory=memory)
         return [v for v in FORMAT.read([path], options).model.task("T").versions if v.accesses]
 
     (within,) = versions("within")
@@ -181,7 +181,7 @@ def test_what_the_export_says_of_splitting_comes_back(tmp_path):
 
     example = read_model(str(Path(__file__).parents[3] / "fixtures" / "split" / "model.xml"))
     written = EXPORTER.write(example, None, AmaltheaOptions())[""]
-    back = FORMAT.read([write(tmp_path, written.decode())], ImportOptions()).model
+    back = FORMAT.read([write(tmp_path, written.decode())], AmaltheaImportOptions()).model
     for task in example.tasks:
         other = back.task(task.name)
         assert (other.period, other.distance, other.binding) == (task.period, task.distance, task.binding)

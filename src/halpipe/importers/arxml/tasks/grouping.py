@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.system.values import OsTask, Place
     from halpipe.importers.arxml.tasks.activation import Activation
 
-GRANULARITIES = ("runnable", "event", "ostask")
-
 
 @record
 class Draft:

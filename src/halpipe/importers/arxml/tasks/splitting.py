@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
+    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.tasks.grouping import Draft
-    from halpipe.importers.common.base import ImportOptions
 
 FULL = "FULL"
 
@@ -24,7 +24,7 @@ FULL = "FULL"
 class Splitter:
     """Finds split points, and remembers which tasks are cut within runnables."""
 
-    def __init__(self, options: ImportOptions) -> None:
+    def __init__(self, options: ArxmlImportOptions) -> None:
         self._longest = options.pieces
         self._overlay = options.overlay
         self._cut: dict[str, Draft] = {}

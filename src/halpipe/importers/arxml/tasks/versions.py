@@ -10,6 +10,7 @@ from halpipe.core.records import record
 from halpipe.importers.arxml import codes
 from halpipe.importers.arxml.meaning_codes import BUDGETS
 from halpipe.importers.arxml.names import legal_name, listed, unique_name
+from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.execution_times import ANALYSED
 from halpipe.importers.arxml.tasks.splitting import Splitter
 from halpipe.models import WHOLE
@@ -19,15 +20,14 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Findings, Location
     from halpipe.core.durations import Duration
+    from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import ExecutionTime, Place, System
     from halpipe.importers.arxml.tasks.dataflow import Actor
     from halpipe.importers.arxml.tasks.grouping import Draft
     from halpipe.importers.arxml.tasks.platform import Platform
-    from halpipe.importers.common.base import ImportOptions
     from halpipe.models import Split
 
 VERSION = "default"
-BUDGET = "budget"
 
 
 @record
@@ -42,7 +42,7 @@ class Variant:
 
 
 def make_variants(
-    system: System, drafts: Sequence[Draft], platform: Platform, options: ImportOptions, findings: Findings
+    system: System, drafts: Sequence[Draft], platform: Platform, options: ArxmlImportOptions, findings: Findings
 ) -> dict[str, tuple[Variant, ...]]:
     """Return the versions of every task, by its name.
 

@@ -1,0 +1,278 @@
+"""Options, each stated once: a verb takes all of its own through every door, and no other."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+import halpipe
+from halpipe.cli.app import build
+from halpipe.core.diagnostics import Exit, HalpipeError
+from halpipe.core.options import Form, from_keywords, names_of, option, options_of, refuse_unused
+from halpipe.core.records import record
+from halpipe.core.settings import Words
+from halpipe.exporters.common.base import ExportOptions
+from halpipe.flow import formats
+from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, importer
+from halpipe.flow.plan import read_plan
+from halpipe.importers.common.base import ImportOptions
+from halpipe.pipeline.compare import CompareOptions
+from halpipe.pipeline.explain.explanation import ExplainOptions
+from halpipe.pipeline.solve.schedule import SearchOptions
+from support import model, ms, task, version
+
+SOURCE = Path(halpipe.__file__).parent
+KINDS = {
+    **{("import", name): importer(name).options for name in formats.formats(IMPORTERS)},
+    **{("export", name): exporter(name).options for name in formats.formats(EXPORTERS)},
+    ("schedule", ""): SearchOptions,
+    ("explain", ""): ExplainOptions,
+    ("compare", ""): CompareOptions,
+}
+NAMES = sorted({name for kind in KINDS.values() for name in names_of(kind)})
+OWN = {"output", "report", "coverage", "format", "quiet", "verbose", "share", "cluster", "workers", "resume", "help"}
+"""Options of commands that say where results go and how they look, not what they are."""
+
+
+def flags(verb, name):
+    """The long options of a command."""
+    app = build([verb])
+    context = {}
+    command = typer.main.get_command(app)
+    inner = command.get_command(context, verb)
+    if name:
+        inner = inner.get_command(context, name)
+    long = {flag for each in inner.params for flag in [*each.opts, *each.secondary_opts] if flag.startswith("--")}
+    return {flag.removeprefix("--") for flag in long if not flag.startswith("--no-")}
+
+
+@pytest.mark.parametrize(("verb", "name"), KINDS)
+def test_a_command_has_the_options_of_its_kind_and_no_others(verb, name):
+    known = set(names_of(KINDS[verb, name]))
+    assert flags(verb, name) - (OWN - known) == known
+
+
+def text_of(each):
+    """A text that an option takes, other than its default where there is one."""
+    if each.words:
+        return next((word for word in each.words if word != each.default), each.words[0])
+    for text in ("3", "3ms", "1/2", "a.xml"):
+        try:
+            each.read(text)
+        except ValueError:
+            continue
+        return text
+    raise AssertionError(each.name)
+
+
+def stated(each):
+    """The same in YAML."""
+    forms = {Form.SWITCH: "true", Form.NAMES: "{core0: 3}", Form.LIST: f"[{text_of(each)}]"}
+    return forms.get(each.form, f'"{text_of(each)}"')
+
+
+def plan_with(folder, verb, name, options):
+    """Read a pipeline file with options of one step."""
+    kind = KINDS[verb, name]
+    needed = {each.name: stated(each) for each in options_of(kind) if each.required}
+    keys = ", ".join(f"{key}: {value}" for key, value in (needed | options).items())
+    lines = {
+        "import": f"import: {{format: {name}, inputs: a, {keys}}}\nschedule: {{output: s.xml}}\n",
+        "schedule": f"schedule: {{output: s.xml, {keys}}}\n",
+        "export": f"schedule: {{output: s.xml}}\nexports: [{{format: {name}, output: o, {keys}}}]\n",
+    }
+    path = folder / "p.yaml"
+    path.write_text("halpipe-pipeline: 1\nmodel: m.xml\n" + lines[verb])
+    return read_plan(str(path))
+
+
+def codes_of(folder, verb, name, options):
+    """What is wrong with a pipeline file that has the options."""
+    try:
+        plan_with(folder, verb, name, options)
+    except HalpipeError as refused:
+        return {found.code for found in refused.diagnostics}
+    return set()
+
+
+def files_are_there(monkeypatch):
+    from halpipe.flow import searching
+
+    monkeypatch.setattr(searching, "_read", lambda name, file: file)
+
+
+IN_FILES = [key for key in KINDS if key[0] in ("import", "schedule", "export")]
+
+
+@pytest.mark.parametrize(("verb", "name"), IN_FILES)
+def test_a_pipeline_file_has_the_options_of_its_kind_and_no_others(verb, name, tmp_path, monkeypatch):
+    files_are_there(monkeypatch)
+    known = names_of(KINDS[verb, name])
+    for each in options_of(KINDS[verb, name]):
+        # Some have no effect beside the defaults of others, which is refused.
+        assert codes_of(tmp_path, verb, name, {each.name: stated(each)}) <= {"HAL0025"}
+    for other in set(NAMES) - set(known):
+        assert "HAL0021" in codes_of(tmp_path, verb, name, {other: "1"})
+
+
+def call(verb, name, options):
+    """Call the function of Python, which goes no further than its options."""
+    kind = KINDS[verb, name]
+    return kind(**from_keywords(verb, kind, options))
+
+
+@pytest.mark.parametrize(("verb", "name"), KINDS)
+def test_python_has_the_options_of_its_kind_and_no_others(verb, name):
+    kind = KINDS[verb, name]
+    needed = {each.keywords[0]: text_of(each) for each in options_of(kind) if each.required}
+    values = {Form.SWITCH: True, Form.NAMES: {"core0": 3}}
+    for each in options_of(kind):
+        for keyword in each.keywords:
+            given = values.get(each.form, [text_of(each)] if each.form is Form.LIST else text_of(each))
+            made = call(verb, name, needed | {keyword: given})
+            assert getattr(made, each.attribute) != each.default or each.default is True
+    known = {keyword for each in options_of(kind) for keyword in each.keywords}
+    others = {each.keywords[0] for other in KINDS.values() for each in options_of(other)} - known - {"schedule"}
+    functions = {"import": halpipe.import_model, "export": halpipe.export, "schedule": halpipe.schedule}
+    functions |= {"explain": halpipe.explain, "compare": halpipe.compare}
+    system = model(task("a", 10, version("v", 3)))
+    arguments = {"import": (name, "a"), "export": (name, system, None), "schedule": (system,), "explain": (system,)}
+    for other in sorted(others):
+        with pytest.raises(TypeError, match="has no option"):
+            functions[verb](*arguments.get(verb, (system, "a")), **needed, **{other: "1"})
+
+
+@pytest.mark.parametrize(("verb", "name"), KINDS)
+def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
+    """Whatever is accepted is read somewhere: as an attribute, in the code of its format or verb."""
+    places = {"import": f"importers/{name}", "export": f"exporters/{name}", "explain": "pipeline/explain"}
+    places |= {"schedule": "pipeline", "compare": "pipeline/compare"}
+    shared = ("flow", "cli", "exporters/common")
+    files = [file for place in (places[verb], *shared) for file in (SOURCE / place).rglob("*.py")]
+    text = "\n".join(file.read_text() for file in files)
+    assert [each.name for each in options_of(KINDS[verb, name]) if not re.search(rf"\.{each.attribute}\b", text)] == []
+
+
+# ------------------------------------------------------------------------------------------- without effect
+
+
+@pytest.mark.parametrize(
+    ("options", "idle"),
+    [
+        (exporter("arxml").options(ecu="Body"), "ecu"),
+        (exporter("arxml").options(onto="p", mode="m"), "mode"),
+        (exporter("arxml").options(part="system", tick=ms(1)), "tick"),
+        (exporter("ros").options(messages="newest"), "messages"),
+        (exporter("ros").options(graphs=("a.yaml",)), "graph"),
+        (SearchOptions(engine="exact", portfolio=2), "portfolio"),
+    ],
+)
+def test_what_has_no_effect_beside_the_others_is_refused(options, idle):
+    with pytest.raises(HalpipeError) as refused:
+        refuse_unused(options, "verb")
+    (found,) = refused.value.diagnostics
+    assert (found.code, refused.value.exit) == ("HAL0025", Exit.USAGE)
+    assert f'"{idle}"' in found.message
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        exporter("arxml").options(onto="p", ecu="Body"),
+        exporter("arxml").options(tick=ms(1)),
+        exporter("ros").options(package=True, messages="newest", graphs=("a",)),
+        ExportOptions(mode="m"),
+        ImportOptions(name="n"),
+        SearchOptions(engine="exact"),
+    ],
+)
+def test_what_has_an_effect_is_taken(options):
+    refuse_unused(options, "verb")
+
+
+# ------------------------------------------------------------------------------------------------- plug-ins
+
+
+@record(kw_only=True)
+class PluginOptions(ImportOptions):
+    dialect: str = option("old", "Which dialect.", Words("old", "new"))
+
+
+def test_an_importer_of_others_brings_its_own_options(monkeypatch, tmp_path):
+    class Plugin:
+        name, summary, options = "plugin", "a plug-in", PluginOptions
+
+    monkeypatch.setattr(formats, "_registered", lambda group, name: Plugin)
+    monkeypatch.setitem(KINDS, ("import", "plugin"), PluginOptions)
+    plan = plan_with(tmp_path, "import", "plugin", {"dialect": "new"})
+    assert plan.imports.options.dialect == "new"
+    with pytest.raises(TypeError, match="has no option 'ecu'"):
+        halpipe.import_model("plugin", "a", ecu="Body")
+
+
+# ----------------------------------------------------------------------------------------- values of Python
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"engine": "zz"},
+        {"budget": -5},
+        {"budget": True},
+        {"seed": 1.5},
+        {"time_limit": float("nan")},
+        {"time_limit": -1},
+        {"tick": "0ms"},
+        {"optimise": "zz"},
+        {"optimise": ["chains", "chains"]},
+        {"portfolio": 0},
+        {"modes": ["zz"]},
+        {"near": 3.5},
+    ],
+)
+def test_values_that_an_option_cannot_have_are_refused_as_such(options):
+    with pytest.raises(HalpipeError) as refused:
+        halpipe.schedule(model(task("a", 10, version("v", 3))), **options)
+    assert refused.value.exit in (Exit.USAGE, Exit.FINDINGS)
+    assert all(found.help for found in refused.value.diagnostics)
+
+
+def test_several_wrong_values_are_told_together():
+    with pytest.raises(HalpipeError) as refused:
+        halpipe.schedule(model(task("a", 10, version("v", 3))), engine="zz", budget=0)
+    assert len(refused.value.diagnostics) == 2
+
+
+class Number:
+    """An integer of another library: it is no int, but prints as one."""
+
+    def __str__(self):
+        return "7"
+
+
+@pytest.mark.parametrize("seed", [7, "7", Number()])
+def test_values_may_be_of_other_types_that_read_as_theirs(seed):
+    assert halpipe.schedule(model(task("a", 10, version("v", 3))), seed=seed).seed == 7
+
+
+@pytest.mark.parametrize("limit", [30, 30.0, "30s", "30", "30000ms"])
+def test_a_time_limit_has_a_unit_or_counts_seconds(limit):
+    (read,) = from_keywords("schedule", SearchOptions, {"time_limit": limit}).values()
+    assert read == ms(30000)
+
+
+@pytest.mark.parametrize("named", ["chains", "chains,jitter", ["chains", "jitter"]])
+def test_objectives_are_a_list_or_a_text(named):
+    (read,) = from_keywords("schedule", SearchOptions, {"optimise": named}).values()
+    assert read[0].value == "chains"
+
+
+def test_both_spellings_of_a_list_are_one_too_many():
+    with pytest.raises(TypeError, match="give one"):
+        from_keywords("schedule", SearchOptions, {"mode": "a", "modes": ["b"]})
+
+
+def test_what_is_required_must_be_given():
+    with pytest.raises(TypeError, match="requires the option 'platform'"):
+        halpipe.export("regulator", model(task("a", 10, version("v", 3))))
