@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -14,8 +15,9 @@ from halpipe.deploy.base import CheckOptions, Target
 from halpipe.deploy.linux import DEPLOYMENT
 from halpipe.deploy.linux import codes as deploy_codes
 from halpipe.deploy.linux.judging import Ran, judge, read_recording
+from halpipe.exporters.common.codes import PRIORITY_CYCLE
 from halpipe.exporters.linux import FORMAT, LinuxOptions, codes
-from halpipe.exporters.linux.priorities import levels_of
+from halpipe.exporters.linux.priorities import thread_levels
 from halpipe.exporters.linux.unrealised import unrealised
 from halpipe.models import (
     HealthAction,
@@ -94,10 +96,31 @@ def test_a_job_that_may_be_interrupted_runs_through_under_the_lower_priority(tmp
     owner = system()
     tables = planned(owner)
     assert [d.message for d in verify(owner, tables) if d.is_error] == []
-    assert levels_of(owner, tables) == {"short": 1, "long": 0}
+    assert thread_levels(owner, tables, 50) == {"short": 1, "long": 0}
     _, files = write(tmp_path, owner, tables)
     assert '.task = "short", .unit = "u1", .units = "u1", .cpu = 0, .priority = 1' in files["tables.c"]
     assert '.task = "long", .unit = "u1", .units = "u1", .cpu = 0, .priority = 0' in files["tables.c"]
+
+
+@pytest.mark.parametrize(("priority", "fits"), [(97, True), (98, False)])
+def test_two_levels_and_the_conductor_fit_below_the_highest_priority_of_linux(tmp_path, priority, fits):
+    """The rule of `main.c` and `dispatch.c`: the priority of the run plus the levels is at most 99."""
+    owner = system()
+    if fits:
+        write(tmp_path, owner, planned(owner), priority=priority)
+    else:
+        assert refused(tmp_path, owner, planned(owner), priority=priority) == [codes.NO_ORDER.id]
+
+
+@pytest.mark.parametrize(("priority", "fits"), [(98, True), (99, False)])
+def test_a_package_for_ros_has_the_same_rule(priority, fits):
+    owner = system(Split(), "")
+    levels = partial(thread_levels, owner, schedule(owner, 20), priority)
+    if fits:
+        assert levels() == {"short": 0, "long": 0}
+    else:
+        with pytest.raises(HalpipeError, match="priorities up to 100; the highest is 99"):
+            levels()
 
 
 def test_a_job_with_a_list_of_split_points_is_held_at_them(tmp_path):
@@ -106,7 +129,7 @@ def test_a_job_with_a_list_of_split_points_is_held_at_them(tmp_path):
     assert [d.message for d in verify(owner, tables) if d.is_error] == []
     _, files = write(tmp_path, owner, tables)
     assert "{{0, 0, 1}, {3000000, 1, 2}, }" in files["tables.c"].replace("[] = { {", "{{")
-    assert levels_of(owner, tables) == {"short": 0, "long": 0}
+    assert thread_levels(owner, tables, 50) == {"short": 0, "long": 0}
 
 
 def with_phase(owner, begin, end):
@@ -206,7 +229,7 @@ def test_who_starts_in_a_gap_across_a_switch_stands_above(tmp_path):
     one, two = (replace(schedule(owner, 20, each).modes[0], name=name) for name, each in tables.items())
     switch = TransitionTable(source="one", target="two", length=ms(0), worst_latency=ms(20), status=Status.VALID)
     tables = replace(schedule(owner, 20), modes=(one, two), transitions=(switch,))
-    assert levels_of(owner, tables) == {"long": 0, "short": 1}
+    assert thread_levels(owner, tables, 50) == {"long": 0, "short": 1}
 
 
 def test_a_program_without_a_function_for_each_piece_is_refused(tmp_path):
@@ -295,8 +318,8 @@ def test_priorities_that_close_a_cycle_are_refused():
         tables, modes=(replace(tables.modes[0], jobs=(*tables.modes[0].jobs, job(owner, "long", 2, 6, "u1"))),)
     )
     with pytest.raises(HalpipeError) as caught:
-        levels_of(owner, tables)
-    assert caught.value.diagnostics[0].code == codes.NO_ORDER.id
+        thread_levels(owner, tables, 50)
+    assert caught.value.diagnostics[0].code == PRIORITY_CYCLE.id
 
 
 @pytest.mark.parametrize(

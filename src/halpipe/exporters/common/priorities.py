@@ -50,7 +50,7 @@ def relation_of(model: TaskModel, schedule: Schedule) -> Relation:
 
 
 def levels_of(relation: Relation) -> dict[str, dict[str, int]]:
-    """Return the level of every related task per unit, 0 for the lowest.
+    """Return the level of every related task per unit (empty: of all units together), 0 for the lowest.
 
     Raise `HalpipeError` with a cycle of every unit on which no fixed priorities play the schedule.
     """
@@ -68,7 +68,7 @@ def levels_of(relation: Relation) -> dict[str, dict[str, int]]:
             names = " above ".join(f'"{name}"' for name in reversed(failure.args[1]))
             message = f"no fixed priorities play the table: {names}"
             help = "state split points as a list for one of them, or bind what it waits for to its own unit"
-            findings.add(PRIORITY_CYCLE(message, path=about(unit=unit), help=help))
+            findings.add(PRIORITY_CYCLE(message, path=about(unit=unit) if unit else "", help=help))
             continue
         for task in order:
             levels[task] = max((levels[low] + 1 for low in below.get(task, ())), default=0)

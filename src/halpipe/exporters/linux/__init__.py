@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 PRIORITY = 50
 HIGHEST_PRIORITY = 98
-"""The conductor has a priority above those of the tasks, and 99 is the highest (sched(7))."""
+"""The conductor has a priority above those of all levels of tasks, and 99 is the highest (sched(7))."""
 
 
 @record(kw_only=True)

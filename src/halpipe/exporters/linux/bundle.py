@@ -16,7 +16,7 @@ from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.cpus import placed
 from halpipe.exporters.linux.codes import BAD_TEXT, NOT_A_CPU
-from halpipe.exporters.linux.priorities import levels_of
+from halpipe.exporters.linux.priorities import thread_levels
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.linux.unrealised import sentences
 from halpipe.exporters.native import paired
@@ -81,7 +81,7 @@ def build(model: TaskModel, schedule: Schedule, options: LinuxOptions) -> dict[s
     programs, numbers = _programs(model, schedule, list(buffers), options, tree)
     check_texts(model, schedule, buffers, findings)
     findings.stop_on_errors()
-    levels = levels_of(model, schedule)
+    levels = thread_levels(model, schedule, options.priority)
     functions = {key: len(programs[number].entries) for key, number in numbers.items()}
     tables = tables_of(model, schedule, cpus, levels, numbers, functions, findings)
     findings.stop_on_errors()

@@ -16,9 +16,9 @@ NO_PIECES = error(
 )
 NO_ORDER = error(
     "HAL0813",
-    "Priorities cannot be derived",
-    "A task that starts in a gap of another one, which may be interrupted anywhere, has the higher priority. Where "
-    "these relations close a cycle, or need more priorities than Linux has, the table cannot be played so.",
+    "Priorities exceed those of Linux",
+    "A task that starts in a gap of another one, which is fully preemptive, has the higher priority, and the conductor "
+    "has the highest. From the lowest priority that is stated, these need more priorities than Linux has.",
 )
 UNREALISED = warning(
     "HAL0814",

@@ -13,7 +13,7 @@ from halpipe.core.records import record
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
-from halpipe.exporters.linux.priorities import levels_of
+from halpipe.exporters.linux.priorities import thread_levels
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.native import paired
 from halpipe.exporters.ros.codes import SPLIT_CALLBACK, UNBOUND
@@ -81,7 +81,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
             text = "jobs have gaps at split points; a callback cannot be held there until its next part begins"
             findings.add(SPLIT_CALLBACK(text, at=model.task(task).at, path=path, help=help))
     findings.stop_on_errors()
-    levels = levels_of(model, schedule)
+    levels = thread_levels(model, schedule, options.priority)
     programs = [Program(f"{task}/{name}", "callback", ("callback",), (), (), (), ()) for task, name in keys]
     functions = dict.fromkeys(keys, 1)
     tables = tables_of(model, schedule, cpus, levels, {key: i for i, key in enumerate(keys)}, functions, findings)
