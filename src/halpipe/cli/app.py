@@ -14,7 +14,6 @@ import typer
 
 from halpipe import __version__
 from halpipe.cli.groups import Group
-from halpipe.cli.options import Verb
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -68,7 +67,7 @@ def build(verbs: Iterable[str], *, overview: bool = False) -> typer.Typer:
             app.add_typer(module.app, name=verb)
         else:
             function = getattr(module, name)
-            app.command(verb)(function.made() if isinstance(function, Verb) else function)
+            app.command(verb)(function.made() if hasattr(function, "made") else function)
     return app
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import typer  # noqa: TC002 - typer reads the annotation
@@ -24,11 +25,22 @@ def codes(incomplete: str) -> list[str]:
     """Return the codes that begin so; files are completed by the shell."""
     if not incomplete.upper().startswith("HAL"):
         return []
-    from halpipe.cli.explain import load_codes
     from halpipe.core.diagnostics import REGISTER
 
     load_codes()
     return sorted(code for code in REGISTER if code.startswith(incomplete.upper()))
+
+
+def load_codes() -> None:
+    """Load every module that declares codes: those of the kernel and of the command line have none, and load slowly."""
+    import importlib
+    import pkgutil
+
+    import halpipe
+
+    for module in pkgutil.walk_packages(halpipe.__path__, "halpipe."):
+        if not re.search(r"__main__|\.kernel\.|\.cli(\.|$)", module.name):
+            importlib.import_module(module.name)
 
 
 def modes(context: typer.Context, incomplete: str) -> list[str]:

@@ -59,21 +59,9 @@ def _summarise(explanation: Explanation) -> None:
         output.result(f"mode {name}: {verdict}")
 
 
-def load_codes() -> None:
-    """Load every module that declares codes: those of the kernel and of the command line have none, and load slowly."""
-    import importlib
-    import pkgutil
-
-    import halpipe
-
-    for module in pkgutil.walk_packages(halpipe.__path__, "halpipe."):
-        if not re.search(r"__main__|\.kernel\.|\.cli(\.|$)", module.name):
-            importlib.import_module(module.name)
-
-
 def _explain_code(id: str) -> int:
     """Print the page of a diagnostic code."""
-    load_codes()
+    completing.load_codes()
     code = REGISTER.get(id)
     if code is None:
         raise typer.BadParameter(f"there is no code {id}; {did_you_mean(id, REGISTER, 'see the reference')}")

@@ -534,7 +534,7 @@ def test_several_tasks_of_one_basic_os_task_are_refused(tmp_path):
     unit = model.units[0].name
     jobs = job(model, "Pump/A", 0, "0ms", unit), job(model, "Pump/B", 0, "2ms", unit)
     with pytest.raises(HalpipeError) as failure:
-        export_onto(model, schedule(model, 10, *jobs, mode_name="default"), str(tmp_path), ImportOptions())
+        export_onto(model, schedule(model, 10, *jobs, mode_name="default"), str(tmp_path), ArxmlImportOptions())
     (told,) = [d for d in failure.value.diagnostics if d.is_error]
     assert (told.code, "ostask" in told.help) == (codes.BASIC_SHARED.id, True)
 
