@@ -141,6 +141,8 @@ class Additions:
                 element.set("name", f"new_{kind}")
             if name == "value" and kind == "Time":
                 element.attrib.update({"value": "3", "unit": "ms"})
+            if name == "prescaler":
+                element.set(name, "3")
             if name == "value" and kind in ("ModeValueCondition", "ModeValue"):
                 element.set(name, "fast")
                 continue

@@ -40,6 +40,15 @@ SAME = {
     "ArrivalCurveStimulus": ("entries",),  # the distance of two arrivals is stated, and the least
     "ModeConditionDisjunction": ("entries",),
     "ConditionDisjunction": ("entries",),  # or something that never holds
+    "ActivityGraph.items": ("SchedulePoint",),  # within a runnable or interrupt, it would only allow more
+    "Group.items": ("SchedulePoint",),
+    "SwitchEntry.items": ("SchedulePoint",),
+    "ModeSwitchEntry.items": ("SchedulePoint",),
+    "ProbabilitySwitchEntry.items": ("SchedulePoint",),
+    "Group.interruptible": ("true",),
+    "MemoryDefinition": ("accessLatency",),  # the access elements state the whole way
+    "CacheDefinition": ("accessLatency",),
+    "HwAccessElement": ("accessPath",),
     "TimeBoundaries": ("upperBound",),  # the least distance of arrivals counts
     "DiscreteValueStatistics": ("lowerBound", "average"),  # the upper bound counts
     "ModeValueCondition.relation": ("EQUAL",),

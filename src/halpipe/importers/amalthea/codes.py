@@ -1,4 +1,4 @@
-"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1252."""
+"""The diagnostics of the AMALTHEA importer: HAL1201 to HAL1254."""
 
 from halpipe.core.diagnostics import error, note, warning
 
@@ -109,12 +109,6 @@ SPORADIC = note(
     "Sporadic activation is polled",
     "The task has the least distance of its arrivals, and a period at which it looks for them: short enough to serve "
     "the densest arrivals in time, and one that leaves the hyperperiod of the other tasks as it is.",
-)
-SEVERAL_TRIGGERS = warning(
-    "HAL1223",
-    "Several triggers of one task",
-    "The task takes the shortest period among those that trigger it. If they do not coincide, it is activated "
-    "more often than that; state its period in an overlay.",
 )
 SEVERAL_ACTIVATIONS = note(
     "HAL1224",
@@ -251,4 +245,15 @@ NOT_READ = warning(
     "An element, an attribute or a value of one is not read, and is not on the list of those without influence on "
     'timing. It may decide when work has to run, where, or for how long. The page "AMALTHEA: what is read" has the '
     "lists.",
+)
+NO_WAY = warning(
+    "HAL1253",
+    "Way of an access to a memory has no time",
+    "A label lies in a memory, but the processing unit that accesses it states neither latencies nor a data rate, on "
+    "the access element or along its access path. The accesses take no share of the memory.",
+)
+CALL_ORDER = warning(
+    "HAL1254",
+    "Sequencing constraint contradicts the order of calls",
+    "A task calls the runnables in another order than the constraint states. The task runs them as it calls them.",
 )

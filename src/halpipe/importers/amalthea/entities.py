@@ -32,6 +32,7 @@ class Entities:
         self._forest = forest
         self._by_task: dict[Item, list[Draft]] = {}
         self._callers: dict[Item, dict[Draft, None]] = {}
+        self._calls: dict[Draft, list[Item]] = {}
         self._writers: dict[Item, dict[Draft, None]] = {}
         self._readers: dict[Item, dict[Draft, None]] = {}
         for draft in drafts.items:
@@ -42,6 +43,7 @@ class Entities:
     def _note(self, draft: Draft, step: Item) -> None:
         if step.kind in CALLS and (runnable := self._forest.ref(step, CALLS[step.kind])) is not None:
             self._callers.setdefault(runnable, {})[draft] = None
+            self._calls.setdefault(draft, []).append(runnable)
         elif step.kind == "LabelAccess" and (label := self._forest.ref(step, "data")) is not None:
             kept = self._writers if step.get("access") == "write" else self._readers
             kept.setdefault(label, {})[draft] = None
@@ -64,6 +66,10 @@ class Entities:
     def callers(self, runnable: Item) -> list[Draft]:
         """Return the drafts that run a runnable."""
         return list(self._callers.get(runnable, ()))
+
+    def calls(self, draft: Draft) -> list[Item]:
+        """Return the runnables that a draft calls, directly or through others, in order."""
+        return self._calls.get(draft, [])
 
     def writers(self, label: Item) -> list[Draft]:
         """Return the drafts that write a label."""

@@ -28,6 +28,7 @@ _GRAPHS = ("activityGraph", "callGraph")
 GROUPS = ("Group", "CallSequence", "WhileLoop")
 SWITCHES = ("ModeSwitch", "Switch", "RunnableModeSwitch", "ProbabilitySwitch", "RunnableProbabilitySwitch")
 CALLS = {"RunnableCall": "runnable", "TaskRunnableCall": "runnable", "SynchronousServerCall": "serverRunnable"}
+_POINTS = ("SchedulePoint", "ModeLabelAssignment")
 _COUNTS = {"upper": "max", "average": "avg", "lower": "min"}
 _MOST_LEVELS = 100
 
@@ -68,6 +69,11 @@ def everything(forest: Forest, found: Iterable[Item]) -> Iterator[Item]:
         rest += reversed(inner)
 
 
+def is_uninterrupted(step: Item) -> bool:
+    """Return whether a step is a group that must not be interrupted."""
+    return step.kind in GROUPS and step.get("interruptible") == "false"
+
+
 @record
 class Amount:
     """What some steps come to: cycles of the unit, and how often each label is read and written.
@@ -90,6 +96,23 @@ class Amount:
 
 
 _NOTHING = Amount()
+
+
+def call_count(forest: Forest, step: Item, statistic: str) -> Fraction:
+    """Return how often a call is made."""
+    return _count(forest, step, statistic, "statistic")
+
+
+def _count(forest: Forest, step: Item, statistic: str, *spellings: str) -> Fraction:
+    """Return how often a step is made: once, unless it states a number or its bounds."""
+    found = step.one("statistic")
+    stated = None if found is None else found.one(*spellings)
+    if stated is None:
+        return Fraction(1)
+    number = forest.number(stated, "value")
+    if number is None:
+        number = forest.number(stated, _COUNTS[statistic])
+    return Fraction(1) if number is None else number
 
 
 def _sum(amounts: Sequence[Amount]) -> Amount:
@@ -145,6 +168,10 @@ class Evaluator:
         """Return the conditions of a mode."""
         return self._conditions.setdefault(mode.name, Conditions(self._forest, mode))
 
+    def is_whole(self, step: Item) -> bool:
+        """Return whether some of a step must not be interrupted."""
+        return any(is_uninterrupted(inner) for inner in everything(self._forest, [step]))
+
     def amount(self, found: Sequence[Item], mode: SystemMode, unit: Pu) -> Amount:
         """Return what steps come to in a mode on a kind of unit."""
         self._depth += 1
@@ -162,7 +189,7 @@ class Evaluator:
             step.use()
             if called is None:
                 return _NOTHING
-            return _repeated(self._call(called, mode, unit), self._count(step, "statistic"))
+            return _repeated(self._call(called, mode, unit), call_count(self._forest, step, self._statistic))
         if step.kind in SWITCHES:
             return self._switch(step, mode, unit)
         if step.kind in GROUPS:
@@ -172,6 +199,8 @@ class Evaluator:
             if self._depth > _MOST_LEVELS:
                 self._stop(step)
             return self.amount(steps(step), mode, unit)
+        if step.kind in _POINTS:
+            step.use()
         return _NOTHING
 
     def _time(self, step: Item, unit: Pu) -> Amount:
@@ -188,19 +217,8 @@ class Evaluator:
             return _NOTHING
         self.accesses[step] = label
         writes = step.get("access") == "write"  # what is not stated is a read, as in ITEA
-        count = {label: self._count(step, "value", "write" if writes else "read")}
+        count = {label: _count(self._forest, step, self._statistic, "value", "write" if writes else "read")}
         return Amount(writes=count) if writes else Amount(reads=count)
-
-    def _count(self, step: Item, *spellings: str) -> Fraction:
-        """Return how often a step is made: once, unless a statistic states a number or its bounds."""
-        statistic = step.one("statistic")
-        stated = None if statistic is None else statistic.one(*spellings)
-        if stated is None:
-            return Fraction(1)
-        number = self._forest.number(stated, "value")
-        if number is None:
-            number = self._forest.number(stated, _COUNTS[self._statistic])
-        return Fraction(1) if number is None else number
 
     def _call(self, runnable: Item, mode: SystemMode, unit: Pu) -> Amount:
         key = (runnable, mode.name, unit.item)

@@ -110,14 +110,40 @@ def _frequency(forest: Forest, item: Item) -> Fraction | None:
 
 
 def _path(forest: Forest, unit: Item, access: Item, memory: Item) -> Path | None:
-    """Return the path that an access element states, if it states latencies or a rate."""
+    """Return the path that an access element states by latencies or a rate, its own or those along its access path."""
     cycles = [latency_of(forest, access.one(kind)) for kind in _LATENCY_KINDS]
     stated = access.one("dataRate")
     rate = None if stated is None else forest.rate(stated)
     if rate is None and not any(cycles):
+        cycles, rate = _along(forest, unit, access, memory)
+    if rate is None and not any(cycles):
         return None
     access.use_all()
     return Path(cycles[0] or Fraction(0), cycles[1] or Fraction(0), rate or None, _width(forest, unit, memory))
+
+
+def _along(forest: Forest, unit: Item, access: Item, memory: Item) -> tuple[list[Fraction | None], Fraction | None]:
+    """Return the latencies along an access path with that of the memory, in cycles of the unit, and the least rate."""
+    path = access.one("accessPath")
+    elements = [] if path is None else forest.refs(path, "pathElements")
+    own = _frequency(forest, unit)
+    cycles: list[Fraction | None] = [Fraction(0), Fraction(0)]
+    rates = []
+    for element in (*elements, memory) if elements else ():
+        holder = element if element.kind == "HwConnection" else forest.ref(element, "definition")
+        if holder is None:
+            continue
+        element.use()
+        holder.use_all()
+        frequency = own if element.kind == "HwConnection" else _frequency(forest, element) or own
+        scale = own / frequency if own and frequency else Fraction(1)
+        for index, kind in enumerate(_LATENCY_KINDS):
+            latency = latency_of(forest, holder.one(kind, "accessLatency"))
+            cycles[index] = (cycles[index] or 0) + (latency or 0) * scale
+        stated = holder.one("dataRate")
+        if (rate := None if stated is None else forest.rate(stated)) is not None:
+            rates.append(rate)
+    return cycles, min(rates, default=None)
 
 
 def latency_of(forest: Forest, value: Item | None) -> Fraction | None:

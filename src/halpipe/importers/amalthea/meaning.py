@@ -46,7 +46,7 @@ READ = {
     "ISR": "stimuli activityGraph callGraph deadline",
     "Runnable": "activityGraph callGraph runnableItems executionCondition",
     "activityGraph callGraph": _GRAPH,
-    "Group CallSequence": f"{_GRAPH} interruptible=true ordered=true",
+    "Group CallSequence": f"{_GRAPH} interruptible ordered=true",
     "WhileLoop": f"{_GRAPH} condition",
     "ModeSwitch Switch RunnableModeSwitch ProbabilitySwitch RunnableProbabilitySwitch": "entries defaultEntry "
     "valueProvider",
@@ -56,7 +56,8 @@ READ = {
     "condition executionCondition enablingModeValueList disablingModeValueList setModeValueList": "entries",
     "ModeCondition ModeValueCondition ModeLabelCondition ModeValue": "label label1 label2 value relation valueProvider",
     "ConditionConjunction ModeConditionConjunction ModeValueConjunction": "entries",
-    "RunnableCall TaskRunnableCall": "runnable statistic",
+    "RunnableCall TaskRunnableCall": "runnable statistic counter",
+    "counter": "prescaler offset",
     "SynchronousServerCall": "serverRunnable",
     "Ticks": "default extended",
     "RunnableInstructions InstructionsDeviation InstructionsConstant": f"default extended {_BOUNDS}",
@@ -67,12 +68,15 @@ READ = {
     "statistic LabelAccessStatistic RunEntityCallStatistic": "read write value statistic",
     "MinAvgMaxStatistic": "min avg max",
     "SingleValueStatistic": "value",
-    "InterProcessTrigger InterProcessActivation": "stimulus",
-    "CustomEventTrigger": "event",
+    "InterProcessTrigger InterProcessActivation": "stimulus counter",
+    "CustomEventTrigger": "event counter",
+    "SchedulePoint": "",
+    "ModeLabelAssignment": "globalLabel",
     "WaitEvent": "eventMask maskType=AND waitingBehaviour",
     "SetEvent": "eventMask process",
     "eventMask": "events",
-    "Label": "size dataStability=noProtection buffered=notBuffered",
+    "Section": "",
+    "Label": "size section dataStability=noProtection buffered=notBuffered",
     "ModeLabel": "mode",
     "Mode EnumMode": "literals",
     "ProcessChain": "processes",
@@ -81,7 +85,9 @@ READ = {
     # ------------------------------------------------------------------------------------------- stimuli
     "PeriodicStimulus Periodic": "recurrence offset jitter stimulusDeviation executionCondition enablingModeValueList "
     "disablingModeValueList setModeValueList deadline",
-    "PeriodicSyntheticStimulus PeriodicSynthetic": "recurrence offset occurrenceTimes executionCondition "
+    "triggerTimes": "timestamps timeStamps",
+    "PeriodicSyntheticStimulus PeriodicSynthetic SyntheticStimulus Synthetic": "recurrence offset occurrenceTimes "
+    "period triggerTimes stimulusDeviation executionCondition "
     "enablingModeValueList disablingModeValueList setModeValueList",
     "PeriodicBurstStimulus PeriodicBurst": "recurrence offset burstLength occurrenceMinDistance occurrenceCount "
     "executionCondition enablingModeValueList disablingModeValueList setModeValueList",
@@ -91,9 +97,9 @@ READ = {
     "disablingModeValueList setModeValueList",
     "VariableRateStimulus VariableRate": "step occurrencesPerStep scenario executionCondition enablingModeValueList "
     "disablingModeValueList setModeValueList",
-    "InterProcessStimulus InterProcess": "executionCondition enablingModeValueList disablingModeValueList "
+    "InterProcessStimulus InterProcess": "counter executionCondition enablingModeValueList disablingModeValueList "
     "setModeValueList",
-    "EventStimulus": "triggeringEvents executionCondition enablingModeValueList disablingModeValueList "
+    "EventStimulus": "triggeringEvents counter executionCondition enablingModeValueList disablingModeValueList "
     "setModeValueList",
     "CustomStimulus SingleStimulus Single": "executionCondition enablingModeValueList disablingModeValueList "
     "setModeValueList",
@@ -103,14 +109,18 @@ READ = {
     "Core": "coreType prescaler networks memories ports",
     "Memory": "definition frequencyDomain ports",
     "HwPort": "bitWidth",
-    "HwAccessElement": f"destination {_LATENCIES}",
+    "accessPath": "pathElements",
+    "ConnectionHandler": "definition frequencyDomain ports internalConnections",
+    "ConnectionHandlerDefinition": _LATENCIES,
+    "HwConnection": f"{_LATENCIES} port1 port2",
+    "HwAccessElement": f"accessPath destination {_LATENCIES}",
     "FrequencyDomain": "defaultValue",
     "ProcessingUnitDefinition": "features",
     "HwFeatureCategory": "features",
     "HwFeature": "value",
-    "MemoryDefinition": "dataRate",
+    "MemoryDefinition": "dataRate accessLatency",
     "Cache": "definition",
-    "CacheDefinition": "lineSize",
+    "CacheDefinition": "lineSize accessLatency",
     "CoreType": "instructionsPerCycle",
     "Quartz": "frequency",
     "prescaler": "quartz clockRatio",
@@ -119,6 +129,7 @@ READ = {
     "TaskAllocation ProcessAllocation ISRAllocation": "task process isr scheduler controller affinity coreAffinity",
     "RunnableAllocation": "entity scheduler",
     "MemoryMapping": "abstractElement memory",
+    "PhysicalSectionMapping": "origin memory labels",
     "TaskScheduler InterruptController": "parentAssociation",
     "parentAssociation": "parent",
     "EventChain eventChain items segments strands": "stimulus response items segments strands eventChain itemType",
@@ -143,8 +154,9 @@ READ = {
     "StimulusEvent": "entity",
     "CustomEvent": "",
     # ------------------------------------------------------------------------------------------- quantities
-    "recurrence offset step occurrence burstLength occurrenceMinDistance occurrenceTimes time lowerTimeBorder "
-    "deadline period maximum minimum upper lower limitValue maximumTime size frequency defaultValue dataRate lineSize "
+    "recurrence offset step occurrence timestamps timeStamps burstLength occurrenceMinDistance occurrenceTimes time "
+    "lowerTimeBorder deadline period maximum minimum upper lower limitValue maximumTime size frequency defaultValue "
+    "dataRate lineSize "
     "Time": "value unit numberBits",
     "DiscreteValueConstant DiscreteValueHistogram DiscreteValueBoundaries DiscreteValueStatistics "
     "DiscreteValueUniformDistribution DiscreteValueGaussDistribution DiscreteValueWeibullEstimatorsDistribution "
@@ -176,7 +188,8 @@ HARMLESS = {
     "MappingModel.addressMappingType",
     "stated times contain what caches do": "CacheDefinition.cacheType CacheDefinition.writeStrategy "
     "CacheDefinition.nWays CacheDefinition.coherency CacheDefinition.exclusive CacheDefinition.hitRate "
-    "CacheDefinition.accessLatency Cache.frequencyDomain Cache.ports",
+    "Cache.frequencyDomain Cache.ports",
+    "code in a memory takes no time that is stated": "Runnable.section PhysicalSectionMapping.runEntities",
     "the kind of hardware says nothing of times": "HwStructure.structureType ProcessingUnitDefinition.puType "
     "ProcessingUnitDefinition.classifiers MemoryDefinition.memoryType MemoryDefinition.classifiers "
     "CoreClassifier MemoryClassifier HwFeatureCategory.featureType "
@@ -212,7 +225,7 @@ UNREACHED = {
     "its label is in no memory, or no task makes it": "LabelAccess",
     "no access to it in a memory is known": "Label",
     "no access to it is known": "Memory MemoryDefinition Section",
-    "no task accesses the label there": "MemoryMapping",
+    "no task accesses the label there": "MemoryMapping PhysicalSectionMapping",
     "no unit runs at it": "FrequencyDomain Quartz",
     "no unit is of its type": "ProcessingUnitDefinition HwFeatureCategory HwFeature CoreType",
     "no access takes its width": "HwPort",
@@ -234,7 +247,7 @@ UNREACHED = {
     "no task waits for it": "SetEvent OsEvent",
     "a part of a task starts after what it waits for": "ClearEvent",
     "is data of the tasks, not a mode of the system": "ModeLabel ModeLiteral EnumMode NumericMode Mode",
-    "takes no time that is stated": "ModeLabelAccess ModeLabelAssignment",
+    "takes no time that is stated": "ModeLabelAccess",
     "no task accesses it": "Semaphore Channel",
     "names no task that is imported": "TaskAllocation ProcessAllocation ISRAllocation",
 }

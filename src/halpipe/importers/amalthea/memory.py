@@ -51,10 +51,29 @@ class Memories:
         for item in hardware.memories:
             self._names[item] = names.unique(item.name, "memory", item.at)
         for mapping in forest.kinds("MemoryMapping"):
-            label, memory = forest.ref(mapping, "abstractElement"), forest.ref(mapping, "memory")
-            if label is not None and memory is not None and memory in hardware.memories:
-                self._place.setdefault(label, memory)
-                self._mappings.setdefault(label, mapping)
+            if (label := forest.ref(mapping, "abstractElement")) is not None:
+                self._put(label, mapping)
+        self._put_sections()
+
+    def _put(self, label: Item, mapping: Item) -> None:
+        """Note the memory that a mapping gives a label, unless another one does."""
+        memory = self._forest.ref(mapping, "memory")
+        if memory is not None and memory in self._hardware.memories:
+            self._place.setdefault(label, memory)
+            self._mappings.setdefault(label, mapping)
+
+    def _put_sections(self) -> None:
+        """Put labels where their sections are; a label that a section mapping names lies there, too."""
+        sections: dict[Item, Item] = {}
+        for mapping in self._forest.kinds("PhysicalSectionMapping"):
+            for label in self._forest.refs(mapping, "labels"):
+                self._put(label, mapping)
+            for section in self._forest.refs(mapping, "origin"):
+                sections.setdefault(section, mapping)
+        for placed in self._forest.kinds("Label"):
+            own = self._forest.ref(placed, "section")
+            if own is not None and own in sections:
+                self._put(placed, sections[own])
 
     def name(self, memory: Item) -> str:
         """Return the name of a memory as a resource."""
@@ -96,6 +115,8 @@ class Memories:
         for label, count in labels.items():
             label.use()
             self._mappings[label].use()
+            if (section := self._forest.ref(label, "section")) is not None:
+                section.use()
             total += count * path.seconds(self._size(label), writes, frequency)
         moved = tuple(
             Transfer(buffer=legal(label.name), symbol=legal(label.name), size=size)
@@ -119,7 +140,12 @@ class Memories:
         return min(Fraction(1), drawn / peak)
 
     def report(self) -> None:
-        """Report what was assumed."""
+        """Report what was assumed, and accesses whose time is not known."""
+        units = list(self.unreached)
+        help = "state latencies or a data rate of the access elements, or shares in an overlay"
+        self._forest.report_each(
+            codes.NO_WAY, "processing units state no way to a memory that they access", units, help
+        )
         help = "state the data rate of the memory and the latency or data rate of the access, or shares in an overlay"
         self._forest.report_each(
             codes.DEFAULT_BOUND, "memories are taken whole by each access", list(self.assumed), help

@@ -76,7 +76,7 @@ def _system_labels(forest: Forest) -> list[Item]:
 def _writers(forest: Forest) -> list[Item]:
     accesses = [item for item in forest.kinds("ModeLabelAccess") if item.get("access") in _WRITES]
     assignments = [entry for found in forest.kinds("setModeValueList") for entry in found.all("entries")]
-    return accesses + assignments
+    return accesses + assignments + forest.kinds("ModeLabelAssignment")
 
 
 def _conditions(forest: Forest) -> list[Item]:
@@ -86,7 +86,9 @@ def _conditions(forest: Forest) -> list[Item]:
 
 def _labels(forest: Forest, item: Item) -> list[Item]:
     """Return the mode labels that an access, an assignment or a comparison names."""
-    features = ("data",) if item.kind == "ModeLabelAccess" else ("label", "valueProvider", *_COMPARED_LABELS)
+    features = (
+        ("data",) if item.kind == "ModeLabelAccess" else ("label", "valueProvider", "globalLabel", *_COMPARED_LABELS)
+    )
     return [label for feature in features for label in forest.refs(item, feature)]
 
 

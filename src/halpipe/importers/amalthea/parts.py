@@ -1,33 +1,34 @@
-"""Tasks of AMALTHEA to tasks of the model: cut where they wait, one for each activation, with who activates whom.
+"""Drafts of tasks: a task is cut at its waits, and each of its activations is a draft of its own.
 
-A task is cut at a wait for an event that another task sets. A task without a period of its own has that of the task
-that triggers it; of several, the shortest.
+A triggered task is activated by each trigger of each job of the tasks that trigger it, with their period times what
+its counters let pass.
 """
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.files import TOO_MUCH
+from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.graph import CALLS, GROUPS, everything, steps
+from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
 from halpipe.importers.amalthea.interrupts import is_interrupt
-from halpipe.importers.amalthea.names import Names, few
+from halpipe.importers.amalthea.names import Names
 from halpipe.importers.amalthea.own_export import activation_of, is_carried
 from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
+from halpipe.importers.amalthea.triggers import MOST, Count, Triggers, thinned
 from halpipe.importers.common.polling import polling_period
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Evaluator
     from halpipe.importers.amalthea.modes import SystemMode
     from halpipe.importers.amalthea.xmi import Forest, Item
     from halpipe.importers.common.base import Supplement
-
-_TRIGGERS = {"InterProcessTrigger": "stimulus", "InterProcessActivation": "stimulus", "CustomEventTrigger": "event"}
 
 
 @dataclass(eq=False, slots=True)
@@ -40,6 +41,26 @@ class Part:
     waits: list[Item] = field(default_factory=list)
 
 
+@record
+class Trigger:
+    """What activates a draft: `cause` within the step `top` of the jobs of `source`, as far as `count` lets pass."""
+
+    source: Draft
+    cause: Item
+    top: Item | None
+    count: Count
+
+
+@record
+class _Source:
+    """A part whose jobs trigger a task."""
+
+    part: Part
+    cause: Item
+    top: Item | None
+    count: Count
+
+
 @dataclass(eq=False, slots=True)
 class Draft:
     """A task of the model to be: one part of a task, with one activation (None: on demand), in some modes."""
@@ -49,6 +70,12 @@ class Draft:
     modes: set[str]
     name: str = ""
     after: dict[Draft, Item] = field(default_factory=dict)
+    trigger: Trigger | None = None
+
+    @property
+    def lineage(self) -> list[Item]:
+        """The task with those that trigger it."""
+        return [self.task, *([] if self.trigger is None else self.trigger.source.lineage)]
 
     @property
     def task(self) -> Item:
@@ -92,7 +119,11 @@ class _Drafting:
         self.routines = [task for task in found if is_interrupt(forest, task)]
         self.tasks = [task for task in found if task not in self.routines]
         self.by_task = self.result.by_task
-        self.triggers: dict[Item, list[tuple[Part, Item]]] = {}
+        self.occurrences = Triggers(forest)
+        self.triggers: dict[Item, list[_Source]] = {}
+        self.stated: set[Item] = set()
+        """Tasks with a period of the overlay, which their triggers do not change."""
+        self.lost: list[Item] = []
         self.setters: dict[Item, list[tuple[Part, Item]]] = {}
 
     def _is_dropped(self, task: Item) -> bool:
@@ -143,17 +174,15 @@ class _Drafting:
         self.forest.report_each(codes.UNUSED_WAIT, "waits have no effect", unused, help)
 
     def _index(self) -> None:
-        """Note which parts trigger which stimuli and custom events, and set which events."""
+        """Note which parts trigger stimuli and custom events, call runnables, and set events."""
         for parts in self.result.parts.values():
             for part in parts:
+                for found in self.occurrences.of(part.steps):
+                    source = _Source(part, found.cause, found.top, found.count)
+                    self.triggers.setdefault(found.target, []).append(source)
                 for step in everything(self.forest, part.steps):
-                    if step.kind in _TRIGGERS:
-                        target = self.forest.ref(step, _TRIGGERS[step.kind])
-                        if target is not None:
-                            self.triggers.setdefault(target, []).append((part, step))
-                    elif step.kind == "SetEvent":
-                        for event in _events(self.forest, step):
-                            self.setters.setdefault(event, []).append((part, step))
+                    for event in _events(self.forest, step) if step.kind == "SetEvent" else ():
+                        self.setters.setdefault(event, []).append((part, step))
 
     # ------------------------------------------------------------------------------------- activation
 
@@ -164,15 +193,11 @@ class _Drafting:
             if is_carried(task):
                 self._carried(task, stimuli)
                 continue
-            groups: dict[tuple[object, object], tuple[Activation, set[str]]] = {}
-            for stimulus in stimuli:
-                for activation in activations_of(self.forest, stimulus) or self._stated(stimulus):
-                    key = (activation.period, activation.offset)
-                    groups.setdefault(key, (activation, set()))[1].update(self._allowed(stimulus))
-            if not groups and self.overlay is not None and (period := self.overlay.task_period(task.name)):
-                everywhere = {mode.name for mode in self.modes}
-                groups[period, None] = (Activation(period, None, None), everywhere)
-            for activation, modes in groups.values():
+            found = [(a, self._allowed(s)) for s in stimuli for a in activations_of(self.forest, s) or self._stated(s)]
+            if not found and self.overlay is not None and (period := self.overlay.task_period(task.name)):
+                self.stated.add(task)
+                found = [(Activation(period, None, None), {mode.name for mode in self.modes})]
+            for activation, modes in _alternating(found):
                 self._add(task, activation, modes)
 
     def _poll(self) -> None:
@@ -231,50 +256,83 @@ class _Drafting:
     # ------------------------------------------------------------------------------------ inheritance
 
     def _inherit(self) -> None:
-        """Give triggered tasks the period of who triggers them, shortest period first (Dijkstra's algorithm)."""
-        waiting: dict[Item, list[tuple[Item, Item]]] = {}  # task with the trigger -> (stimulus, triggered task)
+        """Activate triggered tasks by each job that triggers them, in loops up to where a task comes again."""
+        waiting: dict[Part, list[tuple[Item, Item, _Source]]] = {}  # part -> (triggered task, stimulus, trigger)
         for task in self.tasks:
-            if task not in self.by_task:
-                for stimulus, part, _ in self._triggering(task):
-                    waiting.setdefault(part.task, []).append((stimulus, task))
-        order = {task: index for index, task in enumerate(self.tasks)}
-        heap = [
-            (draft.activation.period, order[draft.task], draft.task)
-            for drafts in self.by_task.values()
-            for draft in drafts
-            if draft.activation is not None
-        ]
-        heapq.heapify(heap)
-        while heap:
-            period, _, task = heapq.heappop(heap)
-            for stimulus, triggered in waiting.get(task, ()):
-                if triggered not in self.by_task:
-                    stimulus.use()
-                    self._add(triggered, Activation(period, None, stimulus), set())
-                    heapq.heappush(heap, (period, order[triggered], triggered))
+            if task not in self.stated and not is_carried(task):
+                for stimulus, source in self._triggering(task):
+                    waiting.setdefault(source.part, []).append((task, stimulus, source))
+        rest = [draft for task in self.tasks for draft in self.by_task.get(task, ()) if draft.activation is not None]
+        for draft in rest:
+            for task, stimulus, source in waiting.get(draft.part, ()):
+                if task in draft.lineage:
+                    self.lost.append(source.cause)
+                    continue
+                if len(self.by_task.get(task, ())) >= MOST:
+                    self._stop(task)
+                stimulus.use()
+                trigger = Trigger(draft, source.cause, source.top, self._passing(draft, source))
+                new = self._add(task, _triggered(draft, trigger.count, stimulus), set())
+                new[0].trigger = trigger
+                rest += new
+        help = "let the counter count the triggers of one job of one task, or state the period in an overlay"
+        what = "counters are not followed, so that all occurrences activate"
+        self.forest.report_each(codes.NOT_READ, what, list(self.occurrences.unread), help)
 
-    def _triggering(self, task: Item) -> list[tuple[Item, Part, Item]]:
-        """Return (stimulus, part that triggers it, the step that does) for the stimuli of a task."""
+    def _stop(self, task: Item) -> NoReturn:
+        message = f"is activated by more than {MOST} triggers"
+        raise HalpipeError(
+            *self.forest.findings.items,
+            TOO_MUCH(message, at=task.at, path=task.path, help="state its period in an overlay"),
+        )
+
+    def _passing(self, draft: Draft, source: _Source) -> Count:
+        """Return what the counters of a trigger let pass; of sporadic arrivals every one, which is more."""
+        if draft.activation is None or draft.activation.distance is None or source.count.each == 1:
+            return source.count
+        self.occurrences.unread[source.cause] = None
+        return Count()
+
+    def _triggering(self, task: Item) -> list[tuple[Item, _Source]]:
+        """Return the triggers of the stimuli of a task, as far as counters let them pass."""
         found = []
         for stimulus in self.forest.refs(task, "stimuli"):
             if stimulus.kind in TRIGGERED:
-                found += [(stimulus, part, step) for part, step in self._sources(stimulus)]
+                found += [(stimulus, source) for source in self._counted(stimulus, self._sources(stimulus))]
         return found
 
-    def _sources(self, stimulus: Item) -> list[tuple[Part, Item]]:
+    def _counted(self, stimulus: Item, sources: list[_Source]) -> list[_Source]:
+        """Return the triggers that the counter of a stimulus lets pass; it counts those of all jobs together."""
+        own = self.occurrences.counter(stimulus)
+        if own.each == 1:
+            return sources
+        parts = {source.part for source in sources}
+        drafts = sum(draft.part in parts for drafts in self.by_task.values() for draft in drafts)
+        if len(sources) == 1 and drafts < 2:
+            return [replace(sources[0], count=sources[0].count.then(own))]
+        passing = thinned(len(sources), own) if all(source.count == Count() for source in sources) else None
+        if passing is None or len(parts) > 1 or drafts > 1:
+            self.occurrences.unread[stimulus] = None
+            return sources
+        return [replace(sources[0], count=count) for count in passing]
+
+    def _sources(self, stimulus: Item) -> list[_Source]:
         found = list(self.triggers.get(stimulus, ()))
+        unread = []
         for event in self.forest.refs(stimulus, "triggeringEvents"):
-            found += self.triggers.get(event, ())
-            entity = self.forest.ref(event, "entity") if event.kind in ("ProcessEvent", "RunnableEvent") else None
-            if entity in self.result.parts and entity is not None:
+            entity = self.forest.ref(event, "entity")
+            if event.kind == "CustomEvent":
+                found += self.triggers.get(event, ())
+            elif event.kind == "ProcessEvent" and entity is not None and entity in self.result.parts:
                 index = -1 if event.get("eventType") == "terminate" else 0
-                found.append((self.result.parts[entity][index], event))
-            elif entity is not None:
-                found += [(part, event) for part in self._all_parts() if _calls(self.forest, part, entity)]
+                found.append(_Source(self.result.parts[entity][index], event, None, Count()))
+            elif event.kind == "RunnableEvent" and entity is not None:
+                found += [replace(source, cause=event) for source in self.triggers.get(entity, ())]
+            else:
+                unread.append(event)
+        help = "let a task trigger a custom event there, or state the period of the stimulus in an overlay"
+        self.forest.report_each(codes.NOT_READ, "events of other kinds trigger nothing", unread, help)
         return found
-
-    def _all_parts(self) -> Iterable[Part]:
-        return (part for parts in self.result.parts.values() for part in parts)
 
     # ------------------------------------------------------------------------------ names and order
 
@@ -299,47 +357,37 @@ class _Drafting:
 
     def _connect(self) -> None:
         """Order the parts of a task, what waits after what sets, and what is triggered after what triggers."""
-        lost: list[Item] = []
         for task in self.tasks:
             previous: Draft | None = None
             for draft in self.by_task.get(task, ()):
                 if draft.part.index and previous is not None:
                     draft.after[previous] = task
                     setters = [found for e in draft.part.waits for found in self.setters.get(e, ())]
-                    self._edges(draft, [found for found in setters if self._is_set_for(found[1], task)], lost)
+                    self._edges(draft, [found for found in setters if self._is_set_for(found[1], task)])
+                elif draft.trigger is not None:
+                    draft.after[draft.trigger.source] = draft.trigger.cause
+                    draft.trigger.cause.use_all()
+                elif task in self.stated or is_carried(task):
+                    self._edges(draft, [(source.part, source.cause) for _, source in self._triggering(task)])
                 previous = draft
-        for task in self.tasks:
-            sources = [(part, step) for _, part, step in self._triggering(task)]
-            for draft in self.by_task.get(task, ()):
-                if draft.part.index == 0:
-                    self._edges(draft, sources, lost)
-            self._report_several(task, sources)
         help = "state the period of the task where the loop should begin, in an overlay"
-        self.forest.report_each(codes.FEEDBACK, "activations close a loop and order nothing", lost, help)
+        self.forest.report_each(codes.FEEDBACK, "activations close a loop and order nothing", self.lost, help)
 
     def _is_set_for(self, step: Item, task: Item) -> bool:
         """Return whether an event is set for a task: for the one that the step names, or for all."""
         process = self.forest.ref(step, "process")
         return process is None or process is task
 
-    def _edges(self, draft: Draft, sources: Sequence[tuple[Part, Item]], lost: list[Item]) -> None:
+    def _edges(self, draft: Draft, sources: Sequence[tuple[Part, Item]]) -> None:
         for part, cause in sources:
             for source in self.by_task.get(part.task, ()):
                 if source.part is not part or source in draft.after:
                     continue
                 if _reaches(source, draft):
-                    lost.append(cause)
+                    self.lost.append(cause)
                 else:
                     draft.after[source] = cause
                     cause.use_all()
-
-    def _report_several(self, task: Item, sources: Sequence[tuple[Part, Item]]) -> None:
-        others = {part.task: None for part, _ in sources if part.task in self.by_task}
-        if len(others) > 1 and task in self.by_task:
-            names = few([other.name for other in others])
-            help = "state its period in an overlay, if the triggers do not coincide"
-            message = f"is triggered by {len(others)} tasks: {names}"
-            self.forest.report(codes.SEVERAL_TRIGGERS, message, task, help)
 
     def _spread_modes(self) -> None:
         """Let triggered tasks and later parts run in the modes in which what comes before them runs."""
@@ -363,6 +411,34 @@ class _Drafting:
                 self.result.without[task] = _why(self.forest, task)
         without = [task for task in self.tasks if task in self.result.without]
         self.forest.report_each(codes.NO_PERIOD, "tasks have no period and are left out", without, help)
+
+
+def _alternating(found: Sequence[tuple[Activation, set[str]]]) -> list[tuple[Activation, set[str]]]:
+    """Return activations, those as one that are equal and never active in one mode."""
+    kept: list[tuple[Activation, set[str]]] = []
+    for activation, modes in found:
+        for known, others in kept:
+            same = (known.period, known.offset, known.distance) == (
+                activation.period,
+                activation.offset,
+                activation.distance,
+            )
+            if same and known.stimulus is not activation.stimulus and not others & modes:
+                others |= modes
+                break
+        else:
+            kept.append((activation, set(modes)))
+    return kept
+
+
+def _triggered(source: Draft, count: Count, stimulus: Item) -> Activation:
+    """Return the activation by a trigger: that of its source, or every so many of it."""
+    known = source.activation
+    assert known is not None
+    period = known.period * count.each
+    is_placed = count.each > 1 and known.offset is not None
+    offset = (known.offset + known.period * count.first) % period if is_placed and known.offset is not None else None
+    return Activation(period, offset, stimulus)
 
 
 def _reaches(goal: Draft, start: Draft) -> bool:
@@ -390,16 +466,11 @@ def _events(forest: Forest, item: Item) -> list[Item]:
     return [event for mask in item.all("eventMask") for event in forest.refs(mask, "events")]
 
 
-def _calls(forest: Forest, part: Part, runnable: Item) -> bool:
-    found = everything(forest, part.steps)
-    return any(step.kind in CALLS and forest.ref(step, CALLS[step.kind]) is runnable for step in found)
-
-
 def _flat(item: Item) -> list[Item]:
-    """Return the steps of a task with its groups dissolved."""
+    """Return the steps of a task with its groups dissolved, as far as they may be interrupted."""
     found = []
     for step in steps(item):
-        if step.kind in GROUPS and step.kind != "WhileLoop":
+        if step.kind in GROUPS and step.kind != "WhileLoop" and not is_uninterrupted(step):
             found += _flat(step)
         else:
             found.append(step)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration, seconds
-from halpipe.importers.amalthea.graph import CALLS, SWITCHES
+from halpipe.importers.amalthea.graph import CALLS, GROUPS, SWITCHES
 from halpipe.importers.common.pieces import cuts
 from halpipe.models import WHOLE, AccessKind, Split
 
@@ -60,29 +60,36 @@ class Splitter:
         reads = sum((phase.length for phase in phases if phase.kind is AccessKind.READ), ZERO)
         bounds = list(self._bounds(draft, mode, unit, reads if self._added else ZERO))
         if bounds and not self._added:
-            bounds[-1] = (bounds[-1][0], max(wcet, bounds[-1][1]))  # accesses may take longer than what is stated
+            begin, end, is_whole = bounds[-1]
+            bounds[-1] = (begin, max(wcet, end), is_whole)  # accesses may take longer than what is stated
         points: set[Duration] = set()
-        for begin, end in bounds:
+        for begin, end, is_whole in bounds:
             points.add(end)
-            inner = set(cuts(longest, begin, end, draft.task.name, draft.task.at))
+            inner = set(cuts(ZERO if is_whole else longest, begin, end, draft.task.name, draft.task.at))
             if any(_is_allowed(point, wcet, accesses) for point in inner):
                 self.cut[draft.task] = None
             points |= inner
         kept = sorted(point for point in points if _is_allowed(point, wcet, accesses))
         return Split(points=tuple(kept)) if kept else WHOLE
 
-    def _bounds(self, draft: Draft, mode: SystemMode, unit: Pu, at: Duration) -> Iterator[tuple[Duration, Duration]]:
-        """Yield begin and end of every runnable, each with what stands before it outside of runnables."""
+    def _bounds(
+        self, draft: Draft, mode: SystemMode, unit: Pu, at: Duration
+    ) -> Iterator[tuple[Duration, Duration, bool]]:
+        """Yield begin and end of every runnable, each with what stands before it outside of runnables.
+
+        Groups that may not be interrupted count as one runnable, and are whole; so is a runnable that contains one.
+        """
         assert unit.frequency
-        begin = at
+        begin, is_whole = at, False
         for step in draft.part.steps:
             at += seconds(self._evaluator.amount([step], mode, unit).cycles / unit.frequency)
-            if step.kind in CALLS or step.kind in SWITCHES:
+            is_whole = is_whole or self._evaluator.is_whole(step)
+            if step.kind in CALLS or step.kind in SWITCHES or step.kind in GROUPS or step.kind == "SchedulePoint":
                 if at > begin:
-                    yield begin, at
-                begin = at
+                    yield begin, at, is_whole
+                begin, is_whole = at, False
         if at > begin:
-            yield begin, at
+            yield begin, at, is_whole
 
 
 def _is_allowed(point: Duration, wcet: Duration, accesses: Sequence[Access]) -> bool:

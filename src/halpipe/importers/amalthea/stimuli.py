@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.values import most
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.xmi import Forest, Item
 
 PERIODIC = ("PeriodicStimulus", "Periodic")
-SYNTHETIC = ("PeriodicSyntheticStimulus", "PeriodicSynthetic")
+SYNTHETIC = ("PeriodicSyntheticStimulus", "PeriodicSynthetic", "SyntheticStimulus", "Synthetic")
 BURST = ("PeriodicBurstStimulus", "PeriodicBurst")
 SPORADIC = ("RelativePeriodicStimulus", "SporadicStimulus", "Sporadic")
 CURVE = ("ArrivalCurveStimulus", "ArrivalCurve")
@@ -55,6 +56,7 @@ def activations_of(forest: Forest, stimulus: Item) -> list[Activation]:
         found = []
     if found:
         stimulus.use()
+        _report_jitter(forest, stimulus)
     return found
 
 
@@ -64,22 +66,27 @@ def _time(forest: Forest, item: Item, *tags: str) -> Duration | None:
 
 
 def _recurrence(forest: Forest, stimulus: Item) -> Duration | None:
-    return _time(forest, stimulus, "recurrence") or None
+    return _time(forest, stimulus, "recurrence", "period") or None  # until 0.8.3 a synthetic stimulus has a period
+
+
+def _report_jitter(forest: Forest, stimulus: Item) -> None:
+    """Report a deviation of periodic activations; that of sporadic ones is the distance of their arrivals."""
+    jitter = stimulus.one("jitter", "stimulusDeviation")
+    if stimulus.kind not in SPORADIC and jitter is not None and (jitter.children or stimulus.kind in PERIODIC):
+        help = "state slack in an overlay, if starts may vary"
+        forest.report(codes.JITTER, "states a jitter, which is not imported", stimulus, help)
 
 
 def _periodic(forest: Forest, stimulus: Item) -> list[Activation]:
     period = _recurrence(forest, stimulus)
-    jitter = stimulus.one("jitter", "stimulusDeviation")
-    if jitter is not None:
-        help = "state slack in an overlay, if starts may vary"
-        forest.report(codes.JITTER, "states a jitter, which is not imported", stimulus, help)
     return [Activation(period, _time(forest, stimulus, "offset"), stimulus)] if period else []
 
 
 def _synthetic(forest: Forest, stimulus: Item) -> list[Activation]:
     """One activation for each occurrence in the recurrence, or one in all if they are equally far apart."""
     period = _recurrence(forest, stimulus)
-    times = [forest.time(item) for item in stimulus.all("occurrenceTimes")]
+    listed = [stamp for found in stimulus.all("triggerTimes") for stamp in found.all("timestamps", "timeStamps")]
+    times = [forest.time(item) for item in (*stimulus.all("occurrenceTimes"), *listed)]
     if not period or not times or len(times) > _MOST_OCCURRENCES:
         return []
     first = _time(forest, stimulus, "offset") or ZERO
@@ -99,7 +106,7 @@ def _burst(forest: Forest, stimulus: Item) -> list[Activation]:
 
 
 def _spread(period: Duration, times: Sequence[Duration], stimulus: Item) -> list[Activation]:
-    offsets = sorted({time % period for time in times})
+    offsets = sorted(time % period for time in times)  # equal times activate as often as they are stated
     if not offsets:
         return []
     step = period / len(offsets)
@@ -114,9 +121,9 @@ def _densest(stimulus: Item, distance: Duration | None) -> list[Activation]:
 
 
 def _step(forest: Forest, stimulus: Item) -> Duration | None:
-    """Return the distance of the occurrences of a rate that no scenario changes; None where one does."""
+    """Return the least distance of the occurrences of a rate that no scenario changes; None where one does."""
     step, count = _time(forest, stimulus, "step"), stimulus.one("occurrencesPerStep")
-    stated = forest.number(stimulus, "occurrencesPerStep") if count is None else forest.number(count, "value")
+    stated = forest.number(stimulus, "occurrencesPerStep") if count is None else most(forest, count)
     return step / stated if step and stated and stimulus.one("scenario") is None else None
 
 

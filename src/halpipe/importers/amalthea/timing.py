@@ -213,11 +213,26 @@ def _sequences(forest: Forest, entities: Entities, timing: Timing) -> None:
             bad.append(item)
             continue
         windows = [w for earlier, later in itertools.pairwise(callers) for w in _ordered(earlier, later, item)]
-        if windows:
-            item.use_all()
+        item.use_all()
+        for earlier, later in itertools.pairwise(groups):
+            _report_order(forest, entities, earlier, later, item)
         timing.windows += windows
     help = "let it name runnables that tasks call"
     forest.report_each(codes.BAD_CHAIN, "sequencing constraints order no tasks", bad, help)
+
+
+def _report_order(
+    forest: Forest, entities: Entities, earlier: Sequence[Item], later: Sequence[Item], item: Item
+) -> None:
+    """Report a constraint on runnables that one task calls in another order."""
+    for first, second in itertools.product(earlier, later):
+        for draft in entities.callers(first):
+            calls = [runnable for runnable in entities.calls(draft) if runnable in (first, second)]
+            if second in calls and calls.index(second) < len(calls) - 1 - calls[::-1].index(first):
+                text = f'wants "{first.name}" before "{second.name}", which task "{draft.task.name}" calls after it'
+                help = "exchange the calls, or remove the constraint"
+                forest.report(codes.CALL_ORDER, text, item, help)
+                return
 
 
 def _ordered(earlier: Sequence[Draft], later: Sequence[Draft], item: Item) -> list[Window]:

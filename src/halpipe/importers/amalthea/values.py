@@ -44,6 +44,11 @@ def _need(forest: Forest, item: Item, unit: Pu, statistic: str) -> Fraction | No
     return total
 
 
+def most(forest: Forest, value: Item) -> Fraction | None:
+    """Return a constant, or the upper bound of a distribution, None if it has none."""
+    return _of(forest, value, "upper")
+
+
 def _of(forest: Forest, value: Item | None, statistic: str) -> Fraction | None:
     """Return one number of a constant or distribution, None if it is not bounded.
 

@@ -34,6 +34,7 @@ PLACES = {
     "EventConfig": "configModel/eventsToTrace",
     "MeasurementModel": "measurementModel",
     "LocalModeLabelAssignment": "swModel/runnables/activityGraph/items",
+    "PhysicalSectionMapping": "mappingModel/physicalSectionMapping",
     "VariableRateStimulus": "stimuliModel/stimuli",
 }
 WORDS = sorted(word for words in HARMLESS.values() for word in words.split())

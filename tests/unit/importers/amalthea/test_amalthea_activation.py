@@ -130,14 +130,136 @@ def test_a_triggered_task_follows_and_has_the_period_of_its_trigger(tmp_path):
     assert len(found(imported.diagnostics, codes.DEFAULT_WINDOW)) == 1
 
 
-def test_of_several_triggers_the_fastest_counts(tmp_path):
+def test_each_trigger_activates(tmp_path):
     sw = task("T", ticks(5), TRIGGER) + task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
-    sw += task("S", ticks(5), TRIGGER, stimuli="p4?type=PeriodicStimulus")
+    sw += task("S", ticks(5), TRIGGER, TRIGGER, stimuli="p4?type=PeriodicStimulus")
     stimuli = PLAIN_STIMULI + GO + stimulus("p4", "PeriodicStimulus", time("recurrence", 4))
     imported = read(tmp_path, sw=sw, stimuli=stimuli)
-    assert activations(imported)["U"] == ("4ms", "None")
-    assert windows(imported, "U") == [("T", "end", "0ms", "10ms"), ("S", "end", "0ms", "4ms")]
-    assert len(found(imported.diagnostics, codes.SEVERAL_TRIGGERS)) == 1
+    assert {n: a for n, a in activations(imported).items() if n[0] == "U"} == {
+        "U@go": ("10ms", "None"),
+        "U@go~2": ("4ms", "None"),
+        "U@go~3": ("4ms", "None"),
+    }
+    assert windows(imported, "U@go") == [("T", "end", "0ms", "10ms")]
+    assert windows(imported, "U@go~2") == windows(imported, "U@go~3") == [("S", "end", "0ms", "4ms")]
+
+
+def triggered(tmp_path, step, calls="", counter="", source="p10?type=PeriodicStimulus", more=""):
+    """The activations of a task U that T triggers by a step, or by calls of a runnable with that step."""
+    sw = task("T", ticks(5), calls or step, stimuli=source) + runnable("R", ticks(1), step)
+    sw += task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
+    stimuli = PLAIN_STIMULI + stimulus("go", "InterProcessStimulus", counter) + more
+    imported = read(tmp_path, sw=sw, stimuli=stimuli)
+    found_ones = sorted(a for name, a in activations(imported).items() if name.startswith("U"))
+    return found_ones, [d.message for d in found(imported.diagnostics, codes.NOT_READ)]
+
+
+def counting(prescaler, offset=0):
+    return f'<counter prescaler="{prescaler}" offset="{offset}"/>'
+
+
+def with_counter(step, counter):
+    return step.replace("/>", f">{counter}</items>")
+
+
+TWICE = '><statistic><statistic xsi:type="am:SingleValueStatistic" value="2.0"/></statistic></items>'
+PLACED = stimulus("p4", "PeriodicStimulus", time("recurrence", 4), time("offset", 1))
+
+
+@pytest.mark.parametrize(
+    ("step", "calls", "counter", "expected"),
+    [
+        (TRIGGER, "", counting(5), [("50ms", "None")]),
+        (with_counter(TRIGGER, counting(5)), "", "", [("50ms", "None")]),
+        (with_counter(TRIGGER, counting(5)), "", counting(2), [("100ms", "None")]),
+        (TRIGGER, with_counter(call("R"), counting(3)), "", [("30ms", "None")]),
+        (TRIGGER, call("R") * 2, "", [("10ms", "None")] * 2),
+        (TRIGGER, call("R") * 2, counting(2), [("10ms", "None")]),
+        (TRIGGER, call("R") * 4, counting(2), [("10ms", "None")] * 2),
+        (TRIGGER, call("R") * 2, counting(6), [("30ms", "None")]),
+        (with_counter(TRIGGER, counting(2)), call("R") * 2, "", [("10ms", "None")]),
+        (TRIGGER, call("R").replace("/>", TWICE), "", [("10ms", "None")] * 2),
+    ],
+)
+def test_counters_let_every_nth_occurrence_through(tmp_path, step, calls, counter, expected):
+    assert triggered(tmp_path, step, calls, counter) == (expected, [])
+
+
+def test_a_counter_begins_after_its_offset(tmp_path):
+    given = triggered(tmp_path, TRIGGER, "", counting(5, 2), source="p4?type=PeriodicStimulus", more=PLACED)
+    assert given == ([("20ms", "9ms")], [])
+
+
+@pytest.mark.parametrize("times", [3, 4])
+def test_a_counter_that_jobs_share_unevenly_warns_and_lets_all_through(tmp_path, times):
+    given, warnings = triggered(tmp_path, TRIGGER, call("R") * times, counting(5))
+    assert given == [("10ms", "None")] * times
+    assert warnings == ["1 counters are not followed, so that all occurrences activate: go"]
+
+
+def test_a_branch_triggers_as_often_as_its_densest_way(tmp_path):
+    entry = "<entries><items xsi:type='am:Group'>{}</items></entries>"
+    switch = f'<items xsi:type="am:ProbabilitySwitch">{entry.format(TRIGGER)}{entry.format(TRIGGER * 2)}</items>'
+    assert triggered(tmp_path, switch) == ([("10ms", "None")] * 2, [])
+
+
+def test_equal_stimuli_and_equal_times_activate_as_often_as_they_are_stated(tmp_path):
+    both = PLAIN_STIMULI + PLAIN_STIMULI.replace("p10", "q10")
+    sw = task("T", ticks(5), stimuli="p10?type=PeriodicStimulus q10?type=PeriodicStimulus")
+    assert activations(read(tmp_path, sw=sw, stimuli=both)) == {"T@p10": ("10ms", "None"), "T@q10": ("10ms", "None")}
+    times = stimulus("s", "PeriodicSyntheticStimulus", time("recurrence", 20), *[time("occurrenceTimes", 3)] * 2)
+    imported = read(tmp_path, sw=task("T", ticks(5), stimuli="s?type=PeriodicSyntheticStimulus"), stimuli=times)
+    assert list(activations(imported).values()) == [("20ms", "3ms")] * 2
+
+
+def test_equal_stimuli_of_different_modes_are_one_activation(tmp_path):
+    condition = (
+        '<executionCondition><entries xsi:type="am:ModeValueCondition" label="L?type=ModeLabel" value="{}"/>'
+        "</executionCondition>"
+    )
+    stimuli = stimulus("a", "PeriodicStimulus", time("recurrence", 10), condition.format("x"))
+    stimuli += stimulus("b", "PeriodicStimulus", time("recurrence", 10), condition.format("y"))
+    sw = task("T", ticks(5), stimuli="a?type=PeriodicStimulus b?type=PeriodicStimulus")
+    sw += '<modes xsi:type="am:EnumMode" name="M"><literals name="x"/><literals name="y"/></modes>'
+    imported = read(tmp_path, sw=sw + '<modeLabels name="L" mode="M?type=EnumMode"/>', stimuli=stimuli)
+    assert activations(imported) == {"T": ("10ms", "None")}
+
+
+def test_events_that_are_not_followed_warn_beside_others(tmp_path):
+    fire = '<items xsi:type="am:CustomEventTrigger" event="E?type=CustomEvent"/>'
+    sw = task("T", ticks(5), fire) + task("U", ticks(5), stimuli="s?type=EventStimulus") + '<labels name="L"/>'
+    stimuli = stimulus("s", "EventStimulus", triggeringEvents="E?type=CustomEvent w?type=LabelEvent")
+    events = '<events xsi:type="am:CustomEvent" name="E"/>'
+    events += '<events xsi:type="am:LabelEvent" name="w" entity="L?type=Label" eventType="write"/>'
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + stimuli, events=events)
+    assert windows(imported, "U") == [("T", "end", "0ms", "10ms")]
+    [finding] = found(imported.diagnostics, codes.NOT_READ)
+    assert finding.message == "1 events of other kinds trigger nothing: w"
+
+
+def test_too_many_triggers_are_an_error(tmp_path):
+    chain = "".join(
+        task(f"T{i}", TRIGGER.replace("go", f"g{i}") * 4, stimuli=f"g{i - 1}?type=InterProcessStimulus")
+        for i in range(1, 8)
+    )
+    sw = task("T0", TRIGGER.replace("go", "g0") * 4) + chain
+    stimuli = PLAIN_STIMULI + "".join(stimulus(f"g{i}", "InterProcessStimulus") for i in range(8))
+    [error] = refusal(read, tmp_path, sw=sw, stimuli=stimuli).diagnostics
+    assert "is activated by more than 1000 triggers" in error.message
+
+
+def test_a_synthetic_stimulus_until_083_states_period_and_time_stamps(tmp_path):
+    stamps = f"<triggerTimes>{time('timestamps', 0)}{time('timestamps', 5)}</triggerTimes>"
+    stimuli = stimulus("s", "SyntheticStimulus", "<stimulusDeviation/>", time("period", 20), stamps)
+    imported = read(tmp_path, sw=task("T", ticks(5), stimuli="s?type=SyntheticStimulus"), stimuli=stimuli)
+    assert list(activations(imported).values()) == [("20ms", "0ms"), ("20ms", "5ms")]
+
+
+def test_a_variable_rate_with_an_upper_bound_has_a_least_distance(tmp_path):
+    rate = '<occurrencesPerStep xsi:type="am:ContinuousValueBoundaries" lowerBound="1.0" upperBound="4.0"/>'
+    sw = task("T", ticks(5), stimuli="s?type=VariableRateStimulus")
+    imported = read(tmp_path, sw=sw, stimuli=stimulus("s", "VariableRateStimulus", time("step", 40), rate))
+    assert str(imported.model.task("T").distance) == "10ms"
 
 
 def test_events_trigger_too(tmp_path):
