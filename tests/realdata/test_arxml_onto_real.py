@@ -20,6 +20,7 @@ from halpipe.importers.arxml.system.reading import read_tree
 from halpipe.models import Origin
 from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
+from merged_os import differences
 
 SHARED = Path(__file__).parents[2].parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason="real ARXML projects are not part of the project")
@@ -102,6 +103,15 @@ def test_the_merged_project_imports_to_the_same_model(tmp_path, put):
     directory, granularity, model, _, onto, _ = put
     merged(directory, onto)
     assert plain(imported(tmp_path, directory, granularity)) == plain(model)
+
+
+@EVERY
+def test_the_merged_project_starts_what_the_schedule_says_and_nothing_else(put):
+    directory, _, model, schedule, onto, _ = put
+    merged(directory, onto)
+    found, acts = differences(directory, schedule, {task.name: task.origin.path for task in model.tasks})
+    assert found == []
+    assert acts >= len(schedule.modes[0].jobs)
 
 
 @EVERY

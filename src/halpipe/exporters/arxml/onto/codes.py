@@ -1,4 +1,4 @@
-"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0888, HAL0895 and HAL0896."""
+"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0888, HAL0895, HAL0896 and HAL0810."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -70,4 +70,10 @@ CANNOT_EDIT = error(
     "File of the project cannot be edited in place",
     "The value to change is not where it was when the project was read, or the file is in an encoding of more than one "
     "byte for `<`.",
+)
+NEVER_STARTED = warning(
+    "HAL0810",
+    "Nothing starts the schedule tables",
+    "The table of the first mode is started by the OS in one of its application modes (OsAppMode). The project has "
+    "none, so that code must start the tables (StartScheduleTableAbs).",
 )

@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Findings
 from halpipe.core.files import MANIFEST, MANIFEST_KEY, sha256
 from halpipe.exporters.arxml.document import seconds_text
 from halpipe.exporters.arxml.onto import CHANGES, DELTA, Change, Onto
-from halpipe.exporters.arxml.onto.codes import IN_THE_WAY
+from halpipe.exporters.arxml.onto.codes import IN_THE_WAY, NEVER_STARTED
 from halpipe.exporters.arxml.onto.delta import Delta
 from halpipe.exporters.arxml.onto.edit import Edit, apply_edits
 from halpipe.exporters.arxml.onto.plan import make_onto_plan
@@ -108,6 +108,10 @@ class _Writer:
         stopped = stop_others(self._project, {a.os_task for a in self._plan.actions.values()}, self._findings)
         self._findings.stop_on_errors()
         self.edits += stopped.edits
+        if not self._project.app_modes:
+            at, path = self._project.items[self._project.os_module].at, self._project.os_module
+            message, help = "has no OsAppMode", "add an OsAppMode, or start the tables by code"
+            self._findings.add(NEVER_STARTED(message, at=at, path=path, help=help))
         for counter in self._plan.new_counters:
             self._counter(counter)
         for index, placed in enumerate(self._plan.tables):
