@@ -1,4 +1,4 @@
-"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0888, HAL0895, HAL0896 and HAL0810."""
+"""The diagnostics of putting a schedule onto a project: HAL0880 to HAL0888, HAL0895, HAL0896 and HAL0800."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -72,7 +72,7 @@ CANNOT_EDIT = error(
     "byte for `<`.",
 )
 NEVER_STARTED = warning(
-    "HAL0810",
+    "HAL0800",
     "Nothing starts the schedule tables",
     "The table of the first mode is started by the OS in one of its application modes (OsAppMode). The project has "
     "none, so that code must start the tables (StartScheduleTableAbs).",
