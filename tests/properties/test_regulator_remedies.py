@@ -58,6 +58,7 @@ def platforms(draw):
         "memguard": {
             "cores": draw(st.sampled_from(["0", "4", "10"])),
             "write-backs": draw(st.sampled_from(["0", "1"])),
+            "write-refills": draw(st.sampled_from(["0", "1"])),
         },
         "resctrl": {
             "kind": draw(st.sampled_from(["intel", "amd", "mpam"])),

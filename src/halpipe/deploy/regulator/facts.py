@@ -34,7 +34,9 @@ DEFAULTS: Mapping[str, Mapping[str, str]] = {
         "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
     },
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
+    "memguard": {
+        "line": "64B", "period": "", "cores": "0", "write-backs": "1", "write-refills": "1", "granularity": "mode",
+    },
     "resctrl": {
         "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
     },

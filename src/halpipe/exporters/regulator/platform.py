@@ -59,7 +59,9 @@ _SETTINGS: dict[str, dict[str, str]] = {
         "managers": "8", "regions": "2", "pending": "8", "writes-per-window": "64", "base": "0x0", "bursts": "any",
     },
     "qos400": {"clock": "533333333Hz", "granularity": "mode", "burstiness": "1"},
-    "memguard": {"line": "64B", "period": "", "cores": "0", "write-backs": "1", "granularity": "mode"},
+    "memguard": {
+        "line": "64B", "period": "", "cores": "0", "write-backs": "1", "write-refills": "1", "granularity": "mode",
+    },
     "resctrl": {
         "kind": "intel", "domain": "0", "others": "", "min": "", "step": "", "max": "", "width": "8", "levels": "",
     },
@@ -414,6 +416,7 @@ _SETTING_READERS: dict[tuple[str, str], Callable[[str], str]] = {
     ("memguard", "period"): _period,
     ("memguard", "cores"): _number_text(1, 256),
     ("memguard", "write-backs"): _ratio,
+    ("memguard", "write-refills"): _ratio,
     ("resctrl", "others"): _numbers,
     ("resctrl", "kind"): Words("intel", "amd", "mpam"),
     ("resctrl", "min"): _number_text(0, 100),

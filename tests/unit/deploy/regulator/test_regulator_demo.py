@@ -42,7 +42,7 @@ SERVING = {
 REFUSING = {
     "qos400": ("1600MB/s", "qos400: {clock: 200MHz}", "granularity: phase"),
     "resctrl": ("1600MB/s", "resctrl: {others: 1 2}", "finer steps"),
-    "memguard": ("1600MB/s", "memguard: {cores: 4}", "granularity: phase"),
+    "memguard": ("2000MB/s", "memguard: {cores: 4}", "granularity: phase"),
 }
 
 

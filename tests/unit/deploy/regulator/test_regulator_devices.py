@@ -161,6 +161,7 @@ def changed(files, name, old, new, count=1):
         ("qos400", "0-fast.sh", "aw_r=1", "aw_r=0", codes.DEVICE_REFUSES),
         ("qos400", "0-fast.sh", "aw_r=1", "aw_r=900", codes.DEVICE_OVER_CAPACITY),
         ("memguard", "setup.sh", "g_period_us=1000", "g_period_us=500", codes.NOT_UNDERSTOOD),
+        ("memguard", "setup.sh", "g_period_us=1000", "g_period_us=4096", codes.NOT_UNDERSTOOD),
         ("memguard", "0-fast.sh", "put read_limit '25 1 1 1'", "put read_limit '25 1 1'", codes.DEVICE_REFUSES),
         ("memguard", "0-fast.sh", "put read_limit '25 1 1 1'", "put read_limit '25 0 1 1'", codes.DEVICE_REFUSES),
         ("memguard", "0-fast.sh", "put read_limit '25 1 1 1'", "put read_limit '24 1 1 1'", codes.GRANTS_DIFFER),
@@ -300,12 +301,45 @@ def test_another_axi_realm_is_refused_with_figures(exported, tmp_path, changes, 
     assert not count or written == [(0x7FC, 7)]
 
 
+MODULE = {
+    "nproc": "echo 4",
+    "insmod": 'echo "$@" >> loaded',
+    "grep": """number=0
+for events in $(cat "$3"); do
+  if [ "$number" != "$DEAF" ]; then echo "CPU$number: $events (1MB/s)"; else echo "CPU$number: 7 (1MB/s)"; fi
+  number=$((number + 1))
+done | /bin/grep -q "$2\"""",
+}
+"""MemGuard as a folder: a limit is a line of events, and is shown for each core with its bandwidth."""
+
+
+@posix
+@pytest.mark.parametrize("name", ["memguard", "memguard-phase"])
+def test_memguard_is_loaded_and_read_back(exported, tmp_path, name):
+    _, files = exported[name]
+    for stub, text in MODULE.items():
+        (tmp_path / stub).write_text(f"#!/bin/sh\n{text}\n")
+        (tmp_path / stub).chmod(0o755)
+    for script in ("setup.sh", "0-fast.sh"):
+        text = files[f"memguard/{script}"].decode().replace("/sys/kernel/debug/memguard", str(tmp_path))
+        (tmp_path / script).write_text(text)
+    arguments = {"setup.sh": [], "0-fast.sh": ["0"] * (name != "memguard")}
+    for deaf, expected in (("", 0), ("2", 1)):
+        for script, more in arguments.items():
+            environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "DEAF": deaf}
+            command = ["sh", script, *more]
+            done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+            assert (done.returncode, bool(done.stderr)) == (expected, bool(expected)), done.stderr
+    assert (tmp_path / "loaded").read_text().split()[:2] == ["memguard.ko", "g_period_us=1000"]
+    assert len((tmp_path / "read_limit").read_text().split()) == 4
+
+
 def test_memguard_by_phase_serves_phases_that_take_turns(tmp_path):
     """Each of two cores reads half of the time; together at once they are above the capacity."""
     path = tmp_path / "p.yaml"
     tight = (
         PLATFORM.replace("capacity: 16MB/s\n", "capacity: 10.5MB/s\n")
-        + "memguard: {cores: 3, write-backs: 0, granularity: %s}\n"
+        + "memguard: {cores: 3, write-backs: 0, write-refills: 0, granularity: %s}\n"
     )
     a = task("a", 40, version("v", 10, "u1", access("mem", 0, 10, 1, "read")))
     b = task("b", 40, version("v", 10, "u2", access("mem", 0, 10, 1, "read")))

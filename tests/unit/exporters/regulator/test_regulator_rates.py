@@ -113,11 +113,15 @@ def limits(script):
     return dict(re.findall(r"^put (\w+)_limit '([0-9 ]+)'$", script.decode(), re.MULTILINE))
 
 
+@pytest.mark.parametrize("refills", ["0", "1/3", "1"])
 @pytest.mark.parametrize("backs", ["0", "0.5", "1"])
-def test_memguard_counts_lines_per_period_rounded_up_with_what_they_write_back(tmp_path, backs):
-    script = files(tmp_path, "memguard", memguard=f"{{line: 60B, write-backs: {backs}}}")["1-slow.sh"]
-    read = ceil(Fraction(3, 10) * 6400 / 60)
-    write = ceil(Fraction(1, 10) * 6400 / 60) + ceil(Fraction(backs) * read)
+def test_memguard_counts_lines_with_what_they_write_back_and_refill(tmp_path, backs, refills):
+    """A writer without lines to refill would stop at its first line: refills are counted as reads."""
+    told = f"{{line: 60B, write-backs: {backs}, write-refills: {refills}}}"
+    script = files(tmp_path, "memguard", memguard=told)["1-slow.sh"]
+    lines = {"read": ceil(Fraction(3, 10) * 6400 / 60), "write": ceil(Fraction(1, 10) * 6400 / 60)}
+    read = lines["read"] + ceil(Fraction(refills) * lines["write"])
+    write = lines["write"] + ceil(Fraction(backs) * lines["read"])
     assert limits(script) == {"read": f"1 {read}", "write": f"1 {write}"}
 
 
@@ -143,6 +147,15 @@ def test_memguard_takes_no_period_that_stalls_its_cores(tmp_path):
     script = files(tmp_path, "memguard", window="100us", memguard="{period: 2ms}")
     assert "g_period_us=2000" in script["setup.sh"].decode()
     assert limits(script["0-fast.sh"])["read"] == "50 1"  # 1.6 MB/s are 50 lines in 2 ms
+
+
+def test_memguard_takes_no_period_by_which_it_divides_by_zero(tmp_path):
+    """The module computes (int)(period x 2^20) as a divisor, which is 0 for multiples of 4096 us."""
+    for period, expected in ((4096, 1), (8192, 1), (4095, 0), (2048, 0), (5000, 0)):
+        found = [d for d in made(tmp_path, "memguard", memguard=f"{{period: {period}us}}")[1] if d.is_error]
+        assert [d.code for d in found] == [codes.RATE_DOES_NOT_FIT.id] * expected
+        assert (period * 1024 * 1024) % 2**32 or expected
+        assert not expected or f"period: {period - 1}us" in found[0].help
 
 
 def test_memguard_wants_a_number_for_every_core(tmp_path):

@@ -1,7 +1,9 @@
-"""MemGuard on a model of the module: what its debugfs files take, and how many lines each core then gets in a period.
+"""MemGuard on a model of the module: lines that its debugfs files take, and lines each core then gets in a period.
 
 From the module's source (heechul/memguard): a line has one number for every core in order; cores that it does not reach
-keep their limit, which after loading is none; 0 is not taken; 255 characters of a line are read.
+keep their limit; 0 is not taken; 255 characters of a line are read. Reads are counted as refills of cache lines, so a
+written line counts as a read, too, where the cache allocates on writes. Only user mode is counted. The period times
+2^20, in 32 bits, divides when limits are read.
 """
 
 from __future__ import annotations
@@ -42,6 +44,11 @@ LINE = re.compile(r"put (read|write)_limit '([0-9 ]+)'")
 LONGEST = 255
 SHORTEST_PERIOD, LONGEST_PERIOD = 1000, 10**6
 
+BROUGHT = {"read": "write-refills", "write": "write-backs"}
+"""The setting that says how many lines of a direction each line of the other one brings with it."""
+
+OTHER = {"read": "write", "write": "read"}
+
 Limits = dict[str, int]
 """Events per period, by owner: unit (or core) and direction."""
 
@@ -56,7 +63,7 @@ class Module:
         self.cores = stated or max(self.names, default=-1) + 1
         settings = case.facts.settings["memguard"]
         self.line = parse_size(settings["line"])
-        self.backs = parse_rational(settings["write-backs"])
+        self.brings = {d: parse_rational(settings[name]) for d, name in BROUGHT.items()}
         period = settings["period"]
         self.period = _microseconds(period) if period else case.facts.seconds * 10**6
         self.limits: Limits = {}
@@ -100,6 +107,9 @@ def execute(case: Case) -> None:
         if core is None or module.names.get(int(core)) != unit.name or int(core) >= module.cores:
             text = "has no core of its own in the machine"
             case.note(DEVICE_REFUSES, "setup.sh", text, path=about(unit=unit.name))
+    case.caveat = "in user mode, which alone is counted"
+    if module.period.denominator == 1 and int(module.period) << 20 & 0xFFFFFFFF == 0:
+        case.note(DEVICE_REFUSES, "setup.sh", f"a period of {module.period} us is 0 in the divisor of the module")
     if module.period.denominator != 1 or not SHORTEST_PERIOD <= module.period <= LONGEST_PERIOD:
         case.note(DEVICE_REFUSES, "setup.sh", f"{module.period} us are no period")
         return
@@ -212,13 +222,13 @@ def _rise(case: Case, name: str, table: Table, before: Limits, lines: list[tuple
 
 
 def _wanted(module: Module, promised: dict[str, Fraction]) -> Limits:
-    """Return the least limits: of writes also what the lines read with them write back; at least one."""
+    """Return the least limits: with the lines that those of the other direction bring; at least one."""
     wanted: Limits = {}
     for core in range(module.cores):
-        read = module.events(promised.get(module.owner(core, "read"), ZERO))
-        write = module.events(promised.get(module.owner(core, "write"), ZERO)) + ceil(module.backs * read)
-        wanted[module.owner(core, "read")] = max(1, read)
-        wanted[module.owner(core, "write")] = max(1, write)
+        own = {d: module.events(promised.get(module.owner(core, d), ZERO)) for d in BROUGHT}
+        for direction, lines in own.items():
+            brought = ceil(module.brings[direction] * own[OTHER[direction]])
+            wanted[module.owner(core, direction)] = max(1, lines + brought)
     return wanted
 
 
@@ -251,8 +261,9 @@ def _set_up(case: Case, module: Module, script: Script) -> None:
     for core in range(module.cores):
         default = defaults.get(module.names.get(core, ""), {"read": 0, "write": 0})
         share = {d: Fraction(max(0, free) * n, case.tables.capacity_bytes) for d, n in default.items()}
-        read = int(share["read"] / (1 + module.backs))
-        wanted[module.owner(core, "read")] = 1 + read
-        wanted[module.owner(core, "write")] = 1 + int(share["write"]) + int(module.backs * read)
+        own = {d: int(share[d] / (1 + module.brings[OTHER[d]])) for d in BROUGHT}
+        for direction, lines in own.items():
+            brought = int(module.brings[direction] * own[OTHER[direction]])
+            wanted[module.owner(core, direction)] = 1 + lines + brought
     _compare(case, script.name, case.tables.tables[0], module, wanted)
     module.limits = {}

@@ -2,12 +2,13 @@
 
 Limits are written as events, not as MB/s: the module's own conversion divides 10^6 by the period in integers and is
 wrong unless it divides. A limit of 0 is rejected, and cores that a line does not reach keep what they had, which after
-loading is no limit at all; so every line has every core. The period is not aligned with the schedule, so each mode has
-one limit per core, that of its largest bound, rounded up; or with ``granularity: phase``, one for each stretch of
-periods.
+loading is 1000 MB/s of reads and 500 of writes; so every line has every core. The period is not aligned with the
+schedule, so each mode has one limit per core, that of its largest bound, rounded up; or with ``granularity: phase``,
+one for each stretch of periods.
 
-What a core reads it may write back: without room for its write-backs it would stall at the first of them. Reads, and
-accesses of no kind, therefore bring `write-backs` lines written for each line read with them.
+The module counts refills of cache lines as reads. A cache that allocates on writes refills a line before it is written,
+so that lines written bring `write-refills` lines read with them. Lines read may be written back, so that they bring
+`write-backs` lines written. Without room for both a core would stall at its first write or write-back.
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ LEAST_PERIOD = 1000
 """Microseconds: below, the interrupts that end and begin periods take a core's time themselves."""
 
 MOST_PERIOD = 10**6
+ZERO_DIVISOR = 4096
+"""Microseconds, of whose multiples the module's 32-bit product with 2^20 is 0, and divides when limits are read."""
+
 LONGEST_LINE = 255
 """Characters that the module takes of one line."""
 
@@ -108,34 +112,35 @@ def _bytes(platform: Platform, rate: Fraction) -> Fraction:
 
 def _events(tables: Tables, highest: Mapping[Row, Fraction], direction: str) -> list[int]:
     """Return the events per period of every core for the largest bounds of a stretch, rounded up to lines."""
-    cores = _cores(tables)
-    line, backs = _line(tables.platform), _write_backs(tables.platform)
+    cores, line = _cores(tables), _line(tables.platform)
 
-    def events(unit: str, direction: str) -> int:
+    def lines(unit: str, direction: str) -> int:
         bound = highest.get(Row(unit, direction), Fraction(0))
         return ceil(_bytes(tables.platform, rate_of(tables, bound)) / line)
 
+    other, ratio = (WRITE, "write-refills") if direction == READ else (READ, "write-backs")
+    share = _ratio(tables.platform, ratio)
     units = [cores.get(core, "") for core in range(_count(tables))]
-    if direction == READ:
-        return [max(1, events(unit, READ)) for unit in units]
-    return [max(1, events(unit, WRITE) + ceil(backs * events(unit, READ))) for unit in units]
+    return [max(1, lines(unit, direction) + ceil(share * lines(unit, other))) for unit in units]
 
 
-def _write_backs(platform: Platform) -> Fraction:
-    return parse_rational(platform.settings[MemGuard.name]["write-backs"])
+def _ratio(platform: Platform, name: str) -> Fraction:
+    return parse_rational(platform.settings[MemGuard.name][name])
 
 
 def _defaults(tables: Tables) -> dict[str, list[int]]:
-    """Return the events per period before the first table; reads leave room for their write-backs."""
-    p, cores, backs = tables.platform, _cores(tables), _write_backs(tables.platform)
+    """Return the events per period before the first table; both directions leave room for what they bring."""
+    p, cores = tables.platform, _cores(tables)
+    backs, refills = _ratio(p, "write-backs"), _ratio(p, "write-refills")
     budgets = {unit.name: unit.default for unit in tables.units}
-    lines = int(_bytes(p, limit_of(tables)) / _line(p)) - 2 * _count(tables)  # beside the one that everybody has
+    lines = int(_bytes(p, limit_of(tables)) / _line(p)) - 2 * _count(tables)  # beside the one that every core has
     found: dict[str, list[int]] = {d: [] for d in DIRECTIONS}
     for core in range(_count(tables)):
         budget = budgets.get(cores.get(core, ""), dict.fromkeys(DIRECTIONS, 0))
         share = {d: Fraction(max(0, lines) * budget[d], p.window_capacity) for d in DIRECTIONS}
-        found[READ].append(1 + int(share[READ] / (1 + backs)))
-        found[WRITE].append(1 + int(share[WRITE]) + int(backs * int(share[READ] / (1 + backs))))
+        read, write = int(share[READ] / (1 + backs)), int(share[WRITE] / (1 + refills))
+        found[READ].append(1 + read + int(refills * write))
+        found[WRITE].append(1 + write + int(backs * read))
     return found
 
 
@@ -220,6 +225,11 @@ def _check_period(platform: Platform) -> Iterator[Diagnostic]:
     stated = platform.settings[MemGuard.name]["period"]
     period = Fraction(int(stated)) if stated else platform.window.in_unit("us")
     path = "platform memguard" if stated else "platform window"
+    if period.denominator == 1 and period % ZERO_DIVISOR == 0:
+        message = f"with a period of {period}us the module divides by zero when its limits are read"
+        help = f'state "memguard: {{period: {period - 1}us}}"; a period need not be the window'
+        yield RATE_DOES_NOT_FIT(message, at=platform.at, path=path, help=help)
+        return
     if period.denominator != 1 or not LEAST_PERIOD <= period <= MOST_PERIOD:
         what = f"{stated}us are" if stated else f"the window of {platform.window} is"
         message = f"{what} no period for MemGuard, which counts in whole microseconds, from {LEAST_PERIOD} on"
@@ -254,9 +264,9 @@ def _check_limits(tables: Tables, table: Table) -> Iterator[Diagnostic]:
     if sum(rates(given).values()) <= limit_of(tables):
         return
     stated, others = p.settings[MemGuard.name], ["use the back-end table or axi-realm"]
-    if _write_backs(p):
-        text = f"measured, which is {stated['write-backs']} lines written per line read"
-        others.insert(0, f'state "memguard: {{write-backs: ...}}", {text}')
+    for name, text in (("write-refills", "refilled per line written"), ("write-backs", "written per line read")):
+        if _ratio(p, name):
+            others.insert(0, f'state "memguard: {{{name}: ...}}", measured, which is {stated[name]} lines {text}')
     by_phase = _worst(table, [limits for _, limits in _settings(tables, table, "phase")])
     if stated["granularity"] != "phase" and sum(rates(by_phase).values()) <= limit_of(tables):
         others.insert(0, 'set "memguard: {granularity: phase}"')

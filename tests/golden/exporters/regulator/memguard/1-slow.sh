@@ -11,5 +11,5 @@ put() {
     core=$((core + 1))
   done
 }
-put read_limit '1 30'
+put read_limit '1 40'
 put write_limit '1 40'

@@ -13,5 +13,5 @@ put() {
 }
 put read_limit '25 1'
 put write_limit '25 1'
-put read_limit '25 30'
+put read_limit '25 40'
 put write_limit '25 40'

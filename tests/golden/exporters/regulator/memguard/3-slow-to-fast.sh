@@ -11,7 +11,7 @@ put() {
     core=$((core + 1))
   done
 }
-put read_limit '1 30'
+put read_limit '1 40'
 put write_limit '1 40'
-put read_limit '25 30'
+put read_limit '25 40'
 put write_limit '25 40'

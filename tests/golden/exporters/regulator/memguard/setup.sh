@@ -15,5 +15,5 @@ put() {
 }
 echo exclusive 0 > control
 echo reclaim 0 > control
-put read_limit '41 41'
-put write_limit '41 122'
+put read_limit '41 81'
+put write_limit '41 81'
