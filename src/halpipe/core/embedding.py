@@ -48,6 +48,11 @@ def package_hash(package: etree._Element) -> str:
     )
 
 
+def properties_hash(root: etree._Element) -> str:
+    """Return the hash of an AMALTHEA model without the custom properties of halpipe."""
+    return content_hash(root, leaves_out=lambda element: (element.get("key") or "").startswith("halpipe:"))
+
+
 def content_hash(
     element: etree._Element,
     *,

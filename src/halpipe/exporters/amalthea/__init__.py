@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class AmaltheaExporter(PlainExporter):
-    """Writes one .amxmi file; exact values that AMALTHEA rounds, and what it lacks, go to custom properties."""
+    """Writes one .amxmi file; the native model stands in it once, which ``import`` reads where nothing was edited."""
 
     name = "amalthea"
     summary = "AMALTHEA model (APP4MC .amxmi) with the mapping and offsets of the schedule"
@@ -24,25 +24,25 @@ class AmaltheaExporter(PlainExporter):
             "units": "ProcessingUnit, with a definition for each type",
             "resources": "Memory, its bandwidth as the data rate of its definition",
             "tasks": "Task with its stimuli",
-            "timing": "offset of the stimulus, ResponseTime limit; slack as custom property",
-            "versions": "Runnable with Ticks (1 GHz) for each kind of unit; affinity; gang size as custom property",
-            "split": "`preemption`; points, resumption and limits as custom property of the runnable",
-            "binding": "custom property of the task",
-            "interrupts": "custom property of the unit; distance of arrivals as one of the task",
-            "accesses": "custom property of the runnable",
-            "transfers": "Label and LabelAccess; symbols as custom property",
+            "timing": "offset of the stimulus, ResponseTime limit; slack in the native model",
+            "versions": "Runnable with Ticks (1 GHz) for each kind of unit; affinity; gang size in the native model",
+            "split": "`preemption`; points, resumption and limits in the native model",
+            "binding": "in the native model",
+            "interrupts": "in the native model, as is the distance of arrivals",
+            "accesses": "in the native model",
+            "transfers": "Label and LabelAccess; symbols in the native model",
             "precedence": "DelayConstraint between events",
             "chains": "EventChain with latency constraints",
             "modes": "EnumMode and ModeLabel, conditions of the stimuli",
-            "transitions": "custom property of the model",
-            "health": "custom property of the model",
-            "sources": "custom property of the runnable",
+            "transitions": "in the native model",
+            "health": "in the native model",
+            "sources": "in the native model",
             "schedule": "offsets or occurrence times of stimuli, affinity of tasks, versions chosen",
         },
         (
             "Transition tables, parts of jobs, costs and loads of the schedule are not written.",
             "Which job runs on which of several units is a custom property of the stimulus.",
-            "Values that AMALTHEA rounds (picoseconds, whole ticks) stay exact in custom properties.",
+            "Values that AMALTHEA rounds (picoseconds, whole ticks) stay exact in the native model, a custom property.",
         ),
     )
     suffix = ".amxmi"

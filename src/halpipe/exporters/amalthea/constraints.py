@@ -5,9 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.amalthea.document import Unique, add, add_property, add_time, is_rounded, named, ref
+from halpipe.exporters.amalthea.document import Unique, add, add_time, named, ref
 from halpipe.models import Anchor
-from halpipe.models.attributes import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,8 +74,6 @@ def _chain(parent: etree._Element, chain: Chain, events: Events) -> None:
     element.set("stimulus", ends[0])
     element.set("response", ends[-1])
     element.set("itemType", "sequence")
-    for name, text in texts(chain, "name", "tasks", "max-reaction", "max-age").items():
-        add_property(element, name, text)
     if len(chain.tasks) == 1:
         return
     for index, (stimulus, response) in enumerate(pairwise(ends), 1):
@@ -91,8 +88,6 @@ def _delay(parent: etree._Element, name: str, precedence: Precedence, target: st
         "source", events.process(precedence.task, "start" if precedence.anchor is Anchor.START else "terminate")
     )
     element.set("target", target)
-    _exact(element, "upper", precedence.max)
-    _exact(element, "lower", precedence.min)
     add_time(element, "upper", precedence.max)
     add_time(element, "lower", precedence.min)
 
@@ -102,19 +97,11 @@ def _latency(parent: etree._Element, chain: Chain, type: str, limit: Duration) -
     element = named(parent, "timingConstraints", "EventChainLatencyConstraint", name, typed=True)
     element.set("scope", ref("EventChain", chain.name))
     element.set("type", type)
-    _exact(element, "maximum", limit)
     add_time(element, "maximum", limit)
 
 
 def _deadline(parent: etree._Element, task: Task, deadline: Duration) -> None:
     element = add(parent, "requirements", "ProcessRequirement", name=f"{task.name}/deadline")
     element.set("process", ref("Task", task.name))
-    _exact(element, "limit", deadline)
     limit = add(element, "limit", "TimeRequirementLimit", limitType="UpperLimit", metric="ResponseTime")
     add_time(limit, "limitValue", deadline)
-
-
-def _exact(element: etree._Element, key: str, time: Duration) -> None:
-    """Append the exact value of a time that AMALTHEA rounds."""
-    if is_rounded(time):
-        add_property(element, key, str(time))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import quote_plus
 
 from lxml import etree
@@ -17,7 +16,6 @@ XSI = "http://www.w3.org/2001/XMLSchema-instance"
 XMI = "http://www.omg.org/XMI"
 _NAMESPACE = "http://app4mc.eclipse.org/amalthea/"
 _TIME_UNITS = ("s", "ms", "us", "ns")
-NONE = "none"
 
 
 def document(release: str) -> etree._Element:
@@ -73,20 +71,10 @@ def add_time(parent: etree._Element, tag: str, time: Duration) -> None:
     add(parent, tag, value=max(1, int(time.in_unit("ns") * 1000)), unit="ps")
 
 
-def is_rounded(time: Duration) -> bool:
-    """Return whether a time is not in whole picoseconds, which is the least that AMALTHEA has."""
-    return (time.in_unit("ns") * 1000).denominator != 1
-
-
 def add_property(parent: etree._Element, key: str, value: str) -> None:
     """Append a custom property of halpipe."""
     holder = add(parent, "customProperties", key=f"halpipe:{key}")
     add(holder, "value", "StringObject", value=value)
-
-
-def add_structure(parent: etree._Element, key: str, value: Any) -> None:
-    """Append a custom property that holds JSON."""
-    add_property(parent, key, json.dumps(value))
 
 
 class Unique:

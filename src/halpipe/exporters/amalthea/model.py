@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Findings, about
+from halpipe.core.embedding import pieces, properties_hash
 from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.amalthea.codes import DANGLING_NAME
 from halpipe.exporters.amalthea.constraints import Events, write_constraints
-from halpipe.exporters.amalthea.document import NONE, add, add_property, add_structure, document, serialise
+from halpipe.exporters.amalthea.document import add, add_property, document, serialise
 from halpipe.exporters.amalthea.platform import definitions_of, write_hardware, write_mapping, write_system
 from halpipe.exporters.amalthea.software import Software
 from halpipe.exporters.amalthea.stimuli import stimuli_of, write_stimuli
 from halpipe.exporters.common.selection import select
-from halpipe.models.attributes import texts
+from halpipe.exporters.native import format_model
 from halpipe.models.modes import require_mode
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from lxml import etree
 
     from halpipe.exporters.amalthea.options import AmaltheaOptions
-    from halpipe.models import HealthRule, Schedule, TaskModel
+    from halpipe.models import Schedule, TaskModel
 
 
 def format_amalthea(model: TaskModel, schedule: Schedule | None, options: AmaltheaOptions) -> bytes:
@@ -37,12 +38,6 @@ def format_amalthea(model: TaskModel, schedule: Schedule | None, options: Amalth
 
 def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etree._Element:
     root = document(release)
-    add_property(root, "name", model.name)
-    add_property(root, "modes", "literals" if model.modes else NONE)
-    if model.transitions:
-        add_structure(root, "transitions", [texts(transition) for transition in model.transitions])
-    if model.health:
-        add_structure(root, "health", [_rule(rule) for rule in model.health])
     definitions = definitions_of(model)
     stimuli = stimuli_of(model, schedule)
     software = Software(model, release, {unit.name: definitions[unit.type] for unit in model.units})
@@ -53,12 +48,18 @@ def _document(model: TaskModel, schedule: Schedule | None, release: str) -> etre
     events = Events(add(root, "eventModel"))
     write_constraints(add(root, "constraintsModel"), model, events, software.runnables)
     write_mapping(add(root, "mappingModel"), model, stimuli)
+    _embed(root, model)
     return root
 
 
-def _rule(rule: HealthRule) -> dict[str, str | int]:
-    found: dict[str, str | int] = {"task": rule.task, "on": str(rule.event), "count": rule.count, "cycles": rule.cycles}
-    return {**found, "action": str(rule.action), **({"mode": rule.mode} if rule.mode else {})}
+def _embed(root: etree._Element, model: TaskModel) -> None:
+    """Put the native model before the standard elements, with their hash."""
+    last = len(root)
+    add_property(root, "hash", properties_hash(root))
+    for number, text in enumerate(pieces(format_model(model))):
+        add_property(root, f"model.{number}", text)
+    for place, element in enumerate(root[last:]):
+        root.insert(place, element)
 
 
 def _refuse_dangling(model: TaskModel) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.exporters.amalthea.document import Unique, add, add_property, add_structure, named, ref, refs
-from halpipe.models.attributes import texts
+from halpipe.exporters.amalthea.document import Unique, add, named, ref, refs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,9 +27,8 @@ def definitions_of(model: TaskModel) -> dict[str, str]:
 
 def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mapping[str, str]) -> None:
     """Append units at 1 GHz, so that a tick is 1 ns, and memories."""
-    for kind, name in definitions.items():
-        element = named(parent, "definitions", "ProcessingUnitDefinition", name, typed=True)
-        add_property(element, "type", kind)
+    for name in definitions.values():
+        named(parent, "definitions", "ProcessingUnitDefinition", name, typed=True)
     for resource in model.resources:
         element = named(parent, "definitions", "MemoryDefinition", resource.name, typed=True)
         if resource.bandwidth is not None:
@@ -41,12 +39,9 @@ def write_hardware(parent: etree._Element, model: TaskModel, definitions: Mappin
         element = named(structure, "modules", "ProcessingUnit", unit.name, typed=True)
         element.set("frequencyDomain", ref("FrequencyDomain", _CLOCK))
         element.set("definition", ref("ProcessingUnitDefinition", definitions[unit.type]))
-        if unit.interrupts:
-            add_structure(element, "interrupts", [texts(interrupt) for interrupt in unit.interrupts])
     for resource in model.resources:
         element = named(structure, "modules", "Memory", resource.name, typed=True)
         element.set("definition", ref("MemoryDefinition", resource.name))
-        add_property(element, "resource", "true")
     domain = named(parent, "domains", "FrequencyDomain", _CLOCK, typed=True)
     add(domain, "defaultValue", value="1.0", unit="GHz")
 

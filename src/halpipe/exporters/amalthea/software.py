@@ -3,34 +3,27 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from halpipe.core.quantities import format_rational
 from halpipe.exporters.amalthea.document import (
-    NONE,
     Unique,
     add,
     add_property,
-    add_structure,
     named,
     ref,
 )
 from halpipe.exporters.amalthea.stimuli import MODE_LABEL, equals, kind_of, version_label
-from halpipe.models import WHOLE, AccessKind
-from halpipe.models.attributes import texts
+from halpipe.models import AccessKind
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from lxml import etree
 
-    from halpipe.core.durations import Duration
     from halpipe.exporters.amalthea.stimuli import Stimulus
-    from halpipe.models import Access, Split, Task, TaskModel, Version
+    from halpipe.models import Access, Task, TaskModel, Version
 
 _MODES = "SystemMode"
-_WITH_ELEMENTS = ("name", "period", "offset", "slack", "deadline")
-"""Attributes of a task that AMALTHEA has elements for; the others are custom properties."""
 
 
 class Software:
@@ -63,11 +56,6 @@ class Software:
         if stimuli:
             element.set("stimuli", " ".join(ref(kind_of(stimulus), stimulus.name) for stimulus in stimuli))
         element.set("preemption", _preemption(task))
-        add_property(element, "period", _text(task.period))
-        add_property(element, "offset", _text(task.offset))
-        add_property(element, "slack", format_rational(task.slack))
-        for name, text in texts(task, *_WITH_ELEMENTS).items():
-            add_property(element, name, text)
         graph = add(element, "activityGraph")
         if len(task.versions) == 1:
             self._call(graph, task, task.versions[0])
@@ -84,19 +72,6 @@ class Software:
 
     def _runnable(self, parent: etree._Element, task: Task, version: Version) -> None:
         element = named(parent, "runnables", "Runnable", self.runnables[task.name, version.name])
-        add_property(element, "version", version.name)
-        add_property(element, "wcet", _text(version.wcet))
-        add_property(element, "units", " ".join(version.units))
-        for name, text in (texts(version, "name", "wcet") | texts(version, "names", element="units")).items():
-            add_property(element, name, text)
-        if version.accesses:
-            add_structure(element, "accesses", [_access(access) for access in version.accesses])
-        if version.split != WHOLE:
-            add_structure(element, "split", _split(version.split))
-        if version.source is not None:
-            source = version.source
-            parts = {"files": list(source.files), "entry": source.entry, "defines": list(source.defines)}
-            add_structure(element, "source", parts)
         graph = add(element, "activityGraph")
         _label_accesses(graph, version.accesses, "read")
         self._ticks(graph, version)
@@ -130,8 +105,7 @@ class Software:
         if model.modes:
             modes = named(parent, "modes", "EnumMode", _MODES, typed=True)
             for mode in model.modes:
-                literal = add(modes, "literals", name=mode.name)
-                add_structure(literal, "runs", [[run.task, *run.versions] for run in mode.runs])
+                add(modes, "literals", name=mode.name)
         for task in several:
             modes = named(parent, "modes", "EnumMode", version_label(task.name), typed=True)
             for version in task.versions:
@@ -158,27 +132,8 @@ def _label_accesses(parent: etree._Element, accesses: Sequence[Access], access: 
                 add(parent, "items", "LabelAccess", data=ref("Label", transfer.buffer), access=access)
 
 
-def _access(access: Access) -> dict[str, Any]:
-    moved = [texts(transfer) for transfer in access.transfers]
-    return {**texts(access), **({"transfers": moved} if moved else {})}
-
-
 def _preemption(task: Task) -> str:
     """Return how far AMALTHEA can say where a task may be interrupted."""
     if any(version.split.anywhere for version in task.versions):
         return "preemptive"
     return "cooperative" if any(version.split.points for version in task.versions) else "non_preemptive"
-
-
-def _split(split: Split) -> dict[str, Any]:
-    found: dict[str, Any] = {"points": [str(point) for point in split.points]} if split.points else {}
-    if split.anywhere:
-        found["anywhere"] = True
-    found |= texts(split)
-    if split.max_gaps is not None:
-        found["max-gaps"] = split.max_gaps
-    return found
-
-
-def _text(time: Duration | None) -> str:
-    return NONE if time is None else str(time)

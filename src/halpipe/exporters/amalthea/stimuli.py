@@ -91,7 +91,6 @@ def _write(parent: etree._Element, task: Task, stimulus: Stimulus) -> None:
     kind = kind_of(stimulus)
     element = named(parent, "stimuli", kind, stimulus.name, typed=True)
     if stimulus.is_placed:
-        add_property(element, "placed", "true")
         add_property(element, "units", " ".join(stimulus.units))
     if stimulus.version and len(task.versions) > 1:
         label = ref("ModeLabel", version_label(task.name))

@@ -3,8 +3,8 @@
 The steps, each in its own module: `sniff` tells files apart; `xmi` makes one forest of items of them, in which
 references can be followed; `hardware`, `modes`, `graph` with `values`, `stimuli`, `mapping` and `memory` read what
 items say; `parts` makes drafts of tasks; `entities`, `timing` and `chains` read constraints; `versions`, `tasks` and
-`build` make the task model; `modefiles` puts models of single modes together; `properties` and `carried` read what
-halpipe's own export adds; `account` accounts for every element.
+`build` make the task model; `modefiles` puts models of single modes together; `embedded` reads the native
+model of halpipe's own export; `account` accounts for every element.
 """
 
 from __future__ import annotations

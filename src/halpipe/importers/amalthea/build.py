@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, Findings, HalpipeError, Location, Severity, sort_diagnostics
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.account import account
+from halpipe.importers.amalthea.embedded import read_embedded
 from halpipe.importers.amalthea.graph import Evaluator
 from halpipe.importers.amalthea.hardware import read_hardware
 from halpipe.importers.amalthea.interrupts import interrupts_of
@@ -19,7 +19,6 @@ from halpipe.importers.amalthea.modefiles import is_list, merge, read_list
 from halpipe.importers.amalthea.modes import DEFAULT, read_modes
 from halpipe.importers.amalthea.names import Names, few, legal
 from halpipe.importers.amalthea.parts import make_drafts
-from halpipe.importers.amalthea.properties import text_of
 from halpipe.importers.amalthea.reactions import Reactions
 from halpipe.importers.amalthea.sniff import load
 from halpipe.importers.amalthea.splitting import Splitter
@@ -91,7 +90,11 @@ def _model(
     paths: Sequence[str], options: AmaltheaImportOptions, findings: Findings, coverage: Coverage
 ) -> tuple[TaskModel, Reactions]:
     """Read files into a model, and what is added once an overlay is on it; `coverage` accounts for every element."""
-    forest = Forest(load(paths, findings), findings)
+    documents = load(paths, findings)
+    embedded = read_embedded(documents, options, findings, coverage)
+    if embedded is not None:
+        return embedded, Reactions(())
+    forest = Forest(documents, findings)
     hardware = read_hardware(forest)
     units = _unit_names(forest, hardware)
     modes = read_modes(forest)
@@ -108,16 +111,14 @@ def _model(
     )
     built = builder.build(drafts, timing)
     interrupts = interrupts_of(forest, drafts.routines, hardware, mapping, evaluator, modes, options.overlay)
-    runs = _modes(forest, modes, built)
+    runs = _modes(modes, built)
     model = TaskModel(
-        name=legal(options.name or _name(forest, paths)),
-        units=_units(hardware, units, interrupts, is_own=carried.is_own(forest)),
+        name=legal(options.name or _name(paths)),
+        units=_units(hardware, units, interrupts),
         resources=memories.resources(built.resources),
         tasks=built.tasks,
         chains=_named(forest, built.chains),
         modes=runs,
-        transitions=carried.transitions_of(forest, runs),
-        health=carried.rules_of(forest, built.tasks, runs),
         origin=Origin(forest.roots[0].file, 1),
     )
     makers.report()
@@ -141,10 +142,9 @@ def _stop_without_tasks(forest: Forest, drafts: Drafts, findings: Findings) -> N
     raise HalpipeError(*findings.items)
 
 
-def _name(forest: Forest, paths: Sequence[str]) -> str:
-    """Return the name that halpipe wrote, else that of the first file or folder."""
-    stated = next((name for root in forest.roots if (name := text_of(root, "name"))), "")
-    return stated or os.path.basename(os.path.normpath(paths[0])).removesuffix(".amxmi") or "amalthea"
+def _name(paths: Sequence[str]) -> str:
+    """Return the name of the first file or folder."""
+    return os.path.basename(os.path.normpath(paths[0])).removesuffix(".amxmi") or "amalthea"
 
 
 # --------------------------------------------------------------------------------------------- platform
@@ -156,7 +156,7 @@ def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:
 
 
 def _units(
-    hardware: Hardware, names: dict[Item, str], interrupts: dict[Item, tuple[Interrupt, ...]], *, is_own: bool
+    hardware: Hardware, names: dict[Item, str], interrupts: dict[Item, tuple[Interrupt, ...]]
 ) -> tuple[Unit, ...]:
     found = []
     for unit in hardware.units:
@@ -164,14 +164,12 @@ def _units(
         kind = ""
         if unit.type is not None:
             unit.type.use()
-            stated = text_of(unit.type, "type")
-            kind = legal(unit.type.name if stated is None else stated) if stated != "" else ""
+            kind = legal(unit.type.name)
         at = unit.item.at
         origin = Origin(at.file, at.line, unit.item.name)
-        own = carried.interrupts_of(unit.item) if is_own else ()
-        served = (*own, *interrupts.get(unit.item, ()))
+        served = interrupts.get(unit.item, ())
         found.append(Unit(name=names[unit.item], type=kind, interrupts=served, origin=origin))
-    return tuple(found) or (() if is_own else (Unit(name=UNIT),))
+    return tuple(found) or (Unit(name=UNIT),)
 
 
 def _named(forest: Forest, chains: Sequence[Chain]) -> tuple[Chain, ...]:
@@ -182,15 +180,11 @@ def _named(forest: Forest, chains: Sequence[Chain]) -> tuple[Chain, ...]:
     )
 
 
-def _modes(forest: Forest, modes: Sequence[SystemMode], built: Built) -> tuple[Mode, ...]:
+def _modes(modes: Sequence[SystemMode], built: Built) -> tuple[Mode, ...]:
     """Return the modes, each with the tasks and versions that its stimuli and branches choose.
 
     Modes that make no difference to any task are one.
     """
-    active = {mode.name: [name for name, by in built.by_mode.items() if mode.name in by] for mode in modes}
-    stated = carried.modes_of(forest, modes, active, built.tasks)
-    if stated is not None:
-        return stated
     found = []
     for mode in modes:
         runs = [

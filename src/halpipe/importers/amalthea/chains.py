@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea.properties import agrees, optional_duration, stated_of, value_of
-from halpipe.models import Chain
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.entities import Entities
@@ -27,14 +25,13 @@ _BEGINS = ("activate", "start")
 
 @record
 class Chained:
-    """A chain of drafts in the order of the data, with its limits; `more` are further attributes, by field."""
+    """A chain of drafts in the order of the data, with its limits."""
 
     name: str
     drafts: tuple[Draft, ...]
     item: Item
     reaction: Duration | None = None
     age: Duration | None = None
-    more: Mapping[str, Any] = field(default_factory=dict)
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
@@ -86,8 +83,7 @@ class _Reader:
             for event in way.events:
                 event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
-        more = stated_of(self.forest, item, Chain, "name", "tasks", "max-reaction", "max-age")
-        return [Chained(name, path, item, more=more) for name, (_, path) in zip(names, paths, strict=True)]
+        return [Chained(name, path, item) for name, (_, path) in zip(names, paths, strict=True)]
 
     def _ways(self, item: Item, level: int) -> list[_Way]:
         """Return each way through a chain."""
@@ -214,9 +210,7 @@ class _Reader:
 
     def _maximum(self, item: Item) -> Duration | None:
         stated = item.one("maximum")
-        standard = None if stated is None else self.forest.time(stated)
-        exact = value_of(self.forest, item, "maximum", optional_duration)
-        return exact if exact is not None and agrees(exact, standard) else standard
+        return None if stated is None else self.forest.time(stated)
 
     # ------------------------------------------------------------------------- processes and data ages
 

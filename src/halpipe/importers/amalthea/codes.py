@@ -211,9 +211,9 @@ TOO_MANY_MODES = warning(
 )
 EDITED = warning(
     "HAL1247",
-    "Property of halpipe does not fit the element",
-    "The export of halpipe adds exact values as custom properties. This one differs from the standard element "
-    "beside it, which was edited since; the standard element counts.",
+    "Exported AMALTHEA model was edited",
+    "An exported file holds the native model once, with a hash of the standard elements. Where these were changed "
+    "since, they are imported, as of any other tool: what AMALTHEA rounds or lacks is then lost.",
 )
 DEFAULT_WINDOW = note(
     "HAL1248",

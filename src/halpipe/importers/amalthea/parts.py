@@ -16,7 +16,6 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.graph import GROUPS, everything, is_uninterrupted, steps
 from halpipe.importers.amalthea.interrupts import is_interrupt
 from halpipe.importers.amalthea.names import Names
-from halpipe.importers.amalthea.own_export import activation_of, is_carried
 from halpipe.importers.amalthea.stimuli import TRIGGERED, Activation, activations_of
 from halpipe.importers.amalthea.triggers import MOST, Count, Triggers, thinned
 from halpipe.importers.common.polling import polling_period
@@ -190,9 +189,6 @@ class _Drafting:
         """Make drafts of the tasks with a period of their own, or with one that the overlay states."""
         for task in self.tasks:
             stimuli = self.forest.refs(task, "stimuli")
-            if is_carried(task):
-                self._carried(task, stimuli)
-                continue
             found = [(a, self._allowed(s)) for s in stimuli for a in activations_of(self.forest, s) or self._stated(s)]
             if not found and self.overlay is not None and (period := self.overlay.task_period(task.name)):
                 self.stated.add(task)
@@ -207,7 +203,7 @@ class _Drafting:
         polled: dict[Item, Activation] = {}
         for draft in drafts:
             activation = draft.activation
-            if activation is None or activation.distance is None or is_carried(draft.task):
+            if activation is None or activation.distance is None:
                 continue
             draft.activation = replace(activation, period=polling_period(activation.distance, periods))
             if activation.stimulus is not None:
@@ -223,15 +219,6 @@ class _Drafting:
             found = [a for s in self.forest.refs(routine, "stimuli") for a in activations_of(self.forest, s)]
             stated = None if self.overlay is None else self.overlay.task_period(routine.name)
             self.result.routines[routine] = [stated] if stated else [a.distance or a.period for a in found]
-
-    def _carried(self, task: Item, stimuli: Sequence[Item]) -> None:
-        activation = activation_of(self.forest, task, stimuli)
-        modes = {mode for stimulus in stimuli for mode in self._allowed(stimulus)}
-        for stimulus in stimuli:
-            stimulus.use_all()
-        if not stimuli and activation is None:
-            modes = {mode.name for mode in self.modes}
-        self._add(task, activation, modes)
 
     def _stated(self, stimulus: Item) -> list[Activation]:
         """Return the period that the overlay states for a stimulus without one."""
@@ -259,7 +246,7 @@ class _Drafting:
         """Activate triggered tasks by each job that triggers them, in loops up to where a task comes again."""
         waiting: dict[Part, list[tuple[Item, Item, _Source]]] = {}  # part -> (triggered task, stimulus, trigger)
         for task in self.tasks:
-            if task not in self.stated and not is_carried(task):
+            if task not in self.stated:
                 for stimulus, source in self._triggering(task):
                     waiting.setdefault(source.part, []).append((task, stimulus, source))
         rest = [draft for task in self.tasks for draft in self.by_task.get(task, ()) if draft.activation is not None]
@@ -367,7 +354,7 @@ class _Drafting:
                 elif draft.trigger is not None:
                     draft.after[draft.trigger.source] = draft.trigger.cause
                     draft.trigger.cause.use_all()
-                elif task in self.stated or is_carried(task):
+                elif task in self.stated:
                     self._edges(draft, [(source.part, source.cause) for _, source in self._triggering(task)])
                 previous = draft
         help = "state the period of the task where the loop should begin, in an overlay"

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
-from halpipe.importers.amalthea import own_export as carried
 from halpipe.importers.amalthea.names import legal
-from halpipe.importers.amalthea.properties import text_of
 from halpipe.importers.amalthea.splitting import preemption_of
 from halpipe.importers.amalthea.timing import Window
 from halpipe.models import Anchor, Binding, Chain, Origin, Precedence, Task
@@ -80,10 +78,7 @@ class TaskBuilder:
         self._mapping = mapping
         self._maker = versions
         self._coverage = coverage
-        carried_memories = [m for m in hardware.memories if text_of(m, "resource") is not None]
-        self._state = _State(resources={memories.name(memory): None for memory in carried_memories})
-        frequencies = {unit.item: unit.frequency for unit in hardware.units}
-        self._platform = carried.Platform(units, [memories.name(m) for m in hardware.memories], frequencies)
+        self._state = _State()
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
         """Return the tasks in the order of the drafts, and the chains."""
@@ -91,8 +86,7 @@ class TaskBuilder:
             self._versions(draft)
         self._report_unbound(len(drafts.items))
         chains = [
-            replace(self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age), **chain.more)
-            for chain in timing.chains
+            self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age) for chain in timing.chains
         ]
         limits: dict[Draft, _Limits] = {}
         for draft in drafts.items:
@@ -107,18 +101,9 @@ class TaskBuilder:
     def _versions(self, draft: Draft) -> None:
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         state = self._state
-        if carried.is_carried(draft.task):
-            found = carried.versions_of(self._forest, draft.task, self._platform, bound)
-            state.versions[draft] = tuple(found.values())
-            for index, runnable in enumerate(found):
-                state.runnables[runnable] = (draft, index)
-            names = [version.name for version in found.values()]
-            state.by_mode[draft.name] = dict.fromkeys(sorted(draft.modes), names)
-        else:
-            candidates = self._candidates(draft, bound)
-            made = self._maker.make(draft, candidates)
-            state.versions[draft] = tuple(made.items)
-            state.by_mode[draft.name] = made.by_mode
+        made = self._maker.make(draft, self._candidates(draft, bound))
+        state.versions[draft] = tuple(made.items)
+        state.by_mode[draft.name] = made.by_mode
         state.resources |= {a.resource: None for v in state.versions[draft] for a in v.accesses}
 
     def _candidates(self, draft: Draft, bound: Sequence[Item] | None) -> list[Pu]:
@@ -139,8 +124,6 @@ class TaskBuilder:
     def _limits(self, draft: Draft, drafts: Drafts, timing: Timing, chains: list[Chain]) -> _Limits:
         """Return the limits of a task, or of the first part of a task that waits."""
         deadline = timing.deadlines.get(draft.task)
-        if carried.is_carried(draft.task):
-            return _Limits(carried.slack_of(self._forest, draft.task), deadline)
         if draft.activation is None:
             return _Limits(Fraction(0))
         period = draft.activation.period
@@ -225,21 +208,13 @@ class TaskBuilder:
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         return Binding.SYSTEM if bound is not None and len(bound) == 1 else Binding.JOB
 
-    def _attributes(self, draft: Draft) -> dict[str, Any]:
-        """Return what a task says besides its times: a model of ours all that it has, others what AMALTHEA tells."""
-        if carried.is_carried(draft.task):
-            return carried.attributes_of(self._forest, draft.task)
-        distance = None if draft.activation is None else draft.activation.distance
-        return {"distance": distance, "binding": self._binding(draft)}
-
     def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
         versions = tuple(
             self._with(version, index, draft, windows[draft])
             for index, version in enumerate(self._state.versions[draft])
         )
-        is_split = preemption_of(draft.task) or carried.is_carried(draft.task)
-        if not is_split:
+        if not preemption_of(draft.task):
             self._coverage.defaulted(f'task "{draft.name}"', "preemption", "none: jobs run in one piece", at)
         return Task(
             name=draft.name,
@@ -247,7 +222,8 @@ class TaskBuilder:
             slack=limits.slack,
             offset=None if draft.activation is None else draft.activation.offset,
             deadline=limits.deadline,
-            **self._attributes(draft),
+            distance=None if draft.activation is None else draft.activation.distance,
+            binding=self._binding(draft),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )

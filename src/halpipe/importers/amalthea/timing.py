@@ -13,8 +13,6 @@ from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place
 from halpipe.importers.amalthea.names import legal
-from halpipe.importers.amalthea.own_export import is_carried
-from halpipe.importers.amalthea.properties import agrees, optional_duration, value_of
 from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
 from halpipe.models import Anchor, Origin
 
@@ -77,12 +75,10 @@ def read_timing(forest: Forest, drafts: Drafts) -> Timing:
     return timing
 
 
-def limit_of(forest: Forest, item: Item, tag: str, key: str) -> Duration | None:
-    """Return a time in a child element, or the exact one that a property of halpipe gives for it."""
+def limit_of(forest: Forest, item: Item, tag: str) -> Duration | None:
+    """Return a time in a child element."""
     child = item.one(tag)
-    standard = None if child is None else forest.time(child)
-    exact = value_of(forest, item, key, optional_duration)
-    return exact if exact is not None and agrees(exact, standard) else standard
+    return None if child is None else forest.time(child)
 
 
 # ---------------------------------------------------------------------------------------- requirements
@@ -113,10 +109,7 @@ def _deadline(forest: Forest, item: Item, task: Item, timing: Timing) -> bool:
     """Take a limit of a process; return whether there is something for it."""
     limit = item.one("limit")
     assert limit is not None
-    exact = value_of(forest, item, "limit", optional_duration)
-    stated = limit.one("limitValue")
-    standard = None if stated is None else forest.time(stated)
-    time = exact if exact is not None and agrees(exact, standard) else standard
+    time = limit_of(forest, limit, "limitValue")
     if time is None or limit.get("limitType") not in ("UpperLimit", ""):
         return False
     if limit.get("metric") == "ResponseTime":
@@ -139,7 +132,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
     bad = []
     for item in forest.kinds("DelayConstraint"):
         source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
-        low, high = limit_of(forest, item, "lower", "lower"), limit_of(forest, item, "upper", "upper")
+        low, high = limit_of(forest, item, "lower"), limit_of(forest, item, "upper")
         pairs = _pairs(source, target)
         if source is None or target is None or not pairs:
             bad.append(item)
@@ -156,7 +149,7 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             help = f"write one of {', '.join(MAPPINGS)}"
             text = f"each target gets a source: the mapping {quoted(mapping)} is unknown"
             forest.report(codes.REACTION, text, item, help)
-        if mapping not in MAPPINGS or any(is_carried(draft.task) for draft in target.drafts):
+        if mapping not in MAPPINGS:
             timing.windows += windows
         elif high is None:
             continue  # some later target always comes

@@ -1,10 +1,11 @@
-"""Custom properties of halpipe: they count while they fit the standard elements, and hostile ones do no harm."""
+"""Native models in exported AMALTHEA: exact where nothing was edited, else the standard elements are imported."""
 
 import re
 
 import pytest
 from amalthea_case import files, found, refusal
 
+from halpipe.core import embedding
 from halpipe.exporters.amalthea import FORMAT as OUT
 from halpipe.exporters.amalthea import AmaltheaOptions
 from halpipe.importers.amalthea import codes
@@ -51,7 +52,7 @@ def test_exact_values_come_back(tmp_path):
         (('affinity="u1?.type=Pro', 'affinity="u2?type=Pro'), lambda m: m.task("first").versions[0].units[0], "u2"),
     ],
 )
-def test_an_edited_standard_element_counts_and_the_property_is_told(tmp_path, change, read, expected):
+def test_an_edited_standard_element_counts_and_a_warning_says_so(tmp_path, change, read, expected):
     old, new = change
     imported = exported(tmp_path, (old.replace("?.", r"\?"), new))
     assert str(read(imported.model)) == expected
@@ -60,36 +61,37 @@ def test_an_edited_standard_element_counts_and_the_property_is_told(tmp_path, ch
 
 def test_a_removed_condition_lets_the_task_run_in_all_modes(tmp_path):
     imported = exported(tmp_path, (r"(?s)<executionCondition>.*?</executionCondition>", ""))
-    # Then no mode differs from the other, so they are one; and there is nothing to switch between.
+    # Then no mode differs from the other, so they are one.
     assert {m.name: [r.task for r in m.runs] for m in imported.model.modes} == {"default": ["first", "second"]}
-    assert imported.model.transitions == ()
-    assert sorted("runs" in d.message for d in found(imported.diagnostics, codes.EDITED)) == [False, True]
+    assert len(found(imported.diagnostics, codes.EDITED)) == 1
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        ('value="100/3ms"', 'value="x"'),
-        (r'value="1/7"', 'value="1/0"'),
-        (r"\[\{&quot;resource", "{&quot;resource"),
-        (r"&quot;resource&quot;: &quot;ram&quot;", "&quot;resource&quot;: &quot;rom&quot;"),
-        (r"&quot;start&quot;: &quot;0ms&quot;, ", ""),
-        (r"\[\[&quot;first&quot;", "[[1"),
-        (r"\[\[&quot;first&quot;", "[[[&quot;first&quot;]"),
-        (r"&quot;to&quot;: &quot;stop&quot;", "&quot;to&quot;: &quot;halt&quot;"),
-        (r"\[\{&quot;from", "[1, {&quot;from"),
-        ('value="u1"', 'value="u9"'),
-    ],
-)
-def test_properties_that_cannot_be_used_are_told_and_left_out(tmp_path, change):
-    imported = exported(tmp_path, change)
-    assert found(imported.diagnostics, codes.EDITED)
+@pytest.mark.parametrize("text", ["&lt;tasks&gt;", "&lt;task-model ", "period=&quot;100/3ms"])
+def test_a_native_model_that_cannot_be_read_is_told(tmp_path, text):
+    imported = exported(tmp_path, (text, "&lt;other "))
+    (told,) = found(imported.diagnostics, codes.EDITED)
+    assert told.message.startswith("the native model cannot be read")
     assert [t.name for t in imported.model.tasks] == ["first", "second"]
 
 
-def test_properties_that_nest_without_end_are_told(tmp_path):
-    imported = exported(tmp_path, (r'value="\[\{&quot;resource[^"]*"', f'value="{"[" * 100_000}"'))
-    assert found(imported.diagnostics, codes.EDITED)
+def test_a_model_in_pieces_comes_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(embedding, "PIECE", 100)
+    imported = exported(tmp_path)
+    assert imported.model == MODEL
+    assert found(imported.diagnostics, codes.EDITED) == []
+
+
+def test_blanks_and_prefixes_are_no_edits(tmp_path):
+    imported = exported(tmp_path, (r"<swModel>\n +", "<swModel>"), (r"xmlns:am=", "xmlns:sys='urn:x' xmlns:am="))
+    assert imported.model == MODEL
+
+
+def test_a_file_beside_an_export_is_told(tmp_path):
+    (tmp_path / "other.amxmi").write_text('<am:Amalthea xmlns:am="http://app4mc.eclipse.org/amalthea/3.3.0"/>')
+    assert exported(tmp_path).model == MODEL
+    several = files(tmp_path / "m.amxmi", tmp_path / "other.amxmi")
+    (told,) = found(several.diagnostics, codes.EDITED)
+    assert told.message.startswith("other files stand beside an export")
 
 
 def test_a_wrong_unit_is_an_error_in_an_export_too(tmp_path):
