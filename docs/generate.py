@@ -45,6 +45,7 @@ RANGES = {
     "HAL10": "Bundles and their checks",
     "HAL11": "Traces and their comparison",
     "HAL12": "Import of AMALTHEA",
+    "HAL13": "Exports to Linux and ROS",
 }
 
 MEANINGS = {

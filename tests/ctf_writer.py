@@ -128,8 +128,10 @@ ROS = {
 MS = 1_000_000
 
 
-def ros_trace(rounds=20, switches=False, **options):
+def ros_trace(rounds=20, switches=False, sends=None, **options):
     """/source: a timer of 10 ms publishes /a. /sink keeps /a in one callback; its timer of 20 ms publishes /b.
+
+    With `sends`, the timer of the sink runs in so many of its rounds, from the first on.
 
     Job k of the source lasts 1 ms + k us; each job of the sink's timer 3 ms, of which another thread takes 1 ms.
     """
@@ -166,7 +168,7 @@ def ros_trace(rounds=20, switches=False, **options):
         add("ros2:callback_end", at + MS + 1000 * k, callback=100)
         add("ros2:callback_start", at + 2 * MS, cpu=1, tid=9, callback=300, is_intra_process=0)
         add("ros2:callback_end", at + 2 * MS + 700_000, cpu=1, tid=9, callback=300)
-        if k % 2 == 0:
+        if k % 2 == 0 and (sends is None or k // 2 < sends):
             add("ros2:callback_start", at + 4 * MS, cpu=1, tid=9, callback=200, is_intra_process=0)
             if switches:
                 add("sched_switch", at + 5 * MS, cpu=1, tid=9, prev_tid=9, next_tid=77)

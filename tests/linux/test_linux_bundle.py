@@ -291,6 +291,24 @@ def test_shared_objects_are_taken_as_they_are(tmp_path):
     assert "cp src/ready.so $@" in files["Makefile"].decode()
 
 
+@pytest.mark.parametrize(
+    ("index", "cpu", "what"),
+    [(65_534, 0, ""), (65_535, 0, "65536 jobs of a table"), (0, 1023, ""), (0, 1024, "1025 CPUs")],
+)
+def test_numbers_that_the_tables_cannot_hold_are_refused(tmp_path, index, cpu, what):
+    """A compiler would cut them to sixteen bits, and the dispatcher play another job."""
+    owner, tables = two_modes()
+    [first, *others] = tables.modes
+    tables = replace(tables, modes=(replace(first, jobs=(replace(first.jobs[0], index=index), first.jobs[1])), *others))
+    if not what:
+        assert write(tmp_path, owner, tables, busy=1, cpus={"u1": cpu})
+        return
+    with pytest.raises(HalpipeError) as caught:
+        write(tmp_path, owner, tables, busy=1, cpus={"u1": cpu})
+    [refused] = caught.value.diagnostics
+    assert (refused.code, what in refused.message) == (codes.TOO_LARGE.id, True)
+
+
 def test_priorities_that_close_a_cycle_are_refused():
     owner = system()
     both = tuple(

@@ -11,6 +11,19 @@ from halpipe.importers.ros.dataflow import order_by_data
 from halpipe.importers.ros.loops import components
 from halpipe.importers.ros.sources.rqt import read_dot
 
+FRAMES = r"""digraph G {
+"world" -> "cart"[label=" Broadcaster: /tf_node\nAverage rate: 50.0\nBuffer length: 4.9\nMost recent transform: 7.5\n"];
+}
+"""
+
+
+def test_coordinate_frames_are_no_nodes(tmp_path):
+    """What view_frames of tf2 draws; an edge of nodes may well have a rate."""
+    (refused,) = refusal(write(tmp_path, FRAMES)).diagnostics
+    assert (refused.code, refused.at.line) == (codes.UNRECOGNISED.id, 2)
+    assert "view_frames" in refused.message
+    assert periods(read(write(tmp_path, FRAMES.replace(" Broadcaster: /tf_node\\nAverage rate: 50.0\\n", "50.0 Hz, "))))
+
 
 def test_topics_view_with_a_deadline_as_period():
     imported = read("rqt_topics.dot")

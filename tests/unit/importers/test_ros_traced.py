@@ -52,6 +52,14 @@ def wcets(imported):
     return {task.name: str(task.versions[0].wcet) for task in imported.model.tasks}
 
 
+@pytest.mark.parametrize(("rounds", "sends", "is_one_shot"), [(20, 1, True), (20, 2, False), (5, 1, False)])
+def test_a_timer_that_ran_once_is_no_periodic_task(tmp_path, rounds, sends, is_one_shot):
+    """With five rounds, the trace ends before the timer of 20 ms could have run twice more."""
+    imported = read(ros_trace(rounds, sends=sends).write(tmp_path / "session"))
+    assert bool(found(imported.diagnostics, codes.ONE_SHOT)) == is_one_shot
+    assert ("/sink/callback_0" in periods(imported)) != is_one_shot
+
+
 def test_a_trace_alone_is_a_model_with_wcets(trace):
     imported = read(trace)
     assert imported.model.name == "session"

@@ -1,4 +1,4 @@
-"""The diagnostics of the Linux export: HAL0811 to HAL0815, and HAL0818."""
+"""The diagnostics of the Linux export: HAL0811 to HAL0815, HAL0818 and HAL1303."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -36,4 +36,10 @@ EARLY_PHASE = error(
     "Access phase cannot be held until its instant",
     "Where jobs are split or units serve interrupts, no access phase may begin before its instant, also where the job "
     "is early. A program is held where one of its functions begins, so the phase must begin there.",
+)
+TOO_LARGE = error(
+    "HAL1303",
+    "Schedule does not fit the tables of the dispatcher",
+    "Numbers of jobs, tables, programs and parts have 16 bits there, times in nanoseconds 64, and a Linux system has "
+    "at most 1024 CPUs.",
 )

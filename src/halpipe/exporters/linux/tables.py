@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import version_of
+from halpipe.core.diagnostics import about, version_of
 from halpipe.core.durations import ZERO
 from halpipe.core.records import record
 from halpipe.exporters.common.timeline import PhaseTimes
-from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES
+from halpipe.exporters.linux.codes import EARLY_PHASE, NO_PIECES, TOO_LARGE
 from halpipe.models import HealthAction, HealthEvent
 
 if TYPE_CHECKING:
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from halpipe.core.diagnostics import Findings
     from halpipe.core.durations import Duration
     from halpipe.models import HealthRule, Job, Schedule, TaskModel, Version
+
+MOST, MOST_CPUS, MOST_NS = 2**16 - 1, 1024, 2**62
+"""Limits of the types of dispatch.h, and of a set of CPUs (CPU_SETSIZE)."""
 
 _OVERRUN, _FAULT = HealthEvent.OVERRUN, HealthEvent.FAULT
 
@@ -110,7 +113,36 @@ def tables_of(
             workers[key].tables[number].append(row)
     result.workers = [workers[key] for key in sorted(workers)]
     result.all_parts = list(known)
+    _refuse_large(result, programs, cpus, model, findings)
     return result
+
+
+def _refuse_large(
+    result: Tables,
+    programs: Mapping[tuple[str, str], int],
+    cpus: Mapping[str, int],
+    model: TaskModel,
+    findings: Findings,
+) -> None:
+    """Report numbers that the types of the C tables do not hold, which a compiler would cut without a word."""
+    indices = [row.index for worker in result.workers for rows in worker.tables for row in rows]
+    units = {worker.unit for worker in result.workers}
+    longest = max((table.length for table in result.tables), default=0)
+    sizes = {
+        "jobs of a table": (max(indices, default=-1) + 1, MOST),
+        "tables": (len(result.tables), MOST),
+        "programs": (len(programs), MOST),
+        "parts of a job": (max(map(len, result.all_parts), default=0), MOST),
+        "units": (len(units), MOST_CPUS),
+        "CPUs": (max((cpus[unit] for unit in units), default=0) + 1, MOST_CPUS),
+        "nanoseconds of a table": (longest, MOST_NS),
+        "parts of a nanosecond": (result.parts, MOST_NS),
+    }
+    for what, (count, most) in sizes.items():
+        if count > most:
+            text = f"{count} {what}, there is room for {most}"
+            help = "split the model, choose periods with a shorter hyperperiod, or state other CPUs"
+            findings.add(TOO_LARGE(text, at=model.at, path=about(model=model.name), help=help))
 
 
 def _frame(schedule: Schedule) -> Tables:

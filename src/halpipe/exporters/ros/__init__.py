@@ -45,8 +45,8 @@ class RosOptions(ExportOptions):
     )
     package: bool = option(False, "Write an ament package that plays the tables, as a folder.", form=Form.SWITCH)
     messages: str = option(
-        OLDEST,
-        "With --package: a job gets the oldest waiting message, or the newest and drops the others.",
+        NEWEST,
+        "With --package: a job gets the newest waiting message and drops the others, or the oldest.",
         Words(*MESSAGES),
     )
     graphs: tuple[str, ...] = option(

@@ -1,4 +1,4 @@
-"""The diagnostics of the ROS export: HAL0897 to HAL0899, HAL0816 and HAL0817."""
+"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301 and HAL1302."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -24,4 +24,16 @@ SPLIT_CALLBACK = error(
     "HAL0817",
     "Callback cannot be held at split points",
     "A callback is one function, which the executor can start, but not hold where a part ends.",
+)
+OLD_MESSAGES = error(
+    "HAL1301",
+    "Queue makes the age of a chain unbounded",
+    "With --messages oldest a job takes one message of its queue. As many come as are taken, so what waits in the "
+    "queue once stays there, and every datum is older than scheduled by the queue. Nothing proves the queue empty.",
+)
+EQUAL_CALLBACKS = error(
+    "HAL1302",
+    "Equal callbacks of a node cannot be told apart",
+    "A callback is found by its node, its topic or period, and its place among equal ones. Within a callback group "
+    "that place is the order of construction; between groups there is none.",
 )

@@ -1,4 +1,4 @@
-"""The ament package: the Linux dispatcher with a component container, for nodes that stay as they are."""
+"""Ament package for unmodified nodes: the Linux dispatcher with a component container."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe import __version__
 from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
+from halpipe.core.durations import Duration
 from halpipe.core.records import record
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
@@ -16,10 +17,10 @@ from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.priorities import thread_levels
 from halpipe.exporters.linux.tables import tables_of
 from halpipe.exporters.native import paired
-from halpipe.exporters.ros.codes import SPLIT_CALLBACK, UNBOUND
+from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
@@ -42,7 +43,7 @@ _ROS_NAME = re.compile(r"/[A-Za-z0-9_/]{1,250}")
 class Binding:
     """The callback of a task: `kind` timer or subscription, `topic` of a subscription, `period` of a timer in ns.
 
-    `order` counts equal ones of the node in their order of construction.
+    `order` counts equal ones of the node in their order of construction; `group` is its callback group, if known.
     """
 
     node: str
@@ -50,6 +51,7 @@ class Binding:
     topic: str = ""
     period: int = 0
     order: int = 0
+    group: str = ""
 
 
 @record
@@ -73,6 +75,9 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
     rows = [row for task, _ in keys if (row := _row(task, model, options, findings)) is not None]
     check_texts(model, schedule, (), findings)
+    _refuse_equal(model, dict.fromkeys(task for task, _ in keys), options, findings)
+    _refuse_old_messages(model, options, findings)
+    services = _services(schedule, findings)
     gapped = {(job.task, job.version) for job in jobs_of(schedule) if job.parts}
     for task, version in keys:
         if (task, version) in gapped and model.task(task).version(version).split.points:
@@ -92,7 +97,7 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
         "priority": options.priority,
         "rows": rows,
         "is_newest": options.messages == "newest",
-        "mode_names": [re.sub(r"\W", "_", mode.name, flags=re.ASCII) for mode in schedule.modes],
+        "mode_names": services,
         "nodes": sorted({row.node for row in rows}),
         "unrealised": [text for text, _ in sentences(model, schedule)],
     }
@@ -134,24 +139,83 @@ def _row(task: str, model: TaskModel, options: RosOptions, findings: Findings) -
     return Row(task, binding.node, binding.kind, binding.topic, binding.period, binding.order)
 
 
+def _services(schedule: Schedule, findings: Findings) -> list[str]:
+    """Return the names of the services that ask for modes; report modes of which ROS can have none, or not both."""
+    first: dict[str, str] = {}
+    for mode in schedule.modes:
+        name = re.sub(r"\W", "_", mode.name, flags=re.ASCII)
+        path = about(mode=mode.name)
+        if not re.match("[A-Za-z]", name):
+            text = f'"~/mode/{name}" is no name of a service: a token of ROS begins with a letter'
+            findings.add(BAD_TEXT(text, at=mode.at, path=path, help=f'rename the mode, such as "mode_{name}"'))
+        elif name in first:
+            text = f'"~/mode/{name}" is the service of mode "{first[name]}" already'
+            findings.add(BAD_TEXT(text, at=mode.at, path=path, help=f'rename the mode, such as "{mode.name}2"'))
+        first.setdefault(name, mode.name)
+    return list(first)
+
+
+def _refuse_equal(model: TaskModel, tasks: Iterable[str], options: RosOptions, findings: Findings) -> None:
+    """Report callbacks that a running node does not tell apart: equal ones in different callback groups."""
+    bindings = options.bindings or {}
+    known = [(task, bindings[task]) for task in tasks if task in bindings and bindings[task].group]
+    for number, (task, binding) in enumerate(known):
+        for other, same in known[:number]:
+            if binding.group == same.group or not _are_equal(binding, same):
+                continue
+            what = f"topic {binding.topic}" if binding.topic else f"period {Duration(binding.period)}"
+            text = (
+                f'node {binding.node} has it and task "{other}" with {what} in groups {same.group} and {binding.group}'
+            )
+            help = "create both in one callback group, or give timers periods that differ by more than 0.1 %"
+            findings.add(EQUAL_CALLBACKS(text, at=model.task(task).at, path=about(task=task), help=help))
+
+
+def _are_equal(one: Binding, other: Binding) -> bool:
+    """Return whether the executor takes both for the same callback: it finds the period that is nearest."""
+    return (one.node, one.kind, one.topic, one.period) == (other.node, other.kind, other.topic, other.period)
+
+
+def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findings) -> None:
+    """Report chains with limits through subscriptions whose jobs take the oldest message."""
+    if options.messages == "newest":
+        return
+    bindings = options.bindings or {}
+    for chain in model.chains:
+        limited = chain.max_latency or chain.max_reaction or chain.max_age
+        reading = [task for task in chain.tasks[1:] if task in bindings and bindings[task].kind == "subscription"]
+        if limited and reading:
+            text = f'task "{reading[0]}" takes the oldest message of its queue, so no limit of the chain holds'
+            help = "export with --messages newest"
+            findings.add(OLD_MESSAGES(text, at=chain.at, path=about(chain=chain.name), help=help))
+
+
 def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
     """Yield what the package leaves open, and what to do about it."""
     jobs = list(jobs_of(schedule))
     yield (
-        "parameter services of the nodes are off: they share the callback group of the callbacks that the table runs",
-        "set parameters at the start, in config/components.yaml",
+        "what no row runs (services, parameters, other callbacks) runs at normal priority in a lane of its own",
+        "state its CPUs with background_cpus in config/components.yaml",
     )
     yield (
-        "services, clients and actions of the nodes are not served; without a message a job does nothing",
-        "keep nodes with services in an ordinary container",
+        "a handler in the background lane delays a job of its mutually exclusive callback group until it returns",
+        "keep long handlers in callback groups of their own",
     )
     yield (
-        "threads of the middleware run at normal priority on any CPU",
+        "callback groups that are not added to executors automatically are left to their nodes",
+        "nothing to do: the listener of tf2 and polled subscriptions spin or take for themselves",
+    )
+    yield (
+        "threads of the middleware run at normal priority on the CPUs of the background lane",
         "keep a CPU free for them that no unit has",
     )
     yield (
-        "serialized and loaned messages are taken one by one, the oldest first, also with --messages newest",
+        "dynamic messages are taken one by one, the oldest first, and their jobs count as having had one",
         "keep a queue of one message for their subscriptions",
+    )
+    yield (
+        "tables are played in real time, also where nodes use simulated time",
+        "let the simulation keep pace, or do without the tables",
     )
     if any(model.task(job.task).version(job.version).accesses for job in jobs):
         yield (

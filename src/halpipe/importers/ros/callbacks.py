@@ -21,13 +21,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Bound:
-    """A callback by node, kind (timer or subscription), topic or period in ns, and order among equal ones."""
+    """A callback by node, kind (timer or subscription), topic or period in ns, and order among equal ones.
+
+    `group` is its callback group, empty where the graph does not tell.
+    """
 
     node: str
     kind: str
     topic: str
     period: int
     order: int
+    group: str = ""
 
 
 def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
@@ -43,6 +47,7 @@ def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
     names = task_names(graph, Names(Findings()))
     count: Counter[tuple[str, str, str, int]] = Counter()
     found = {}
+    groups = {name: group.name for group in graph.groups if group.kind == "callback_group" for name in group.callbacks}
     for callback in graph.callbacks:
         if callback.kind is Kind.TIMER and callback.period is not None:
             key = (callback.node, "timer", "", round(callback.period.fraction))
@@ -50,6 +55,6 @@ def callbacks_of(paths: Sequence[str]) -> dict[str, Bound]:
             key = (callback.node, "subscription", callback.inputs[0], 0)
         else:
             continue
-        found[names[callback.name]] = Bound(*key, count[key])
+        found[names[callback.name]] = Bound(*key, count[key], groups.get(callback.name, ""))
         count[key] += 1
     return found

@@ -119,6 +119,12 @@ PATH_IGNORED = warning(
     "Path is not a chain",
     "A named path needs at least two tasks, each once, without a gap between them.",
 )
+ONE_SHOT = warning(
+    "HAL0638",
+    "Timer ran once",
+    "The trace has further periods of the timer, in which it did not run: a one-shot timer, cancelled in its own "
+    "callback, is no periodic task. It becomes one where the overlay states a period.",
+)
 NO_TASKS = error(
     "HAL0630",
     "No task in the graph",

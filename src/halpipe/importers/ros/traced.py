@@ -48,10 +48,11 @@ def graph_of(trace: RosTrace, findings: Findings, coverage: Coverage) -> RosGrap
     """Return the graph of a trace; publishers are those that were seen, so nothing about them is guessed."""
     at = Location(trace.file)
     names = names_of(trace)
+    last = max((job.start for jobs in trace.jobs.values() for job in jobs), default=0)
     callbacks = []
     for key in trace.callbacks:
         if key in names:
-            callbacks.append(_callback(key, names[key], at, findings))
+            callbacks.append(_callback(key, names[key], at, findings, _runs_once(key, trace, last)))
         else:
             what = (
                 "a service is called on demand" if key.kind == SERVICE else "is plumbing of ROS, not application data"
@@ -90,11 +91,22 @@ def short_names_of(trace: RosTrace) -> dict[Key, str]:
     return {key: key.node if count[key.node] == 1 else name for key, name in names.items()}
 
 
-def _callback(key: Key, name: str, at: Location, findings: Findings) -> Callback:
+def _runs_once(key: Key, trace: RosTrace, last: int) -> bool:
+    """Return whether a timer ran a single time, though the trace has room for two more."""
+    jobs = trace.jobs.get(key, ())
+    return key.kind == TIMER and len(jobs) == 1 and jobs[0].start + _FEWEST * int(key.subject) <= last
+
+
+def _callback(key: Key, name: str, at: Location, findings: Findings, is_one_shot: bool) -> Callback:
     node = printable(key.node)
     if key.kind == SUBSCRIPTION:
         return Callback(name=name, node=node, kind=Kind.SUBSCRIPTION, inputs=(printable(key.subject),), at=at)
     measured = Duration(int(key.subject))
+    if is_one_shot:
+        help = "state its period in the overlay if it is a periodic one"
+        text = f"its timer of {measured} ran once and never again, so it is no periodic task"
+        findings.add(codes.ONE_SHOT(text, at=at, path=named("callback", name), help=help))
+        return Callback(name=name, node=node, kind=Kind.TIMER, period=None, at=at)
     period = snap(measured, STATED) if measured else None
     if period is None:
         help = "trace from before the nodes start"

@@ -1,11 +1,21 @@
-// A component container that plays the tables: it loads composable nodes as they are, and starts when all are there.
-// Written by halpipe.
+// Component container that plays the tables. It loads composable nodes as they are, starts when the callbacks of all rows
+// are there, and serves everything else of the nodes in the background lane. Written by halpipe.
+#include <sched.h>
+
+#include <cerrno>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
 #include <ctime>
+#include <map>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
 #include "bindings.hpp"
+#include "diagnostic_msgs/msg/diagnostic_array.hpp"
 #include "dispatch.h"
 #include "rclcpp/rclcpp.hpp"
 #include "rclcpp_components/component_manager.hpp"
@@ -16,15 +26,23 @@ namespace {
 
 table::Executor * executor = nullptr;
 
-int run(const dispatch_job * job, int64_t) {return executor->run(job->program) ? DISPATCH_RAN : DISPATCH_NO_DATA;}
+int run(const dispatch_job * job, int64_t) {return static_cast<int>(executor->run(job->program));}
 
 class Container : public rclcpp_components::ComponentManager {
 public:
   explicit Container(std::shared_ptr<table::Executor> tables)
   : ComponentManager(tables, "table_container"), tables_(tables) {
-    priority_ = static_cast<int>(declare_parameter<int64_t>("priority", PRIORITY));
+    options_.priority = static_cast<int>(declare_parameter<int64_t>("priority", PRIORITY));
+    options_.stack = 1024 * static_cast<size_t>(declare_parameter<int64_t>("stack_kib", 0));
+    options_.capacity = static_cast<size_t>(declare_parameter<int64_t>("events", 4096));
+    options_.clock = CLOCK_MONOTONIC;
+    options_.may_unlock = 1;
+    options_.lead = 300000;
     record_ = declare_parameter<std::string>("record", "");
-    events_ = declare_parameter<int64_t>("events", 4096);
+    record_mib_ = declare_parameter<int64_t>("record_mib", 1024);
+    locks_memory_ = declare_parameter<bool>("lock_memory", true);
+    are_stated_ = take_overrun(declare_parameter<std::string>("overrun", "")) &&
+      take_cpus(declare_parameter<std::string>("cpus", ""));
     for (int i = 0; i < plan.n_modes; i++) {
       const auto ask = [i](
         const std::shared_ptr<std_srvs::srv::Trigger::Request>, std::shared_ptr<std_srvs::srv::Trigger::Response> answer) {
@@ -33,80 +51,224 @@ public:
       };
       modes_.push_back(create_service<std_srvs::srv::Trigger>("~/mode/" + table::mode_names[i], ask));
     }
+    diagnostics_ = create_publisher<diagnostic_msgs::msg::DiagnosticArray>("/diagnostics", 10);
+    look_ = create_wall_timer(std::chrono::milliseconds(200), [this] {look();});
+    report_ = create_wall_timer(std::chrono::seconds(1), [this] {report();});
   }
 
-  ~Container() override {
-    if (!is_started_) {return;}
+  // Stop at the end of the table. Return whether all threads ended: what still runs may use any node.
+  bool finish() {
+    if (!is_started_) {return true;}
     dispatch_stop();
-    dispatch_wait(5);
-    if (dispatch_finish()) {RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());}
+    const bool has_ended = dispatch_wait(5) == 0;
+    if (dispatch_finish()) {
+      RCLCPP_ERROR(get_logger(), "%s cannot be written", record_.c_str());
+      has_failed_ = true;
+    }
+    tell_news();
+    is_started_ = false;
+    return has_ended;
   }
+
+  bool has_failed() const {return has_failed_;}
 
 protected:
-  // Parameter services share the group of the node's callbacks, so nobody could serve them beside the table.
-  rclcpp::NodeOptions create_node_options(const std::shared_ptr<LoadNode::Request> request) override {
-    return ComponentManager::create_node_options(request)
-           .start_parameter_services(false).start_parameter_event_publisher(false);
+  void add_node_to_executor(uint64_t id) override {
+    ComponentManager::add_node_to_executor(id);
+    tables_->adopt(node_wrappers_.at(id).get_node_base_interface());
   }
 
-  void add_node_to_executor(uint64_t id) override {
-    if (is_started_) {
-      RCLCPP_ERROR(get_logger(), "the tables are played already; this node is not run");
+  void on_unload_node(
+    const std::shared_ptr<rmw_request_id_t> header, const std::shared_ptr<UnloadNode::Request> request,
+    std::shared_ptr<UnloadNode::Response> response) override
+  {
+    const auto found = node_wrappers_.find(request->unique_id);
+    if (is_started_ && found != node_wrappers_.end() &&
+      tables_->has_rows(found->second.get_node_base_interface()->get_fully_qualified_name()))
+    {
+      response->success = false;
+      response->error_message = "the tables run callbacks of this node; stop the container first";
+      RCLCPP_ERROR(get_logger(), "%s", response->error_message.c_str());
       return;
     }
-    tables_->adopt(node_wrappers_.at(id).get_node_base_interface());
-    if (tables_->has_nodes(table::rows, table::n_rows)) {start();}
-  }
-
-  void remove_node_from_executor(uint64_t) override {
-    RCLCPP_ERROR(get_logger(), "a node of the tables is not unloaded while they are played");
+    ComponentManager::on_unload_node(header, request, response);
   }
 
 private:
-  void start() {
-    const std::vector<std::string> wrong = tables_->bind(table::rows, table::n_rows);
-    for (const std::string & text : wrong) {RCLCPP_ERROR(get_logger(), "%s", text.c_str());}
-    if (!wrong.empty()) {
-      RCLCPP_ERROR(get_logger(), "the tables are not played: schedule all callbacks, or take the others out of the nodes");
+  int mode_of(const std::string & name) {
+    for (int i = 0; i < plan.n_modes; i++) {
+      if (name == plan.tables[i].name) {return i;}
+    }
+    return -1;
+  }
+
+  bool take_overrun(const std::string & text) {
+    options_.policy = text == "skip" ? DISPATCH_SKIP : DISPATCH_LOG;
+    options_.refuge = text.empty() ? DISPATCH_BY_RULES : DISPATCH_NOWHERE;
+    if (text.rfind("switch=", 0) == 0) {
+      options_.policy = DISPATCH_SWITCH;
+      options_.refuge = mode_of(text.substr(7));
+    }
+    const bool is_known = text.empty() || text == "log" || text == "skip" || options_.refuge >= 0;
+    if (!is_known) {RCLCPP_ERROR(get_logger(), "overrun is log, skip or switch=MODE, not %s", text.c_str());}
+    return is_known;
+  }
+
+  // unit=cpu,unit=cpu; the others keep the CPUs of the export.
+  bool take_cpus(const std::string & text) {
+    std::istringstream pairs(text);
+    std::map<std::string, int> stated;
+    for (std::string pair; std::getline(pairs, pair, ',');) {
+      const size_t sign = pair.find('=');
+      char * end = nullptr;
+      const long cpu = sign == std::string::npos ? -1 : std::strtol(pair.c_str() + sign + 1, &end, 10);
+      if (cpu < 0 || cpu >= CPU_SETSIZE || *end) {
+        RCLCPP_ERROR(get_logger(), "cpus is UNIT=CPU,..., not %s", pair.c_str());
+        return false;
+      }
+      stated[pair.substr(0, sign)] = static_cast<int>(cpu);
+    }
+    std::map<std::string, int> unused = stated;
+    for (int i = 0; i < plan.n_workers; i++) {
+      const auto found = stated.find(plan.workers[i].unit);
+      cpus_.push_back(found == stated.end() ? plan.workers[i].cpu : found->second);
+      unused.erase(plan.workers[i].unit);
+    }
+    for (const auto & one : unused) {RCLCPP_ERROR(get_logger(), "cpus: there is no unit %s", one.first.c_str());}
+    return unused.empty();
+  }
+
+  // Nodes come, and lifecycle nodes create their callbacks, in their own time.
+  void look() {
+    const std::vector<std::string> ambiguous = tables_->bind();
+    if (is_started_) {
+      tell_news();
+      if (dispatch_has_ended()) {
+        RCLCPP_ERROR(get_logger(), "the tables have ended after a failure");
+        has_failed_ = true;
+        rclcpp::shutdown();
+      }
       return;
     }
-    for (int i = 0; i < plan.n_workers; i++) {cpus_.push_back(plan.workers[i].cpu);}
-    dispatch_options options{};
-    options.priority = priority_;
-    options.clock = CLOCK_MONOTONIC;
-    options.refuge = -1;
-    options.lead = 300000;
-    options.capacity = static_cast<size_t>(events_);
-    options.cpus = cpus_.data();
-    dispatch_hook(run);
-    is_started_ = (record_.empty() || dispatch_record(record_.c_str(), 1 << 30) == 0) && dispatch_start(&options) == 0;
-    if (!is_started_) {
-      RCLCPP_ERROR(get_logger(), "%s: give this process CAP_SYS_NICE, or ulimit -r 98; priority:=0 does without",
-                   dispatch_reason);
+    if (!are_stated_ || !ambiguous.empty()) {
+      say_now_and_then("the tables are not played", ambiguous);
+      return;
     }
+    const std::vector<std::string> lacking = tables_->unbound();
+    if (lacking.empty()) {start();}
+    else {say_now_and_then("the tables wait for the callbacks of", lacking);}
+  }
+
+  void say_now_and_then(const char * what, const std::vector<std::string> & list) {
+    if (looks_++ % 25 != 0) {return;}   // 5 s
+    std::string all;
+    for (const std::string & one : list) {all += (all.empty() ? ": " : "; ") + one;}
+    RCLCPP_ERROR(get_logger(), "%s%s", what, all.c_str());
+  }
+
+  void start() {
+    for (const std::string & one : tables_->others()) {
+      RCLCPP_WARN(get_logger(), "no row, so it runs in the background lane: %s", one.c_str());
+    }
+    options_.cpus = cpus_.data();
+    dispatch_hook(run);
+    if (locks_memory_ && dispatch_lock()) {RCLCPP_WARN(get_logger(), "memory is not locked (RLIMIT_MEMLOCK)");}
+    const uint64_t limit = static_cast<uint64_t>(record_mib_) << 20;
+    const int error = !record_.empty() && !is_recording_ ? dispatch_record(record_.c_str(), limit) : 0;
+    is_recording_ = !error;
+    const int refused = error ? error : dispatch_start(&options_);
+    if (refused) {
+      const char * help = refused == EPERM ? "give this process CAP_SYS_NICE, or ulimit -r 98; priority:=0 does without" : "";
+      RCLCPP_ERROR(get_logger(), "%s: %s %s", dispatch_reason, std::strerror(refused), help);
+      has_failed_ = true;
+      rclcpp::shutdown();
+      return;
+    }
+    is_started_ = true;
+    RCLCPP_INFO(get_logger(), "the tables are played by %d threads", plan.n_workers);
+  }
+
+  void tell_news() {
+    char text[256];
+    while (dispatch_news(text, sizeof text)) {RCLCPP_ERROR(get_logger(), "%s", text);}
+  }
+
+  // State what each task did so far, once a second.
+  void report() {
+    if (!is_started_) {return;}
+    using diagnostic_msgs::msg::DiagnosticStatus;
+    diagnostic_msgs::msg::DiagnosticArray all;
+    all.header.stamp = now();
+    for (int i = 0; i < plan.n_workers; i++) {
+      const dispatch_counts c = dispatch_counted(i);
+      DiagnosticStatus status;
+      status.name = std::string(get_name()) + ": " + plan.workers[i].task;
+      status.hardware_id = plan.workers[i].unit;
+      const bool is_bad = c.is_stuck || c.faults;
+      const bool is_odd = c.late_ends || c.no_data || c.skipped || c.lost_tables;
+      status.level = is_bad ? DiagnosticStatus::ERROR : is_odd ? DiagnosticStatus::WARN : DiagnosticStatus::OK;
+      status.message = c.is_stuck ? "a job does not return" : c.faults ? "a job failed" : is_odd ? "late, or without data" : "";
+      const auto value = [&status](const char * key, const std::string & text) {
+        diagnostic_msgs::msg::KeyValue pair;
+        pair.key = key;
+        pair.value = text;
+        status.values.push_back(pair);
+      };
+      value("mode", plan.tables[dispatch_table_now()].name);
+      value("ended late", std::to_string(c.late_ends));
+      value("without a message", std::to_string(c.no_data));
+      value("skipped", std::to_string(c.skipped));
+      value("failed", std::to_string(c.faults));
+      value("tables lost", std::to_string(c.lost_tables + dispatch_left_out()));
+      all.status.push_back(status);
+    }
+    diagnostics_->publish(all);
   }
 
   std::shared_ptr<table::Executor> tables_;
   std::vector<rclcpp::ServiceBase::SharedPtr> modes_;
+  rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr diagnostics_;
+  rclcpp::TimerBase::SharedPtr look_, report_;
   std::vector<int> cpus_;
-  int priority_ = 0;
-  int64_t events_ = 0;
+  dispatch_options options_{};
   std::string record_;
-  bool is_started_ = false;
+  int64_t record_mib_ = 0;
+  unsigned looks_ = 0;
+  bool is_started_ = false, is_recording_ = false, has_failed_ = false, locks_memory_ = true, are_stated_ = true;
 };
+
+// The background lane and the threads of the middleware, which inherit it, run on these CPUs: --background-cpus 0,3.
+void move_to_background(int argc, char ** argv) {
+  for (int i = 1; i + 1 < argc; i++) {
+    if (std::strcmp(argv[i], "--background-cpus") != 0) {continue;}
+    cpu_set_t set;
+    CPU_ZERO(&set);
+    std::istringstream list(argv[i + 1]);
+    for (std::string one; std::getline(list, one, ',');) {
+      const int cpu = std::atoi(one.c_str());
+      if (cpu >= 0 && cpu < CPU_SETSIZE) {CPU_SET(static_cast<size_t>(cpu), &set);}
+    }
+    if (sched_setaffinity(0, sizeof set, &set)) {std::perror("--background-cpus");}
+  }
+}
 
 }  // namespace
 
 int main(int argc, char ** argv) {
+  move_to_background(argc, argv);
   rclcpp::init(argc, argv);
-  auto tables = std::make_shared<table::Executor>(table::takes_newest);
+  auto tables = std::make_shared<table::Executor>(table::rows, table::n_rows, table::takes_newest);
   executor = tables.get();
-  {
-    auto container = std::make_shared<Container>(tables);
-    rclcpp::executors::SingleThreadedExecutor background;   // loading, modes: at normal priority
-    background.add_node(container);
-    background.spin();
+  auto container = std::make_shared<Container>(tables);
+  tables->add_node(container);
+  tables->spin();
+  if (!container->finish()) {
+    std::fprintf(stderr, "a job does not return; the process ends without it\n");
+    std::_Exit(1);
   }
+  const bool has_failed = container->has_failed();
+  tables->remove_node(container);
+  container.reset();
   rclcpp::shutdown();
-  return 0;
+  return has_failed ? 1 : 0;
 }

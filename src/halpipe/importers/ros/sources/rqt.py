@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.core.diagnostics import Findings, Location, named
+from halpipe.core.diagnostics import Findings, HalpipeError, Location, named
 from halpipe.core.durations import Duration, seconds
 from halpipe.importers.ros import codes
 from halpipe.importers.ros.names import printable
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _BOXES = ("box", "box3d", "rect", "rectangle")
 _RATE = re.compile(r"(?<![\w.])([0-9]{1,9}(?:\.[0-9]{1,9})?) ?Hz\b")
+_FRAMES = re.compile(r"\s*Broadcaster: .*Average rate: ", re.DOTALL)
 _DEADLINE = re.compile(r"deadline: ?([0-9]{1,19}) ?ns")
 NO_DEADLINE = seconds(365 * 24 * 3600)
 """Middlewares state an infinite deadline as one of several values of centuries."""
@@ -44,6 +45,7 @@ class _Links:
 def read_dot(text: str, file: str, findings: Findings) -> RosGraph:
     """Read a DOT file into a graph; findings name duplicate nodes, `HalpipeError` is raised for broken syntax."""
     digraph = parse(text, file)
+    _refuse_frames(digraph, file)
     labels = {id: _label(vertex) for id, vertex in digraph.vertices.items()}
     topics = _topics(digraph, labels)
     _check_unique(digraph.vertices, labels, topics, file, findings)
@@ -66,6 +68,15 @@ def read_dot(text: str, file: str, findings: Findings) -> RosGraph:
         rates=tuple(links.rates),
         topics=tuple(dict.fromkeys(labels[id] for id in topics)),
     )
+
+
+def _refuse_frames(digraph: Digraph, file: str) -> None:
+    """Raise `HalpipeError` for a tree of coordinate frames, by the labels of edges that view_frames of tf2 writes."""
+    for edge in digraph.edges:
+        if _FRAMES.match(edge.attributes.get("label", "")):
+            text = f'edge "{edge.tail}" -> "{edge.head}" joins coordinate frames: view_frames of tf2 draws no nodes'
+            help = "save the graph of nodes and topics in rqt_graph instead"
+            raise HalpipeError(codes.UNRECOGNISED(text, at=Location(file, edge.line), help=help))
 
 
 def _label(vertex: Vertex) -> str:

@@ -1,0 +1,232 @@
+// Scenarios with the container of an exported package and stand-ins for rclcpp: scenarios NAME prints what happened.
+#define main container_main
+#include "container.cpp"
+#undef main
+
+#include <random>
+
+namespace {
+
+using Group = rclcpp::CallbackGroupType;
+using std::chrono::milliseconds;
+
+struct World {
+  World() {
+    rclcpp::init(0, nullptr);
+    tables = std::make_shared<table::Executor>(table::rows, table::n_rows, table::takes_newest);
+    executor = tables.get();
+    container = std::make_shared<Container>(tables);
+    tables->add_node(container);
+    source = std::make_shared<rclcpp::Node>("source");
+    sink = std::make_shared<rclcpp::Node>("sink");
+    helper = std::make_shared<rclcpp::Node>("helper");
+  }
+
+  // What the stages of a scenario do happens in the background lane, as loading a node does.
+  void in_lane(int ms, std::function<void()> action) {
+    auto timer = std::make_shared<rclcpp::TimerBase::SharedPtr>();
+    *timer = helper->create_wall_timer(milliseconds(ms), [timer, action] {
+      action();
+      (*timer)->cancel();
+    });
+    timers.push_back(*timer);
+  }
+
+  int play(int ms) {
+    container->stub_load(helper);
+    const uint64_t ids[] = {container->stub_load(source), container->stub_load(sink)};
+    sink_id = ids[1];
+    in_lane(ms, [] {rclcpp::shutdown();});
+    tables->spin();
+    if (!container->finish()) {
+      std::printf("stuck\n");
+      std::fflush(stdout);
+      std::_Exit(1);
+    }
+    const bool has_failed = container->has_failed();
+    tables->remove_node(container);
+    source.reset();
+    sink.reset();
+    container.reset();
+    return has_failed ? 1 : 0;
+  }
+
+  std::shared_ptr<table::Executor> tables;
+  std::shared_ptr<Container> container;
+  std::shared_ptr<rclcpp::Node> source, sink, helper;
+  std::vector<rclcpp::TimerBase::SharedPtr> timers;
+  uint64_t sink_id = 0;
+};
+
+// A source that publishes its count at each job, and a sink that compares it with what it gets.
+struct Pipe : World {
+  explicit Pipe(bool is_intra = false, bool has_publisher = true) {
+    subscription = sink->stub_subscribe("/a", 5, [this](int message) {
+      seen++;
+      wrong += message != sent;
+      if (seen == 1) {first = message;}
+      if (act) {act();}
+    }, is_intra);
+    timer = source->create_wall_timer(milliseconds(10), [this, has_publisher] {
+      sent++;
+      if (throw_at == sent) {throw std::runtime_error("no more wheels");}
+      if (has_publisher) {subscription->stub_put(sent);}
+    });
+  }
+  void print() {std::printf("sent %d seen %d wrong %d first %d\n", sent.load(), seen.load(), wrong.load(), first.load());}
+
+  std::atomic_int sent{0}, seen{0}, wrong{0}, first{0};
+  int throw_at = -1;
+  std::function<void()> act;
+  rclcpp::SubscriptionBase::SharedPtr subscription;
+  rclcpp::TimerBase::SharedPtr timer;
+};
+
+int full_queue(bool is_intra) {
+  Pipe pipe(is_intra);
+  for (int i = 1; i <= 5; i++) {pipe.subscription->stub_put(-i);}
+  const int status = pipe.play(3500);
+  pipe.print();
+  return status;
+}
+
+int dead() {
+  Pipe pipe(false, false);
+  const int status = pipe.play(3000);
+  pipe.print();
+  return status;
+}
+
+// Everything that belongs to a node and to no row: the lane serves it, but for groups that the node spins itself.
+int public_patterns() {
+  Pipe pipe;
+  std::atomic_int extra{0}, own{0}, late{0}, polled{0}, action{0}, overlap{0}, reentrant{0};
+  auto own_group = pipe.sink->create_callback_group(Group::MutuallyExclusive, false);
+  auto own_timer = pipe.sink->create_wall_timer(milliseconds(5), [&] {own++;}, own_group);
+  auto polling = pipe.sink->stub_subscribe("/map", 3, [&](int) {polled++;}, false, own_group);
+  auto more = pipe.sink->create_wall_timer(milliseconds(30), [&] {extra++;});
+  auto free_group = pipe.source->create_callback_group(Group::Reentrant);
+  auto free_timer = pipe.source->create_wall_timer(milliseconds(40), [&] {reentrant++;}, free_group);
+  struct Action : rclcpp::IntraProcess {using IntraProcess::IntraProcess;};
+  auto server = std::make_shared<Action>([&](int) {action++;});
+  pipe.sink->get_node_base_interface()->for_each_callback_group([&](auto group) {
+    if (group->automatically_add_to_executor_with_node()) {group->stub_add(std::static_pointer_cast<rclcpp::Waitable>(server));}
+  });
+  std::atomic_bool is_inside{false};
+  auto service = pipe.sink->create_service<std_srvs::srv::Trigger>("~/reset", [&](auto, auto) {
+    is_inside = true;
+    std::this_thread::sleep_for(milliseconds(25));
+    is_inside = false;
+  });
+  int answers = 0;
+  service->stub_answer = [&, answer = service->stub_answer] {answer(); answers++;};
+  pipe.act = [&] {overlap += is_inside;};
+  rclcpp::SubscriptionBase::SharedPtr later;
+  for (int i = 0; i < 4; i++) {pipe.in_lane(2200 + 200 * i, [&] {service->stub_requests++; server->stub_put(1, 9);});}
+  pipe.in_lane(2300, [&] {
+    polling->stub_put(1);
+    later = pipe.sink->stub_subscribe("/late", 5, [&](int) {late++;});
+    later->stub_put(7);
+  });
+  const int status = pipe.play(3600);
+  pipe.print();
+  std::printf("extra %d own %d polled %d late %d answers %d action %d overlap %d reentrant %d\n", int(extra > 20), own.load(),
+              polled.load(), late.load(), answers, action.load(), overlap.load(), int(reentrant > 20));
+  return status;
+}
+
+int unload() {
+  Pipe pipe;
+  bool before = true, playing = true;
+  auto other = std::make_shared<rclcpp::Node>("other");
+  const uint64_t other_id = pipe.container->stub_load(other);
+  pipe.in_lane(2600, [&] {playing = pipe.container->stub_unload(pipe.sink_id)->success;});
+  pipe.in_lane(2650, [&] {before = pipe.container->stub_unload(other_id)->success;});
+  const int status = pipe.play(3300);
+  std::printf("playing %d other %d seen %d\n", playing, before, int(pipe.seen > 50));
+  return status;
+}
+
+int lifecycle() {
+  Pipe pipe;
+  auto keep = std::move(pipe.subscription);
+  keep.reset();   // not configured yet: the node has no subscription
+  pipe.subscription = std::make_shared<rclcpp::SubscriptionBase>("/a", 5, [](int) {}, false);
+  pipe.in_lane(700, [&] {
+    pipe.subscription = pipe.sink->stub_subscribe("/a", 5, [&](int message) {pipe.seen++; pipe.wrong += message != pipe.sent;});
+  });
+  const int status = pipe.play(4300);
+  std::printf("seen %d wrong %d\n", int(pipe.seen > 50), pipe.wrong.load());
+  return status;
+}
+
+int throwing() {
+  Pipe pipe;
+  pipe.throw_at = 30;
+  const int status = pipe.play(20000);
+  std::printf("sent %d\n", pipe.sent.load());
+  return status;
+}
+
+int hanging() {
+  Pipe pipe;
+  pipe.act = [&] {while (pipe.seen == 30) {}};
+  return pipe.play(3300);
+}
+
+// Nodes with equal timers in random groups: each row runs its own one, or is refused.
+int random_nodes() {
+  std::mt19937 random(1);
+  int wrong = 0, refused = 0, needless = 0, right = 0;
+  for (int turn = 0; turn < 1000; turn++) {
+    auto node = std::make_shared<rclcpp::Node>("pair");
+    std::vector<rclcpp::CallbackGroup::SharedPtr> groups(1);
+    for (size_t i = random() % 3; i > 0; i--) {groups.push_back(node->create_callback_group(Group(random() % 2)));}
+    const int64_t periods[] = {20000000, 20010000, 19999000, 50000000};
+    const size_t count = 1 + random() % 4;
+    std::vector<table::Row> rows;
+    std::vector<rclcpp::TimerBase::SharedPtr> timers;
+    std::vector<size_t> in;
+    int ran = -1;
+    for (size_t i = 0; i < count; i++) {
+      const int64_t period = periods[random() % 4], rounded = period == 19999000 ? 20000000 : period;
+      size_t order = 0;
+      for (const auto & row : rows) {order += row.period == rounded;}
+      rows.push_back({"t", "/pair", "timer", "", rounded, order});
+      in.push_back(random() % groups.size());
+      timers.push_back(node->create_wall_timer(std::chrono::nanoseconds(period), [&ran, i] {ran = int(i);}, groups[in[i]]));
+    }
+    table::Executor tables(rows.data(), rows.size(), true);
+    tables.adopt(node->get_node_base_interface());
+    const bool is_refused = !tables.bind().empty();
+    bool is_mixed = false;
+    for (size_t i = 0; i < count; i++) {
+      for (size_t k = 0; k < count; k++) {is_mixed |= rows[i].period == rows[k].period && in[i] != in[k];}
+      if (is_refused) {continue;}
+      ran = -1;
+      tables.run(i);
+      (ran == int(i) ? right : wrong)++;
+    }
+    refused += is_refused;
+    needless += is_refused && !is_mixed;
+  }
+  std::printf("wrong %d needless %d refused %d right %d\n", wrong, needless, int(refused > 100), int(right > 500));
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char ** argv) {
+  const std::string name = argc > 1 ? argv[1] : "";
+  if (argc > 2) {rclcpp::stub_parameters::record = argv[2];}
+  if (name == "full") {return full_queue(false);}
+  if (name == "within") {return full_queue(true);}
+  if (name == "dead") {return dead();}
+  if (name == "patterns") {return public_patterns();}
+  if (name == "unload") {return unload();}
+  if (name == "lifecycle") {return lifecycle();}
+  if (name == "throwing") {return throwing();}
+  if (name == "hanging") {return hanging();}
+  if (name == "random") {return random_nodes();}
+  return 2;
+}

@@ -1,0 +1,14 @@
+#pragma once
+#include <string>
+#include <vector>
+namespace diagnostic_msgs::msg {
+struct KeyValue {std::string key, value;};
+struct DiagnosticStatus {
+  static constexpr unsigned char OK = 0, WARN = 1, ERROR = 2, STALE = 3;
+  unsigned char level = OK;
+  std::string name, message, hardware_id;
+  std::vector<KeyValue> values;
+};
+struct Header {long stamp = 0;};
+struct DiagnosticArray {Header header; std::vector<DiagnosticStatus> status;};
+}  // namespace diagnostic_msgs::msg

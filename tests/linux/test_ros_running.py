@@ -1,0 +1,132 @@
+"""The container of an exported package runs with stand-ins that behave as rclcpp does; no middleware takes part.
+
+The stand-ins name the sources of ros2/rclcpp that they imitate; held against nothing real here. Where a ROS is sourced,
+`tests/ros` runs the examples as they are.
+"""
+
+import csv
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from test_ros_package import HUMBLE, JAZZY, ROLLING, STUBS, package, system
+
+from halpipe.deploy.linux.judging import judge, read_recording
+
+SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
+NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random")
+pytestmark = [
+    pytest.mark.slow,  # a program of C++ is built, and the tables begin at a whole second
+    pytest.mark.skipif(not shutil.which("g++") or not shutil.which("cc"), reason="the scenarios are built with g++"),
+]
+
+
+class Played:
+    """Output, messages, exit status and recording of a scenario."""
+
+    def __init__(self, process, recording):
+        self.out, self.err = process.communicate(timeout=120)
+        self.status = process.returncode
+        self.recording = recording
+
+    @property
+    def rows(self):
+        return list(csv.DictReader(self.recording.read_text().splitlines()))
+
+
+@pytest.fixture(scope="module", params=[HUMBLE, JAZZY, ROLLING])
+def played(request, tmp_path_factory):
+    """All scenarios with one version of rclcpp, started together."""
+    folder = tmp_path_factory.mktemp("ros")
+    for name, content in package().items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(content)
+    for source in ("runtime/dispatch.c", "runtime/record.c", "tables.c"):
+        command = ["cc", "-c", "-std=gnu11", "-Iruntime", source, "-o", f"{Path(source).stem}.o"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    command = [
+        "g++",
+        "-std=c++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-O1",
+        f"-DSTUB_RCLCPP={request.param}",
+        "-DPRIORITY=0",
+    ]
+    command += [f"-I{STUBS}", "-Isrc", "-Iruntime", str(SCENARIOS), "dispatch.o", "record.o", "tables.o"]
+    built = subprocess.run(
+        [*command, "-o", "scenarios", "-pthread", "-ldl"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stderr
+    running = {}
+    for name in NAMES:
+        command = [str(folder / "scenarios"), name, str(folder / f"{name}.csv")]
+        running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return {name: Played(process, folder / f"{name}.csv") for name, process in running.items()}
+
+
+def numbers(text):
+    words = text.split()
+    return dict(zip(words[::2], map(int, words[1::2]), strict=True))
+
+
+@pytest.mark.parametrize("name", ["full", "within"])
+def test_a_queue_that_was_full_at_the_start_makes_no_datum_old(played, name):
+    """Through the middleware, and within the process, where the wait of the background lane takes messages."""
+    found = numbers(played[name].out)
+    assert played[name].status == 0, played[name].err
+    assert found["sent"] > 50
+    assert found["seen"] == found["sent"]
+    assert (found["wrong"], found["first"]) == (0, 1)
+
+
+def test_a_system_without_a_publisher_is_found_dead(played):
+    dead = played["dead"]
+    assert dead.status == 0
+    assert numbers(dead.out)["seen"] == 0
+    assert {(row["task"], row["data"]) for row in dead.rows} == {("/source", "1"), ("/sink", "0")}
+    assert "/sink: there was no message for a job" in dead.err
+    judgement = judge(*system(), read_recording(dead.recording.read_bytes()), is_timed=False)
+    assert {d.code for d in judgement.diagnostics} == {"HAL1089"}
+
+
+def test_what_no_row_runs_is_served_in_the_background_lane(played):
+    found = numbers(played["patterns"].out)
+    assert played["patterns"].status == 0
+    assert (found["extra"], found["reentrant"], found["late"]) == (1, 1, 1)
+    assert (found["answers"], found["action"]) == (4, 4)
+    assert found["overlap"] == 0  # of a handler and a job of one exclusive group
+    assert (found["own"], found["polled"]) == (0, 0)  # its node spins this group
+    assert "no row, so it runs in the background lane: timer" in played["patterns"].err
+
+
+def test_a_node_is_not_unloaded_while_the_tables_run_it(played):
+    assert numbers(played["unload"].out) == {"playing": 0, "other": 1, "seen": 1}
+    assert played["unload"].status == 0  # and the end removes each node from the executor that has it
+
+
+def test_the_tables_wait_for_the_callbacks_of_a_lifecycle_node(played):
+    assert "the tables wait for the callbacks of: /sink (subscription /a of /sink)" in played["lifecycle"].err
+    assert numbers(played["lifecycle"].out) == {"seen": 1, "wrong": 0}
+
+
+def test_an_exception_ends_the_tables_with_its_task_and_the_recording(played):
+    thrown = played["throwing"]
+    assert (thrown.status, numbers(thrown.out)["sent"]) == (1, 30)
+    assert "task /source: no more wheels" in thrown.err
+    assert "the tables have ended after a failure" in thrown.err
+    assert [row["cycle"] for row in thrown.rows if row["task"] == "/source"] == [str(i) for i in range(30)]
+
+
+def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(played):
+    hung = played["hanging"]
+    assert (hung.status, hung.out) == (1, "stuck\n")
+    assert "task /sink still runs" in hung.err
+    assert [row["end"] for row in hung.rows if row["task"] == "/sink"].count("") == 1
+
+
+def test_equal_timers_run_their_own_rows_or_are_refused(played):
+    """A thousand nodes with up to four timers, equal or nearly so, in up to three groups."""
+    assert numbers(played["random"].out) == {"wrong": 0, "needless": 0, "refused": 1, "right": 1}
