@@ -72,7 +72,7 @@ MUTANTS = {
     "entries are written with directions swapped": ("unit", "held_rd, held_wr} :", "held_wr, held_rd} :"),
     "defaults are swapped": ("unit", ".def_rd(def_rd), .def_wr(def_wr)", ".def_rd(def_wr), .def_wr(def_rd)"),
     "the default of writes is kept": ("unit", "11'h018)) def_wr", "11'h014)) def_wr"),
-    "beats of reads have a byte": ("unit", "<< arsize", "<< 0"),
+    "beats of reads have a byte": ("unit", "({8'd0, arlen} + 16'd1) << SIZE", "({8'd0, arlen} + 16'd1) << 0"),
     "bursts of writes are a beat shorter": ("unit", "({8'd0, awlen} + 16'd1)", "({8'd0, awlen})"),
     "status bits are swapped": ("unit", "6'd0, pending, running", "6'd0, running, pending"),
     # ------------------------------------------------------------------------------------------------ frame
@@ -85,7 +85,7 @@ MUTANTS = {
     "one unit hears of GO": ("frame", ".all_go(go)", ".all_go(go & (i == 0))"),
     "registers are those of the next unit": ("frame", "(reg_addr[25:20] == i + 1)", "(reg_addr[25:20] == i + 2)"),
     "the last unit cannot be read": ("frame", "<= UNITS[5:0])", "< UNITS[5:0])"),
-    "all have the size of the first": ("frame", "awsize[3*i +: 3]", "awsize[2:0]"),
+    "units have another beat than the bus": ("frame", ".SIZE(SIZE),", ".SIZE(SIZE + 1),"),
     # ------------------------------------------------------------------------------------------------ axil
     "parts of words are written": ("axil", "reg_write = writes & (s_wstrb == 4'hf);", "reg_write = writes;"),
     "parts of words are said to be written": ("axil", "(s_wstrb == 4'hf) ? 2'b00 : 2'b10", "2'b00"),
@@ -102,7 +102,6 @@ UNSEEN = {
     "data is taken before it passes",
     "GO of a unit is ignored",
     "status bits are swapped",
-    "all have the size of the first",
     "reads and writes come together",
     "answers are not waited for",
 }

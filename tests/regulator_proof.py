@@ -87,7 +87,7 @@ def _units(units: int) -> dict[str, tuple[str, ...]]:
         "u_wdata": "reg_wdata",
         "u_rdata": "reg_rdata",
         **{f"u_{n}": f"s_{n}" for n in ("arvalid", "arready", "awvalid", "awready", "wvalid", "wready", "wlast")},
-        **{f"u_{n}": n for n in (*_UNIT_PORTS, "arlen", "arsize", "awlen", "awsize")},
+        **{f"u_{n}": n for n in (*_UNIT_PORTS, "arlen", "awlen")},
     }
     each = range(units - 1, -1, -1)
     return {name: tuple(f"dut.unit[{n}].regulator.{port}" for n in each) for name, port in names.items()}

@@ -14,8 +14,7 @@ module axil_bench;
   halpipe_regulator #(.UNITS(2)) regulator (
     .clk(clk), .rst_n(rst_n), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(), .s_arvalid(2'd0), .s_arready(), .m_arvalid(), .m_arready(2'd0), .s_awvalid(2'd0), .s_awready(), .m_awvalid(),
-    .m_awready(2'd0), .s_wvalid(2'd0), .s_wready(), .m_wvalid(), .m_wready(2'd0), .s_wlast(2'd0), .arlen(16'd0),
-    .arsize(6'd0), .awlen(16'd0), .awsize(6'd0));
+    .m_awready(2'd0), .s_wvalid(2'd0), .s_wready(), .m_wvalid(), .m_wready(2'd0), .s_wlast(2'd0), .arlen(16'd0), .awlen(16'd0));
 
   task write(input [25:0] a, input [31:0] d, input [3:0] s, input integer apart); begin
     @(negedge clk); awaddr = a; wdata = d; wstrb = s;

@@ -180,7 +180,7 @@ def test_the_registers_are_those_of_the_manual(files, tables, player):
         128,
         64,
         cycles,
-        1 << 24 | 3,
+        1 << 24 | 3 << 8 | 3,
         1,
         0,
         2**32 - 1,

@@ -4,20 +4,20 @@ module formal_frame (
   input wire clk, input wire rst_n, input wire reg_write, input wire [25:0] reg_addr, input wire [31:0] reg_wdata,
   input wire [@units@-1:0] s_arvalid, input wire [@units@-1:0] m_arready, input wire [@units@-1:0] s_awvalid, input wire [@units@-1:0] m_awready,
   input wire [@units@-1:0] s_wvalid, input wire [@units@-1:0] m_wready, input wire [@units@-1:0] s_wlast, input wire [8*@units@-1:0] arlen,
-  input wire [3*@units@-1:0] arsize, input wire [8*@units@-1:0] awlen, input wire [3*@units@-1:0] awsize
+  input wire [8*@units@-1:0] awlen
 );
   wire [31:0] reg_rdata; wire tick;
   wire [@units@-1:0] s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid;
-  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .CYCLES(32'd9)) dut (
+  halpipe_regulator #(.UNITS(@units@), .DEPTH(2), .TABLES(2), .SIZE(5), .CYCLES(32'd9)) dut (
     .clk(clk), .rst_n(rst_n), .reg_write(reg_write), .reg_addr(reg_addr), .reg_wdata(reg_wdata), .reg_rdata(reg_rdata),
     .tick(tick), .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready), .s_wvalid(s_wvalid),
-    .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast), .arlen(arlen), .arsize(arsize),
-    .awlen(awlen), .awsize(awsize));
+    .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast), .arlen(arlen),
+    .awlen(awlen));
   // ports of the units, as they are connected: unit 0 lowest
   (* keep *) wire [@units@-1:0] u_tick, u_go, u_req_valid, u_write, u_arvalid, u_arready, u_awvalid, u_awready, u_wvalid, u_wready, u_wlast;
   (* keep *) wire [@units@-1:0] u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
-  (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen; (* keep *) wire [3*@units@-1:0] u_arsize, u_awsize;
+  (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen;
   (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number; (* keep *) wire go;
   reg first = 1;
   always @(posedge clk) first <= 0;
@@ -50,7 +50,7 @@ module formal_frame (
     answers:  assert (reads_wrong == 0);
     if (here) case (reg_addr[19:0])
       20'h000: id:     assert (reg_rdata == 32'h48425746);
-      20'h004: params: assert (reg_rdata == {8'd1, 16'd0, 8'd@units@});
+      20'h004: params: assert (reg_rdata == {8'd1, 8'd0, 8'd5, 8'd@units@});
       20'h008: ctrl:   assert (reg_rdata == {31'd0, m_go});
       20'h010: window: assert (reg_rdata == m_window);
       20'h018: cycles: assert (reg_rdata == m_cycles);
@@ -60,17 +60,17 @@ module formal_frame (
                        == {s_arvalid, s_awvalid, s_wvalid, s_wlast, m_arready, m_awready, m_wready});
     ports_out: assert ({u_arready, u_awready, u_wready, u_m_arvalid, u_m_awvalid, u_m_wvalid}
                        == {s_arready, s_awready, s_wready, m_arvalid, m_awvalid, m_wvalid});
-    lengths:   assert ({u_arlen, u_arsize, u_awlen, u_awsize} == {arlen, arsize, awlen, awsize});
+    lengths:   assert ({u_arlen, u_awlen} == {arlen, awlen});
   end
 endmodule
 // In place of a unit, which is proven on its own: whatever it answers.
-module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter TABFILE = "", parameter HDRFILE = "")(
+module halpipe_regulator_unit #(parameter integer DEPTH = 2, parameter integer TABLES = 2, parameter integer SIZE = 3, parameter TABFILE = "", parameter HDRFILE = "")(
   (* keep *) input wire clk, (* keep *) input wire rst_n, (* keep *) input wire tick, (* keep *) input wire all_go, (* keep *) input wire all_req_valid, (* keep *) input wire [7:0] all_req_table,
   (* keep *) input wire reg_write, (* keep *) input wire [19:0] reg_addr, (* keep *) input wire [31:0] reg_wdata, (* keep *) output wire [31:0] reg_rdata,
   (* keep *) input wire s_arvalid, (* keep *) output wire s_arready, (* keep *) output wire m_arvalid, (* keep *) input wire m_arready,
   (* keep *) input wire s_awvalid, (* keep *) output wire s_awready, (* keep *) output wire m_awvalid, (* keep *) input wire m_awready,
   (* keep *) input wire s_wvalid, (* keep *) output wire s_wready, (* keep *) output wire m_wvalid, (* keep *) input wire m_wready, (* keep *) input wire s_wlast,
-  (* keep *) input wire [7:0] arlen, (* keep *) input wire [2:0] arsize, (* keep *) input wire [7:0] awlen, (* keep *) input wire [2:0] awsize
+  (* keep *) input wire [7:0] arlen, (* keep *) input wire [7:0] awlen
 );
   (* anyseq *) wire [37:0] any;
   assign {reg_rdata, s_arready, m_arvalid, s_awready, m_awvalid, s_wready, m_wvalid} = any;

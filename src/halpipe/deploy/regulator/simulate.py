@@ -72,6 +72,7 @@ def design_of(bundle: Bundle, tables: Tables) -> Design:
             "UNITS": units,
             "DEPTH": depth,
             "TABLES": headers,
+            "SIZE": stimuli.beat_size(tables),
             "FIRST": stimuli.first_window(units),
         },
     )
@@ -120,6 +121,5 @@ def _arguments(tables: Tables, run: Run) -> list[str]:
         "latency": min(run.traffic.latency, max(0, run.cycles - 2 * len(tables.units) * longest)),
         "depth": run.traffic.depth,
         "longest": 1 if run.traffic.is_owing else longest,
-        "size": platform.bus_bytes.bit_length() - 1,
     }
     return [*(f"+{name}={value}" for name, value in settings.items()), f"+kinds={kinds}"]

@@ -57,6 +57,11 @@ def sizes(tables: Tables) -> tuple[int, int]:
     return max(1024, 1 << (entries - 1).bit_length()), header_lines(tables)
 
 
+def beat_size(tables: Tables) -> int:
+    """Return log2 of the bytes of a beat of the bus."""
+    return tables.platform.bus_bytes.bit_length() - 1
+
+
 class Draw:
     """Numbers that follow from a seed and a purpose."""
 
@@ -377,7 +382,7 @@ class _Software:
             (unit_address(unit.index, UNIT_DEF_READ), unit.default["read"]),
             (unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"]),
             (unit_address(unit.index, PARAMS), VERSION | (self._headers & 0xFF) << 16 | self._entries & 0xFFFF),
-            (PARAMS, VERSION | len(self._tables.units)),
+            (PARAMS, VERSION | beat_size(self._tables) << 8 | len(self._tables.units)),
             (FRAME_WINDOW, number + 1),
             (FRAME_CYCLES, self._cycles),
         ]

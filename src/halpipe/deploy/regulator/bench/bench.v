@@ -10,6 +10,7 @@ module bench #(
   parameter integer UNITS  = 4,
   parameter integer DEPTH  = 1024,
   parameter integer TABLES = 16,
+  parameter integer SIZE   = 3,        // log2 of the bytes of a beat: what the memory loses to each, narrow or not
   parameter integer FIRST  = 64        // cycles until the first window that counts begins
 )(
   input wire clk
@@ -17,11 +18,11 @@ module bench #(
   // ---------------------------------------------------------------------------------------------- set-up
   integer script, trace, fields;
   // verilator lint_off UNUSEDSIGNAL
-  reg [31:0] cycles, windows, seed, latency, hold, depth, longest, size;
+  reg [31:0] cycles, windows, seed, latency, hold, depth, longest;
   // verilator lint_on UNUSEDSIGNAL
   reg [8*UNITS-1:0] kinds;             // of each unit: reads in the low half, writes in the high half
   initial begin
-    cycles = 1024; windows = 10; seed = 1; latency = 20; hold = 0; depth = 64; longest = 16; size = 4; kinds = 0;
+    cycles = 1024; windows = 10; seed = 1; latency = 20; hold = 0; depth = 64; longest = 16; kinds = 0;
     if (!$value$plusargs("cycles=%d", cycles)) $display("cycles: default");
     if (!$value$plusargs("windows=%d", windows)) $display("windows: default");
     if (!$value$plusargs("seed=%d", seed)) $display("seed: default");
@@ -29,7 +30,6 @@ module bench #(
     if (!$value$plusargs("hold=%d", hold)) $display("hold: default");
     if (!$value$plusargs("depth=%d", depth)) $display("depth: default");
     if (!$value$plusargs("longest=%d", longest)) $display("longest: default");
-    if (!$value$plusargs("size=%d", size)) $display("size: default");
     if (!$value$plusargs("kinds=%h", kinds)) $display("kinds: default");
     script = $fopen("script.txt", "r");
     trace = $fopen("trace.txt", "w");
@@ -103,14 +103,14 @@ module bench #(
   wire [8*UNITS-1:0] arlen, awlen;
   wire tick;
   reg gather = 0;                      // the figures of a window that just closed stand there
-  halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .CYCLES(FIRST), .IMAGES("./")) dut (
+  halpipe_regulator #(.UNITS(UNITS), .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE), .CYCLES(FIRST), .IMAGES("./")) dut (
     .clk(clk), .rst_n(rst_n), .reg_write(lite_write | (acts & (order == "w"))),
     .reg_addr(is_lite ? lite_addr : address[25:0]), .reg_wdata(is_lite ? lite_wdata : word),
     .reg_rdata(reg_rdata), .tick(tick),
     .s_arvalid(s_arvalid), .s_arready(s_arready), .m_arvalid(m_arvalid), .m_arready(m_arready),
     .s_awvalid(s_awvalid), .s_awready(s_awready), .m_awvalid(m_awvalid), .m_awready(m_awready),
     .s_wvalid(s_wvalid), .s_wready(s_wready), .m_wvalid(m_wvalid), .m_wready(m_wready), .s_wlast(s_wlast),
-    .arlen(arlen), .arsize({UNITS{size[2:0]}}), .awlen(awlen), .awsize({UNITS{size[2:0]}}));
+    .arlen(arlen), .awlen(awlen));
   memory #(.PORTS(UNITS)) memory (
     .clk(clk), .rst_n(rst_n), .depth(depth[9:0]), .latency(latency), .hold(hold),
     .ar_valid(m_arvalid), .ar_ready(m_arready), .ar_len(arlen), .aw_valid(m_awvalid), .aw_ready(m_awready),
@@ -129,8 +129,8 @@ module bench #(
       .valid(s_awvalid[i]), .ready(s_awready[i]), .len(awlen[8*i +: 8]),
       .data_valid(s_wvalid[i]), .data_ready(s_wready[i]), .data_last(s_wlast[i]));
 
-    wire [15:0] ar_bytes = ({8'd0, arlen[8*i +: 8]} + 16'd1) << size[2:0];
-    wire [15:0] aw_bytes = ({8'd0, awlen[8*i +: 8]} + 16'd1) << size[2:0];
+    wire [15:0] ar_bytes = ({8'd0, arlen[8*i +: 8]} + 16'd1) << SIZE;
+    wire [15:0] aw_bytes = ({8'd0, awlen[8*i +: 8]} + 16'd1) << SIZE;
     wire ar_retracted, ar_unequal, aw_retracted, aw_unequal, aw_first;
     // verilator lint_off UNUSEDSIGNAL
     wire ar_first;

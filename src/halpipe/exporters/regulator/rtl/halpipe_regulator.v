@@ -2,7 +2,7 @@
 //
 // Register space: 1 MiB each. 0: the windows (below); 1 + i: unit i, see regulator.rdl.
 //   0x000 ID           ro  0x48425746 ("HBWF")
-//   0x004 PARAMS       ro  units[7:0], version[31:24] = 1
+//   0x004 PARAMS       ro  units[7:0], log2 of the bytes of a beat[15:8], version[31:24] = 1
 //   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on
 //   0x010 WINDOW       ro  windows since reset
 //   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
@@ -13,6 +13,7 @@ module halpipe_regulator #(
   parameter integer UNITS  = 4,          // 1 to 63
   parameter integer DEPTH  = 1024,
   parameter integer TABLES = 16,
+  parameter integer SIZE   = 3,          // log2 of the bytes of a beat of the bus, 0 to 7
   parameter [31:0]  CYCLES = 32'd4096,   // of a window, until software states others
   parameter         IMAGES = ""          // folder of unitN.tab.memh and unitN.hdr.memh, with its slash
 )(
@@ -30,8 +31,7 @@ module halpipe_regulator #(
   input  wire [UNITS-1:0]    s_wvalid,  output wire [UNITS-1:0] s_wready,
   output wire [UNITS-1:0]    m_wvalid,  input  wire [UNITS-1:0] m_wready,
   input  wire [UNITS-1:0]    s_wlast,
-  input  wire [8*UNITS-1:0]  arlen, input wire [3*UNITS-1:0] arsize,
-  input  wire [8*UNITS-1:0]  awlen, input wire [3*UNITS-1:0] awsize
+  input  wire [8*UNITS-1:0]  arlen, input wire [8*UNITS-1:0] awlen
 );
   wire        here = (reg_addr[25:20] == 6'd0);
   reg         go;
@@ -52,7 +52,7 @@ module halpipe_regulator #(
   reg  [31:0] mine;
   always @* case (reg_addr[19:0])
     20'h00000: mine = 32'h48425746;
-    20'h00004: mine = {8'd1, 16'd0, UNITS[7:0]};
+    20'h00004: mine = {8'd1, 8'd0, SIZE[7:0], UNITS[7:0]};
     20'h00008: mine = {31'd0, go};
     20'h00010: mine = window;
     20'h00018: mine = cycles;
@@ -68,7 +68,7 @@ module halpipe_regulator #(
     localparam [7:0] ONES = 8'h30 + i % 10;
     // verilator lint_off WIDTH
     halpipe_regulator_unit #(   // names of unlike length
-      .DEPTH(DEPTH), .TABLES(TABLES),
+      .DEPTH(DEPTH), .TABLES(TABLES), .SIZE(SIZE),
       .TABFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".tab.memh"} : {IMAGES, "unit", TENS, ONES, ".tab.memh"}),
       .HDRFILE((IMAGES == "") ? "" : (i < 10) ? {IMAGES, "unit", ONES, ".hdr.memh"} : {IMAGES, "unit", TENS, ONES, ".hdr.memh"})
     // verilator lint_on WIDTH
@@ -80,7 +80,7 @@ module halpipe_regulator #(
       .s_awvalid(s_awvalid[i]), .s_awready(s_awready[i]), .m_awvalid(m_awvalid[i]), .m_awready(m_awready[i]),
       .s_wvalid(s_wvalid[i]), .s_wready(s_wready[i]), .m_wvalid(m_wvalid[i]), .m_wready(m_wready[i]),
       .s_wlast(s_wlast[i]),
-      .arlen(arlen[8*i +: 8]), .arsize(arsize[3*i +: 3]), .awlen(awlen[8*i +: 8]), .awsize(awsize[3*i +: 3]));
+      .arlen(arlen[8*i +: 8]), .awlen(awlen[8*i +: 8]));
   end endgenerate
 endmodule
 `default_nettype wire

@@ -1,12 +1,16 @@
 // The bandwidth regulator of one bus manager: its registers, its tables, and the gates in front of its address channels.
 // It adds no cycle to a burst that passes. All units share `tick`, and the window is 4 cycles at least.
 //
+// A burst costs its beats times the bytes of a beat of the bus, whatever its AxSIZE: a memory of one beat in a cycle
+// loses a whole beat to a narrow transfer, too.
+//
 // A write's data passes as soon as its address is shown to the memory: a memory may wait for data before it takes an
 // address (AXI4 A3.3.1), and data without an admitted address must not reach it.
 `default_nettype none
 module halpipe_regulator_unit #(
   parameter integer   DEPTH   = 1024,
   parameter integer   TABLES  = 16,
+  parameter integer   SIZE    = 3,       // log2 of the bytes of a beat of the bus, 0 to 7
   parameter           TABFILE = "",
   parameter           HDRFILE = "",
   parameter [31:0]    DEF_RD  = 32'd0,   // default budgets in bytes per window, until software states others
@@ -33,9 +37,7 @@ module halpipe_regulator_unit #(
   input  wire        s_wlast,
   // lengths of the bursts, on their way past the unit
   input  wire [7:0]  arlen,
-  input  wire [2:0]  arsize,
-  input  wire [7:0]  awlen,
-  input  wire [2:0]  awsize
+  input  wire [7:0]  awlen
 );
   // ---------------------------------------------------------------------------------------------- registers
   localparam [31:0] ID = 32'h48425754;
@@ -96,8 +98,8 @@ module halpipe_regulator_unit #(
     .pending(pending), .pending_table(pending_table), .next_rd(next_rd), .next_wr(next_wr));
 
   // ---------------------------------------------------------------------------------------------- gates
-  wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << arsize;
-  wire [15:0] aw_bytes = ({8'd0, awlen} + 16'd1) << awsize;
+  wire [15:0] ar_bytes = ({8'd0, arlen} + 16'd1) << SIZE;
+  wire [15:0] aw_bytes = ({8'd0, awlen} + 16'd1) << SIZE;
   wire aw_admit;
   // verilator lint_off UNUSEDSIGNAL
   wire ar_admit;                                     // reads have no data to hold back
