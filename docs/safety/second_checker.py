@@ -2,9 +2,9 @@
 
     python docs/safety/second_checker.py MODEL.xml SCHEDULE.xml
 
-It decides the steady state of every mode and every switch, with split jobs, interrupts, bindings and sporadic arrivals,
-from the page that says what "valid" means, in exact time. Of reported figures it knows hyperperiods, worst latencies
-and those of chains. One line per broken rule; exit code 0: valid, 1: not valid, 2: cannot read.
+It decides the steady state of every mode and every switch, from the page that says what "valid" means, in exact time.
+Of reported figures it knows hyperperiods, worst latencies and those of chains. One line per broken rule; exit code 0:
+valid, 1: not valid, 2: cannot read.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ SCALE = {"ns": 1, "us": 1000, "ms": 1000**2, "s": 1000**3}
 LARGEST_FILE, MOST_JOBS = 64 * 1024 * 1024, 1_000_000
 Part = tuple[int, int, int, int]
 Limits = list[int | None]
+Step = tuple["Job", int]  # a job, and how much later it runs than where it stands
 Finding = tuple[str, str, str, int | str, str]
 
 
@@ -104,9 +105,8 @@ def root_of(path: str, kind: str) -> tuple[ET.Element, str]:
 
 
 class Version:
-    def __init__(self, element: ET.Element) -> None:
-        self.name = need(element, "name")
-        self.wcet = at(element, "wcet")
+    def __init__(self, element: ET.Element, locks: set[str]) -> None:
+        self.name, self.wcet, self.locks = need(element, "name"), at(element, "wcet"), locks
         split = element.get("split", "none").split()
         self.anywhere = split == ["anywhere"]
         self.points: set[int] = set() if split in (["none"], ["anywhere"]) else {duration(point) for point in split}
@@ -120,30 +120,43 @@ class Version:
             (need(a, "resource"), at(a, "start"), at(a, "end"), number(a.get("bound", "1")))
             for a in inside(element, "access")
         ]
-        self.constraints = [
-            (need(p, "task"), p.get("from", "start"), duration(p.get("min", "0ns")), at(p, "max"))
-            for p in inside(element, "precedence")
-        ]
+        if any(name in locks and bound != 1 for name, *_, bound in self.phases):
+            raise UnreadableError("a lock is taken by less than the whole")
+        self.constraints = [Constraint(p) for p in inside(element, "precedence")]
 
     def may_split(self, at: int) -> bool:
         if self.anywhere:
-            return 0 < at < self.wcet and not any(p < at < q for _, p, q, _ in self.phases)
+            held = (p < at < q for name, p, q, _ in self.phases if name not in self.locks)
+            return 0 < at < self.wcet and not any(held)
         return at in self.points
 
 
+class Constraint:
+    def __init__(self, element: ET.Element) -> None:
+        self.task, self.origin = need(element, "task"), element.get("from", "start")
+        self.point, self.to = optional(element, "point"), element.get("to", "start")
+        self.least, self.most = duration(element.get("min", "0ns")), at(element, "max")
+        self.is_cycle = element.get("match", "window") == "cycle"
+        if self.to not in ("start", "end") or (self.origin == "point") != (self.point is not None):
+            raise UnreadableError(f"a constraint on {self.task!a} has no such instant")
+
+    def gap(self, before: Job, job: Job) -> int:
+        return (job.end if self.to == "end" else job.start) - before.instant(self.origin, self.point or 0)
+
+
 class Task:
-    def __init__(self, element: ET.Element, binding: str) -> None:
-        self.name = need(element, "name")
-        self.period = optional(element, "period")
+    def __init__(self, element: ET.Element, binding: str, locks: set[str]) -> None:
+        self.name, self.period, self.let = need(element, "name"), optional(element, "period"), optional(element, "let")
         if self.period == 0:
             raise UnreadableError(f"task {self.name!a} has the period 0")
         self.slack = number(element.get("slack", "0"))
-        self.offset = optional(element, "offset")
-        self.distance = optional(element, "distance")
+        self.offset, self.distance = optional(element, "offset"), optional(element, "distance")
         given = "deadline" if "deadline" in element.attrib else "period" if self.distance is None else "distance"
         self.deadline = optional(element, given)
         self.binding = element.get("binding", binding)
-        self.versions = {v.name: v for v in map(Version, inside(element, "version"))}
+        if self.let is not None and (self.period is None or not 0 < self.let <= (self.deadline or 0)):
+            raise UnreadableError(f"task {self.name!a} has a logical execution time beyond its deadline")
+        self.versions = {v.name: v for v in (Version(version, locks) for version in inside(element, "version"))}
 
 
 class Model:
@@ -156,11 +169,10 @@ class Model:
                 raise UnreadableError("an interrupt has the distance 0")
             self.interrupts[need(unit, "name")] = found
         binding = next(inside(root, "tasks"), root).get("binding", "job")
-        self.tasks = {t.name: t for t in (Task(element, binding) for element in inside(root, "tasks", "task"))}
-        self.chains = [
-            (need(c, "name"), need(c, "tasks").split(), optional(c, "max-reaction"), optional(c, "max-age"))
-            for c in inside(root, "chains", "chain")
-        ]
+        locks = {need(r, "name") for r in inside(root, "platform", "resource") if r.get("kind") == "lock"}
+        self.tasks = {t.name: t for t in (Task(element, binding, locks) for element in inside(root, "tasks", "task"))}
+        self.chains = [Chain(c) for c in inside(root, "chains", "chain")]
+        self.closed = {need(mode, "name") for mode in inside(root, "modes", "mode") if mode.get("edge") == "closed"}
         for mode in inside(root, "modes", "mode"):
             runs = inside(mode, "run")
             self.modes[need(mode, "name")] = {need(run, "task"): need(run, "versions").split() for run in runs}
@@ -173,6 +185,23 @@ class Model:
             for task, versions in running.items():
                 if task not in self.tasks or not set(versions) <= set(self.tasks[task].versions):
                     raise UnreadableError(f"mode {name!a} runs what does not exist: {task!a}")
+            self.in_first(running)
+        if any(c.origin == "release" and self.tasks[c.tasks[0]].period is None for c in self.chains):
+            raise UnreadableError("a chain counts from a release that its first task has not")
+
+    def in_first(self, running: dict[str, list[str]]) -> set[str]:  # tasks whose phase lies in the first period
+        named = {name for name in running if self.tasks[name].let is not None}
+        for name in running:
+            for row in (row for version in running[name] for row in self.tasks[name].versions[version].constraints):
+                if row.task not in running:
+                    continue
+                other, is_cycle = self.tasks[row.task], row.is_cycle
+                is_released = other.period is not None or not (is_cycle or row.origin == "release")
+                shortest = min(other.versions[v].wcet for v in running[row.task])
+                if not is_released or (is_cycle and self.tasks[name].period is None) or (row.point or 0) > shortest:
+                    raise UnreadableError(f"a constraint of {name!a} counts from an instant that is not there")
+                named |= {name, row.task} if is_cycle else set()
+        return named
 
     def reserved(self, units: set[str], work: int) -> int | None:  # L(work); None where interrupts leave no room
         found = [pair for unit in sorted(units) for pair in self.interrupts[unit]]
@@ -194,6 +223,9 @@ class Job:  # One job of the schedule; parts are (start, end, from, to).
         self.units = set(self.unit_list)
         self.written = [(at(p, "start"), at(p, "end"), at(p, "from"), at(p, "to")) for p in inside(element, "part")]
         self.parts, self.where = self.written, ""
+        self.model: Model
+        self.let: int | None = None
+        self.delay, self.lap = 0, 0  # since its release, which in a table is its start; a job of the cycle before
 
     def moved(self, by: int, where: str) -> Job:
         other = Job.__new__(Job)
@@ -201,10 +233,32 @@ class Job:  # One job of the schedule; parts are (start, end, from, to).
         other.parts = [(start + by, end + by, begin, to) for start, end, begin, to in self.parts]
         return other
 
+    def instant(self, origin: str, point: int = 0) -> int:
+        for number, (start, _, begin, to) in enumerate(self.parts if origin == "point" else ()):
+            if begin <= point <= to:
+                return start + (
+                    self.model.reserved(self.units, self.version.resume * (number > 0) + point - begin) or 0
+                )
+        release = self.start - self.delay
+        known = {"end": self.end, "release": release, "read": self.start, "write": self.end}
+        if self.let is not None:
+            known |= {"read": release, "write": release + self.let}
+        return known.get(origin, self.start)
+
+
+class Chain:
+    def __init__(self, element: ET.Element) -> None:
+        self.name, self.tasks = need(element, "name"), need(element, "tasks").split()
+        self.origin, self.to = element.get("from", "read"), element.get("to", "write")
+        self.limits = [optional(element, f"max-{what}") for what in ("latency", "reaction", "age")]
+        is_back = (len(self.tasks), self.origin, self.to) == (1, "end", "start")
+        if is_back or self.origin == "point" or self.to not in ("write", "start", "end"):
+            raise UnreadableError(f"chain {self.name!a} has no such event")
+
 
 class Table:  # What modes and switches have in common: jobs that must be well formed and must not meet on a line.
-    next_start: Callable[[str, int, bool], tuple[int, int] | None]
-    last_end: Callable[[str, int], int | None]
+    next_read: Callable[[str, int, bool], Step | None]
+    last_write: Callable[[str, int], Step | None]
     until: int | None = None  # Paths of chains count if they cross the time from 0 to this; in a mode, all do.
 
     def __init__(self, model: Model, name: str, total: int) -> None:
@@ -220,6 +274,7 @@ class Table:  # What modes and switches have in common: jobs that must be well f
             return
         job.version, job.where = self.model.tasks[job.task].versions[job.chosen], where
         job.parts = job.written or [(job.start, job.end, 0, job.version.wcet)]
+        job.model, job.let = self.model, self.model.tasks[job.task].let
         self.jobs.append(job)
 
     def units(self, job: Job) -> bool:
@@ -275,15 +330,16 @@ class Table:  # What modes and switches have in common: jobs that must be well f
         changes: dict[str, list[tuple[int, Fraction, Job]]] = defaultdict(list)
         for job in line:
             for resource, begin, to, bound in job.version.phases:
-                for number, (start, _, origin, until) in enumerate(job.parts):
-                    lost = job.version.resume if number else 0
-                    if origin <= begin and to <= until:
-                        over = self.model.reserved(job.units, lost + to - origin) or 0
-                        changes[resource].append((start + lost + begin - origin, bound, job))
-                        changes[resource].append((start + over, -bound, job))
-                        break
-                else:
+                # A lock is held from its first instant to its last, also in the gaps between.
+                if resource not in job.version.locks and any(begin < part[3] < to for part in job.parts):
                     self.broken("access", job, f"a phase on {resource} is interrupted")
+                for number, (start, _, origin, until) in enumerate(job.parts):
+                    lost = start + (job.version.resume if number else 0) - origin
+                    if origin <= begin < until:
+                        changes[resource].append((lost + begin, bound, job))
+                    if origin < to <= until:
+                        over = self.model.reserved(job.units, lost + to - start) or 0
+                        changes[resource].append((start + over, -bound, job))
         for resource, found in changes.items():
             level = Fraction()
             for _, change, job in sorted(found, key=lambda entry: entry[:2]):
@@ -292,38 +348,43 @@ class Table:  # What modes and switches have in common: jobs that must be well f
                     self.broken("access", job, f"{resource} is taken {level} times")
                     break
 
-    def chain(self, name: str, tasks: list[str], limits: Limits, first: list[Job], last: list[Job]) -> Limits:
-        """Return the worst reaction and age of a chain; paths begin with `first`, or end with `last`."""
+    def chain(self, chain: Chain, first: list[Job], last: list[Job]) -> Limits:
+        """Return the worst latency, reaction and age of a chain; paths begin with `first`, or end with `last`."""
         worst: Limits = []
-        for number, ends in enumerate((self.reactions(tasks, first), self.ages(tasks, last))):
-            most, limit = max(ends, default=None), limits[number]
+        figures = (self.forward(chain, first, False), self.forward(chain, first, True), self.ages(chain, last))
+        for what, ends, limit in zip(("latency", "reaction", "age"), figures, chain.limits, strict=True):
+            most = max(ends, default=None)
             worst.append(most)
             if most is not None and limit is not None and most > limit:
-                self.broken("chain", tasks[0], f"{name}: the {('reaction', 'age')[number]} is too long")
+                self.broken("chain", chain.tasks[0], f"{chain.name}: the {what} is too long")
         return worst
 
-    def reactions(self, tasks: list[str], jobs: list[Job]) -> Iterator[int]:
-        for missed in jobs:
-            # A stimulus just after this start is seen by the next job.
-            found = self.next_start(tasks[0], missed.start, True)
-            for task in tasks[1:]:
-                found = found and self.next_start(task, found[1], False)
-            if found and (self.until is None or (missed.start < self.until and found[0] >= 0)):
-                yield found[1] - missed.start
+    def counts(self, one: Step, two: Step) -> bool:
+        return self.until is None or (one[0].start + one[1] < self.until and two[0].start + two[1] >= 0)
 
-    def ages(self, tasks: list[str], jobs: list[Job]) -> Iterator[int]:
+    def forward(self, chain: Chain, jobs: list[Job], is_missed: bool) -> Iterator[int]:
+        for job in jobs:
+            # A stimulus just after this job read is seen by the next one.
+            found = self.next_read(chain.tasks[0], job.instant("read"), True) if is_missed else (job, 0)
+            for task in chain.tasks[1:]:
+                found = found and self.next_read(task, found[0].instant("write") + found[1], False)
+            if found and self.counts((job, 0), found):
+                yield found[0].instant(chain.to) + found[1] - job.instant(chain.origin)
+
+    def ages(self, chain: Chain, jobs: list[Job]) -> Iterator[int]:
         for last in jobs:
-            start: int | None = last.start
-            for task in reversed(tasks[:-1]):
-                start = None if start is None else self.last_end(task, start)
-            if start is not None and (self.until is None or (start < self.until and last.start >= 0)):
-                yield last.end - start
+            found: Step | None = last, 0
+            for task in reversed(chain.tasks[:-1]):
+                found = found and self.last_write(task, found[0].instant("read") + found[1])
+            if found and self.counts(found, (last, 0)):
+                yield last.instant(chain.to) - found[0].instant(chain.origin) - found[1]
 
 
 class Mode(Table):  # The steady state of one mode; findings are (rule, mode, task, job, what).
     def __init__(self, model: Model, name: str, jobs: list[Job]) -> None:
         super().__init__(model, name, 0)
         self.runs = model.modes[name]
+        self.first = model.in_first(self.runs)
         self.total, self.counted, self.figures = self.hyperperiod(), dict[str, int](), dict[str, Limits]()
         self.bound: dict[str, list[Job]] = defaultdict(list)
         for job in jobs:
@@ -352,9 +413,11 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         self.access(line)
         for job in self.jobs:
             self.precedence(job)
-        for name, tasks, *limits in self.model.chains:
-            if all(task in self.runs for task in tasks):
-                self.latencies(name, tasks, limits)
+            if self.name in self.model.closed and job.end > self.total:
+                self.broken("edge", job, "in progress at the end of the table")
+        for chain in self.model.chains:
+            if all(task in self.runs for task in chain.tasks):
+                self.latencies(chain)
         return self.findings
 
     def line(self, jobs: list[Job]) -> list[Job]:
@@ -365,7 +428,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
 
     def most_demands(self, by: str, name: str) -> int:  # constraints on it of one version
         versions = () if by == name else (self.model.tasks[by].versions[version] for version in self.runs[by])
-        return max((sum(to == name for to, *_ in version.constraints) for version in versions), default=0)
+        return max((sum(row.task == name for row in version.constraints) for version in versions), default=0)
 
     def count(self, name: str, above: tuple[str, ...] = ()) -> int:
         if name in above:
@@ -385,7 +448,7 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         for by in self.model.tasks:
             most = self.most_demands(by, name) if by in self.runs else 0
             for job in self.bound[by] if most else ():
-                slots = sum(to == name for to, *_ in job.version.constraints)
+                slots = sum(row.task == name for row in job.version.constraints)
                 if job.index < self.count(by):
                     arising |= set(range(base + job.index * most, base + job.index * most + slots))
             base += most * self.count(by) if most else 0
@@ -404,15 +467,26 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
         for number, job in enumerate(ordered):
             self.late(task, ordered[number - 1].start - (0 if number else self.total), job)
         if task.period is None:
-            for job in jobs:
-                if task.deadline is not None and job.end - job.start > task.deadline:
-                    self.broken("deadline", job, "longer than its deadline")
-            return
+            return  # it has no releases
         places = [(job, (job.start - job.index * task.period) % self.total) for job in jobs]
         phases = {place for _, place in places} if task.offset is None else {task.offset % task.period}
-        verdicts = [self.delays(task, places, phase) for phase in sorted(phases)]
-        for rule, job, what in min(verdicts, key=len, default=[]):
+        verdicts = [(phase, self.delays(task, places, phase)) for phase in sorted(phases)]
+        phase, verdict = min(verdicts, key=lambda pair: len(pair[1]), default=(0, []))
+        for rule, job, what in verdict:
             self.broken(rule, job, what)
+        for job, place in places:
+            is_before = job.start < job.index * task.period + (task.offset or 0) % task.period
+            job.delay, job.lap = (place - phase) % self.total, self.total * is_before
+        if name in self.first and phase >= task.period:
+            # An earlier phase may do as well; data are read at the latest one.
+            most, sooner = task.slack * task.period, phase - task.period
+            rooms = [(job.delay, self.deadline(task, job) - job.end + job.start) for job in jobs]
+            if task.let or any(sooner + delay >= min(most, Fraction(room)) for delay, room in rooms):
+                self.broken("periodic", name, "its first release is not in the first period")
+
+    def deadline(self, task: Task, job: Job) -> int:  # counted from the release; none where arrivals are served
+        never = job.end - job.start + self.total
+        return task.let or (never if task.distance is not None or task.deadline is None else task.deadline)
 
     def delays(self, task: Task, places: list[tuple[Job, int]], phase: int) -> list[tuple[str, Job, str]]:
         found = []
@@ -420,32 +494,43 @@ class Mode(Table):  # The steady state of one mode; findings are (rule, mode, ta
             delta = (place - phase) % self.total
             if delta > task.slack * (task.period or 0):
                 found.append(("periodic", job, "too long after its release"))
-            if task.distance is None and task.deadline is not None and delta + job.end - job.start > task.deadline:
+            if delta + job.end - job.start > self.deadline(task, job):
                 found.append(("deadline", job, "ends too long after its release"))
         return found
 
     def precedence(self, job: Job) -> None:
-        for name, origin, least, most in job.version.constraints:
-            ages = (job.start - (other.end if origin == "end" else other.start) for other in self.bound[name])
-            if not any(least <= age + max(0, up(least - age, self.total)) * self.total <= most for age in ages):
-                self.broken("precedence", job, f"no job of {name} starts or ends within the window")
+        for row in job.version.constraints:
+            others = self.bound[row.task] if row.task in self.runs else []
+            if row.is_cycle:
+                periods = self.model.tasks[job.task].period or 0, self.model.tasks[row.task].period or 1
+                same = [other for other in others if other.index == job.index * periods[0] // periods[1]]
+                ages = [row.gap(other, job) + job.lap - other.lap for other in same]
+            else:
+                near = (row.gap(other, job) for other in others)
+                ages = [age + up(row.least - age, self.total) * self.total for age in near]
+            if not any(row.least <= age <= row.most for age in ages):
+                self.broken("precedence", job, f"no job of {row.task} lies within the window")
 
-    def latencies(self, name: str, tasks: list[str], limits: Limits) -> None:
-        if limits != [None, None] and not all(self.bound[task] for task in tasks):
-            self.broken("chain", tasks[0], f"{name}: a task has no job")
-        worst = self.chain(name, tasks, limits, self.bound[tasks[0]], self.bound[tasks[-1]])
-        if self.figures.get(name, worst) != worst:
-            self.broken("figures", tasks[0], f"{name}: the reported reaction or age is wrong")
+    def latencies(self, chain: Chain) -> None:
+        if chain.limits != [None] * 3 and not all(self.bound[task] for task in chain.tasks):
+            self.broken("chain", chain.tasks[0], f"{chain.name}: a task has no job")
+        worst = self.chain(chain, self.bound[chain.tasks[0]], self.bound[chain.tasks[-1]])
+        given = self.figures.get(chain.name, worst)
+        if given[1:] != worst[1:] or given[0] not in (None, worst[0]):
+            self.broken("figures", chain.tasks[0], f"{chain.name}: a reported latency is wrong")
 
-    def next_start(self, task: str, since: int, later: bool) -> tuple[int, int] | None:
-        """Return start and end of the first job, in any cycle, from an instant on; of equals, of the lowest number."""
-        turns = [(job, up(since + later - job.start, self.total) * self.total) for job in self.bound[task]]
-        found = min(((job.start + by, job.index, job.end + by) for job, by in turns), default=None)
-        return found and (found[0], found[2])
+    def next_read(self, task: str, since: int, later: bool) -> Step | None:
+        """Return the first job, in any cycle, that reads from an instant on; of equals, of the lowest number."""
+        turns = [(job, up(since + later - job.instant("read"), self.total) * self.total) for job in self.bound[task]]
+        return min(turns, key=lambda step: (step[0].instant("read") + step[1], step[0].index), default=None)
 
-    def last_end(self, task: str, until: int) -> int | None:
-        turns = [(job, (until - job.end) // self.total * self.total) for job in self.bound[task]]
-        return max(((job.end + by, job.start + by) for job, by in turns), default=(None, None))[1]
+    def last_write(self, task: str, until: int) -> Step | None:
+        turns = [(job, (until - job.instant("write")) // self.total * self.total) for job in self.bound[task]]
+        return max(
+            turns,
+            key=lambda step: (step[0].instant("write") + step[1], step[0].instant("read") + step[1]),
+            default=None,
+        )
 
 
 # The line of one switch: cycles of the mode before up to 0, the table on [0, length), the mode to come.
@@ -476,69 +561,84 @@ class Switch(Table):
         near = self.line(2, max(2, up(last - self.total, self.target.total)))
         self.meet(near)
         self.access(near)
+        for job in self.line(2, 0):
+            if job.end > self.total and self.target.name in self.model.closed:
+                self.broken("edge", job, "in progress where the mode to come begins from idle")
+            if job.where == "table" and job.let and job.end - job.start > job.let:
+                self.broken("edge", job, "lasts longer than its logical execution time")
         for name in {job.task for job in self.jobs}:
             self.bind(name, [job for job in [*self.jobs, *self.target.jobs] if job.task == name])
         self.continuity()
         self.entering()
         self.precedence()
-        for name, tasks, *limits in self.model.chains:
-            if limits != [None, None] and all(task in self.source.runs and task in self.target.runs for task in tasks):
-                turns = 4 * len(tasks) + 2
-                line = sorted(self.line(turns, turns), key=lambda job: (job.start, job.index))
+        for chain in self.model.chains:
+            tasks = chain.tasks
+            if any(chain.limits) and all(task in self.source.runs and task in self.target.runs for task in tasks):
+                lets = sum(self.model.tasks[task].let or 0 for task in tasks)
+                turns = [4 * len(tasks) + 2 + up(lets, mode.total) for mode in (self.source, self.target)]
+                line = sorted(self.line(*turns), key=lambda job: (job.instant("read"), job.start, job.index))
                 self.far = {task: [job for job in line if job.task == task] for task in tasks}
-                self.near_ends = {task: sorted((job.end, job.start) for job in self.far[task]) for task in tasks}
-                self.chain(name, tasks, limits, self.far[tasks[0]], self.far[tasks[-1]])
+                line.sort(key=lambda job: (job.instant("write"), job.instant("read"), -job.start))
+                self.writes = {task: [job for job in line if job.task == task] for task in tasks}
+                self.chain(chain, self.far[tasks[0]], self.far[tasks[-1]])
         return self.findings
 
     def continuity(self) -> None:
         line = sorted(self.line(2, 2), key=lambda job: (job.start, job.index))
         for name in self.source.runs.keys() & self.target.runs.keys():
             task = self.model.tasks[name]
-            for one, two in pairwise(job for job in line if job.task == name):
-                if one.where == two.where != "table":
-                    continue
-                if task.period is not None and two.start - one.start > (1 + task.slack) * task.period:
-                    self.broken("continuity", two, "starts too long after the job before")
-                if two.start < one.end:
-                    self.broken("continuity", two, "starts before the job before has ended")
-                self.late(task, one.start, two)
+            own = [job for job in line if job.task == name]
+            for number, two in enumerate(own):
+                for one in (one for one in own[:number] if not one.where == two.where != "table"):
+                    if one.end > two.start:
+                        self.broken("continuity", two, "starts before one from before has ended")
+                    if one is own[number - 1]:
+                        self.late(task, one.start, two)
+                        if task.period is not None and two.start - one.start > (1 + task.slack) * task.period:
+                            self.broken("continuity", two, "starts too long after the job before")
 
-    def wants(self, cycles: int) -> list[tuple[Job, str, str, int, int]]:
-        return [(job, *constraint) for job in self.line(0, cycles) for constraint in job.version.constraints]
+    def wants(self, cycles: int) -> list[tuple[Job, Constraint]]:
+        return [(job, constraint) for job in self.line(0, cycles) for constraint in job.version.constraints]
 
     def entering(self) -> None:
         wants, cycle = self.wants(1), self.target.total
         for job in (job for job in self.jobs if job.task not in self.source.runs):
-            for other, to, origin, least, most in wants:
-                gap = other.start - (job.end if origin == "end" else job.start)
-                gap += max(0, (most - gap) // cycle) * cycle if other.where == "after" else 0
-                if to == job.task and least <= gap <= most:
+            for other, row in wants:
+                gap = row.gap(job, other)
+                gap += max(0, (row.most - gap) // cycle) * cycle if other.where == "after" else 0
+                if row.task == job.task and row.least <= gap <= row.most:
                     break
             else:
                 self.broken("entering", job, "no constraint needs it so early")
 
     def precedence(self) -> None:  # in cycles up to those whose predecessors all lie in the mode to come
-        furthest = [max(window) for window in zip((0, 0), *(want[-2:] for want in self.wants(1)), strict=True)]
-        before = 2 + up(furthest[1] + self.source.longest_job, self.source.total)
-        after = 2 + up(furthest[0] + self.target.longest_job, self.target.total)
-        found: dict[tuple[str, str], list[int]] = defaultdict(list)
-        for job in self.line(before, after + 1):
-            found[job.task, "start"].append(job.start)
-            found[job.task, "end"].append(job.end)
+        kinds: dict[str, set[tuple[str, int]]] = defaultdict(set)
+        for _, row in self.wants(1):
+            kinds[row.task].add((row.origin, row.point or 0))
+        furthest = max((row.most for _, row in self.wants(1)), default=0)
+        before = 3 + up(furthest + self.source.longest_job, self.source.total)
+        after = 3 + up(furthest + self.target.longest_job, self.target.total)
+        found: dict[tuple[str, str, int], list[int]] = defaultdict(list)
+        for job in self.line(before, after + 2):
+            for kind in kinds[job.task]:
+                found[job.task, *kind].append(job.instant(*kind))
         for instants in found.values():
             instants.sort()
-        for job, name, origin, least, most in self.wants(after):
-            place = bisect_right(found[name, origin], job.start - least)
-            if not place or found[name, origin][place - 1] < job.start - most:
-                self.broken("precedence", job, f"no job of {name} starts or ends within the window")
+        for job, row in self.wants(after):
+            if row.is_cycle and job.where == "after" and not (job.lap and job.start < self.total + self.target.total):
+                continue
+            instants, own = found[row.task, row.origin, row.point or 0], job.end if row.to == "end" else job.start
+            place = bisect_right(instants, own - row.least)
+            if not place or instants[place - 1] < own - row.most:
+                self.broken("precedence", job, f"no job of {row.task} lies within the window")
 
-    def next_start(self, task: str, since: int, later: bool) -> tuple[int, int] | None:
-        found = self.far[task][bisect_left(self.far[task], since + later, key=lambda job: job.start) :][:1]
-        return (found[0].start, found[0].end) if found else None
+    def next_read(self, task: str, since: int, later: bool) -> Step | None:
+        found = self.far[task][bisect_left(self.far[task], since + later, key=lambda job: job.instant("read")) :][:1]
+        return (found[0], 0) if found else None
 
-    def last_end(self, task: str, until: int) -> int | None:
-        number = bisect_right(self.near_ends[task], until, key=lambda pair: pair[0])
-        return self.near_ends[task][number - 1][1] if number else None
+    def last_write(self, task: str, until: int) -> Step | None:
+        number = bisect_right(self.writes[task], until, key=lambda job: job.instant("write"))
+        return (self.writes[task][number - 1], 0) if number else None
 
 
 def judge(model_path: str, schedule_path: str) -> list[Finding]:  # what is broken: (rule, mode, task, job, what)
@@ -555,7 +655,7 @@ def judge(model_path: str, schedule_path: str) -> list[Finding]:  # what is brok
             raise UnreadableError("a mode has two schedules, or is not of the model")
         tables[name] = mode = Mode(model, name, [Job(job) for job in inside(element, "job")])
         for chain in inside(element, "chain"):
-            mode.figures[need(chain, "name")] = [optional(chain, what) for what in ("reaction", "age")]
+            mode.figures[need(chain, "name")] = [optional(chain, what) for what in ("latency", "reaction", "age")]
         findings += mode.check()
         if at(element, "hyperperiod") != mode.total or element.get("status") != "valid":
             findings.append(("figures", name, "-", "-", "not called valid, or the hyperperiod is another"))

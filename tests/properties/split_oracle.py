@@ -10,7 +10,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import pairwise
 
-from halpipe.models import Binding
+from halpipe.models import Binding, ResourceKind
 
 
 def whole(duration):
@@ -68,9 +68,14 @@ def is_senseless(model):
         if owner.distance is not None and (owner.period is None or owner.period > owner.distance):
             return True
         chosen = owner.version(version)
-        if any(a.start < point < a.end for a in chosen.accesses for point in chosen.split.points):
+        phases = [a for a in chosen.accesses if not is_lock(model, a.resource)]
+        if any(a.start < point < a.end for a in phases for point in chosen.split.points):
             return True
     return False
+
+
+def is_lock(model, name):
+    return any(r.name == name and r.kind is ResourceKind.LOCK for r in model.resources)
 
 
 def shapes(model, tasks, jobs):
@@ -89,7 +94,7 @@ def well_cut(model, job, version):
     executed = [(whole(p.executed_from), whole(p.executed_to)) for p in parts]
     lasting = [(whole(p.start), whole(p.end)) for p in parts]
     cuts = [b for _, b in executed[:-1]]
-    phases = [(whole(a.start), whole(a.end)) for a in version.accesses]
+    phases = [(whole(a.start), whole(a.end)) for a in version.accesses if not is_lock(model, a.resource)]
     if split.anywhere:
         permitted = {t for t in range(1, wcet) if not any(p < t < q for p, q in phases)}
     else:

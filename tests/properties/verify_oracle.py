@@ -13,13 +13,18 @@ from functools import cache
 from itertools import pairwise
 from typing import NamedTuple
 
+import refined_oracle
 import split_oracle
 
-from halpipe.models import Anchor, Status
+from halpipe.models import Edge, Match, Status
 
 
 class At(NamedTuple):
-    """A job at an instant of an unrolled line; its pieces, each from s to t and from a to b, count from its start."""
+    """A job at an instant of an unrolled line; its pieces, each from s to t and from a to b, count from its start.
+
+    `delay` is the time since its release, `lap` the hyperperiod for a job of the cycle before, `let` its logical
+    execution time.
+    """
 
     start: int
     end: int
@@ -27,6 +32,19 @@ class At(NamedTuple):
     part: str
     job: object
     pieces: tuple = ()
+    delay: int = 0
+    lap: int = 0
+    let: int | None = None
+    resume: int = 0
+    rows: tuple = ()
+
+    @property
+    def read(self):
+        return self.start if self.let is None else self.start - self.delay
+
+    @property
+    def write(self):
+        return self.end if self.let is None else self.start - self.delay + self.let
 
 
 def broken(model, schedule):
@@ -48,7 +66,7 @@ def broken(model, schedule):
     for table in schedule.transitions:
         pair = (table.source, table.target)
         found |= {(rule, pair) for rule in _switch(model, schedule, table, allowed[pair])}
-    if split_oracle.is_senseless(model):
+    if split_oracle.is_senseless(model) or refined_oracle.is_senseless(model):
         found.add(("file", ""))
     if split_oracle.hops_in_system(model, schedule):
         found.add(("binding", "system"))
@@ -98,7 +116,7 @@ def counts_and_demands(tasks, total):
 
 
 def latency_jobs(jobs):
-    return sorted(jobs, key=lambda a: (a.start, a.index))
+    return sorted(jobs, key=lambda a: (a.read, a.start, a.index))
 
 
 def _mode(model, table):
@@ -118,8 +136,12 @@ def _mode(model, table):
     jobs = [j for j in table.jobs if j.task in tasks]
     yield from _complete(tasks, total, jobs)
     yield from _assignment(model, tasks, jobs)
-    placed = [placed_at(model, tasks, j, "") for j in jobs]
+    placed = refined_oracle.released(model, tasks, total, [placed_at(model, tasks, j, "") for j in jobs])
     yield from _timing(tasks, total, placed)
+    if any(name in tasks and not fits for name, fits in refined_oracle.phases(tasks, total, placed)):
+        yield "periodic"
+    if model.mode(table.name).edge is Edge.CLOSED and any(a.end > total for a in placed):
+        yield "edge"
     yield from split_oracle.shapes(model, tasks, jobs)
     if split_oracle.crossing(placed, total):
         yield "nested"
@@ -134,7 +156,7 @@ def _mode(model, table):
     for chain in model.chains:
         if all(t in tasks for t in chain.tasks):
             worst = chain_latency(chain, placed, total)
-            limits = (chain.max_reaction, chain.max_age)
+            limits = (chain.max_latency, chain.max_reaction, chain.max_age)
             if any(lim is not None and (w is None or w > ticks(lim)) for lim, w in zip(limits, worst, strict=True)):
                 yield "chain"
 
@@ -146,7 +168,9 @@ def wcet(tasks, job):
 def placed_at(model, tasks, job, part, shift=0):
     """A job at its place on a line, moved by `shift`."""
     begin, pieces = ticks(job.start), split_oracle.pieces(model, job, wcet(tasks, job))
-    return At(begin + shift, begin + shift + pieces[-1][1], job.index, part, job, pieces)
+    at = At(begin + shift, begin + shift + pieces[-1][1], job.index, part, job, pieces)
+    resume = next((ticks(v.split.resume) for v in tasks[job.task][0].versions if v.name == job.version), 0)
+    return at._replace(resume=resume, rows=split_oracle.rows_of(model, job))
 
 
 def end_of(model, tasks, job):
@@ -201,10 +225,13 @@ def _timing(tasks, total, placed):
             slack_ok = all(d <= task.slack * period for d in deltas)
             in_slack |= slack_ok
             known = {v.name for v in task.versions}
+            deadline = min(deadline, ticks(task.let)) if task.let and task.distance is None else deadline
             ends = [d + a.end - a.start for d, a in zip(deltas, own, strict=True) if a.job.version in known]
             in_time |= slack_ok and all(end <= deadline for end in ends)
         if not in_slack:
             yield "periodic"
+        if task.distance is not None and task.let and refined_oracle.outlasts(task, own, total):
+            yield "deadline"
         if task.distance is not None:
             if split_oracle.waits(task, [a for a in placed if a.job.task == name], total):
                 yield "deadline"
@@ -227,7 +254,8 @@ def _overload(model, tasks, placed, cell):
     for a in placed:
         v = version(tasks, a.job)
         for access in v.accesses if v else ():
-            begin, end = split_oracle.in_force(model, a, v, access)
+            is_lock = access.resource in refined_oracle.locks(model)
+            begin, end = (refined_oracle.held if is_lock else split_oracle.in_force)(model, a, v, access)
             for t in range(a.start + begin, a.start + end):
                 key = (access.resource, cell(t))
                 claimed[key] = claimed.get(key, 0) + access.bound
@@ -238,57 +266,76 @@ def _cyclic_precedence(tasks, total, placed, a):
     v = version(tasks, a.job)
     for p in v.precedences if v else ():
         low, high = ticks(p.min), ticks(p.max)
-        turns = range((high + 2 * max((b.end for b in placed), default=0)) // total + 3)
-        if not any(
-            low <= a.start + m * total - (b.start if p.anchor is Anchor.START else b.end) <= high
-            for b in placed
-            if b.job.task == p.task
-            for m in turns
-        ):
+        longest = max((b.end for b in placed), default=0)
+        turns = range(-2 - longest // total, (high + 2 * longest) // total + 3)
+        own, others = refined_oracle.own(p, a), [b for b in placed if b.job.task == p.task]
+        if p.match is Match.CYCLE:
+            if not refined_oracle.has_same_cycle(tasks, p, a, others):
+                return False
+        elif not any(low <= own + m * total - refined_oracle.theirs(p, b) <= high for b in others for m in turns):
             return False
     return True
 
 
 def chain_latency(chain, placed, total):
-    turns = 2 * len(chain.tasks) + 3
+    turns = 2 * len(chain.tasks) + 3 + sum(a.let or 0 for a in placed if a.index == 0) // total
     line = [
-        At(a.start + q * total, a.end + q * total, a.index, str(q), a.job, a.pieces)
+        a._replace(start=a.start + q * total, end=a.end + q * total, part=str(q))
         for q in range(-turns, turns + 1)
         for a in placed
     ]
-    reactions = [end - start for start, end, part, _ in reactions_of(chain, line) if part == "0"]
-    ages = [end - start for start, end, part, _ in ages_of(chain, line) if part == "0"]
-    return max(reactions, default=None), max(ages, default=None)
+    figures = []
+    for paths, side in ((latencies_of, 0), (reactions_of, 0), (ages_of, 1)):
+        found = [pair for pair in paths(chain, line) if pair[side].part == "0"]
+        figures.append(max((length(chain, *pair) for pair in found), default=None))
+    return tuple(figures)
+
+
+def length(chain, first, last):
+    """The time from the event of the first job to the event of the last one."""
+    begin = first.read if chain.anchor is None else refined_oracle.instant(first, chain.anchor)
+    return (last.write if chain.to is None else refined_oracle.instant(last, chain.to)) - begin
+
+
+def follow(chain, line, reached):
+    """The job of the last task that a job of the first leads to."""
+    for name in chain.tasks[1:]:
+        later = [a for a in line if a.job.task == name and a.read >= reached.write]
+        if not later:
+            return None
+        reached = latency_jobs(later)[0]
+    return reached
+
+
+def latencies_of(chain, line):
+    """(job of the first task, last job) of every path."""
+    for first in (a for a in line if a.job.task == chain.tasks[0]):
+        last = follow(chain, line, first)
+        if last is not None:
+            yield first, last
 
 
 def reactions_of(chain, line):
-    """(start of the job missed, end of the last, part of the line, start of the last) of every stimulus."""
+    """(job missed, last job) of every stimulus."""
     own = latency_jobs(a for a in line if a.job.task == chain.tasks[0])
     for missed in own:
-        later = [a for a in own if a.start > missed.start]
-        if not later:
-            continue
-        reached = later[0]
-        for name in chain.tasks[1:]:
-            later = [a for a in line if a.job.task == name and a.start >= reached.end]
-            if not later:
-                break
-            reached = latency_jobs(later)[0]
-        else:
-            yield missed.start, reached.end, missed.part, reached.start
+        later = [a for a in own if a.read > missed.read]
+        last = follow(chain, line, later[0]) if later else None
+        if last is not None:
+            yield missed, last
 
 
 def ages_of(chain, line):
-    """(start of the first job, end of the last, part of the line, start of the last) of every output."""
+    """(first job, last job) of every output."""
     for last in (a for a in line if a.job.task == chain.tasks[-1]):
         reached = last
         for name in reversed(chain.tasks[:-1]):
-            earlier = [a for a in line if a.job.task == name and a.end <= reached.start]
+            earlier = [a for a in line if a.job.task == name and a.write <= reached.read]
             if not earlier:
                 break
-            reached = max(earlier, key=lambda a: (a.end, a.start, a.index))
+            reached = max(earlier, key=lambda a: (a.write, a.read, -a.start))
         else:
-            yield reached.start, last.end, last.part, last.start
+            yield reached, last
 
 
 # ------------------------------------------------------------------------------------------------ switches
@@ -317,6 +364,18 @@ def _switch(model, schedule, table, max_length):
     if any(split_oracle.hops(target, name, [*schedule.mode(table.target).jobs, *jobs]) for name in target):
         yield "binding"
     yield from _assignment(model, target, jobs)
+    if model.mode(table.target).edge is Edge.CLOSED:
+        last_ends = [a.end for a in _line(model, schedule, table, jobs, period, 2) if a.part != "m"]
+        if max(last_ends, default=0) > length:
+            yield "edge"
+    for job in jobs:
+        task = target[job.task][0]
+        if (
+            task.let
+            and wcet(target, job)
+            and placed_at(model, target, job, "").end - ticks(job.start) > ticks(task.let)
+        ):
+            yield "edge"
     far = _line(model, schedule, table, jobs, period, _reach(model, period))
     line = _line(model, schedule, table, jobs, period, 2)
     everything = {t.name: (t, {v.name: v for v in t.versions}) for t in model.tasks}
@@ -329,7 +388,9 @@ def _switch(model, schedule, table, max_length):
         yield "nested"
     if _overload(model, everything, line, lambda t: t):
         yield "access"
-    if not all(_line_precedence(target, far, a) for a in far if a.part != "n"):
+    settled = length + (_reach(model, period) - 1) * period[1]  # the last cycle lacks what follows it
+    from_here = (a for a in far if a.part != "n" and a.start < settled)
+    if not all(_line_precedence(target, far, a, a.start < length + period[1]) for a in from_here):
         yield "precedence"
     yield from _continuity(source, target, line)
     yield from _entering(source, target, far)
@@ -345,7 +406,8 @@ def returns_late(tasks, a):
 def _reach(model, period):
     longest = max((ticks(p.max) for t in model.tasks for v in t.versions for p in v.precedences), default=0)
     steps = max((len(c.tasks) for c in model.chains), default=0)
-    return 2 * steps + 4 + longest // min(period)
+    lets = sum(ticks(t.let) for t in model.tasks if t.let)
+    return 2 * steps + 4 + (longest + lets) // min(period)
 
 
 def _line(model, schedule, table, jobs, period, turns):
@@ -356,35 +418,43 @@ def _line(model, schedule, table, jobs, period, turns):
         (table.target, "m", [length + q * period[1] for q in range(turns)]),
     ):
         tasks = tasks_of(model, name)
-        own = [j for j in schedule.mode(name).jobs if j.task in tasks]
-        line += [placed_at(model, tasks, j, part, shift) for shift in shifts for j in own]
+        own = [placed_at(model, tasks, j, part) for j in schedule.mode(name).jobs if j.task in tasks]
+        own = refined_oracle.released(model, tasks, hyperperiod(tasks), own)
+        line += [a._replace(start=a.start + shift, end=a.end + shift) for shift in shifts for a in own]
     target = tasks_of(model, table.target)
-    return line + [placed_at(model, target, j, "table") for j in jobs]
+    return line + [with_let(target, placed_at(model, target, j, "table")) for j in jobs]
 
 
-def _line_precedence(target, far, a):
+def with_let(tasks, a):
+    task = tasks[a.job.task][0]
+    return a._replace(let=ticks(task.let) if task.let and task.period else None)
+
+
+def _line_precedence(target, far, a, is_in_first_cycle):
     v = version(target, a.job)
     return all(
         any(
-            ticks(p.min) <= a.start - (b.start if p.anchor is Anchor.START else b.end) <= ticks(p.max)
+            ticks(p.min) <= refined_oracle.own(p, a) - refined_oracle.theirs(p, b) <= ticks(p.max)
             for b in far
             if b.job.task == p.task
         )
         for p in (v.precedences if v else ())
+        if p.match is not Match.CYCLE or a.part == "table" or (a.lap and is_in_first_cycle)
     )
 
 
 def _continuity(source, target, line):
     for name in source.keys() & target.keys():
         task, _ = source[name]
-        own = latency_jobs(a for a in line if a.job.task == name)
+        own = sorted((a for a in line if a.job.task == name), key=lambda a: (a.start, a.index))
+        for number, after in enumerate(own):
+            if any(b.end > after.start for b in own[:number] if not b.part == after.part != "table"):
+                yield "itself"
         for before, after in pairwise(own):
             if before.part == after.part != "table":
                 continue
             if task.period is not None and after.start - before.start > (1 + task.slack) * ticks(task.period):
                 yield "starved"
-            if after.start < before.end:
-                yield "itself"
             if task.distance is not None and split_oracle.too_late(task, before, after):
                 yield "deadline"
 
@@ -393,7 +463,7 @@ def _entering(source, target, line):
     for a in line:
         if a.part == "table" and a.job.task not in source and version(target, a.job):
             needed = any(
-                ticks(p.min) <= b.start - (a.start if p.anchor is Anchor.START else a.end) <= ticks(p.max)
+                ticks(p.min) <= refined_oracle.own(p, b) - refined_oracle.theirs(p, a) <= ticks(p.max)
                 for b in line
                 if b.part != "n" and version(target, b.job)
                 for p in version(target, b.job).precedences
@@ -403,13 +473,12 @@ def _entering(source, target, line):
                 yield "early"
 
 
-def _line_chains(model, source, target, far, length):
+def _line_chains(model, source, target, far, until):
     for chain in model.chains:
         if not all(name in source and name in target for name in chain.tasks):
             continue
-        paths = {"reaction": reactions_of(chain, far), "age": ages_of(chain, far)}
-        for what, limit in (("reaction", chain.max_reaction), ("age", chain.max_age)):
-            for start, end, _, last_start in paths[what]:
-                crossing = last_start >= 0 and start < length
-                if limit is not None and crossing and end - start > ticks(limit):
+        limits = (chain.max_latency, chain.max_reaction, chain.max_age)
+        for paths, limit in zip((latencies_of, reactions_of, ages_of), limits, strict=True):
+            for first, last in paths(chain, far) if limit is not None else ():
+                if last.start >= 0 and first.start < until and length(chain, first, last) > ticks(limit):
                     yield "chain"

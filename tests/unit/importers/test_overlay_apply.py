@@ -408,7 +408,8 @@ chains: [{name: drive, tasks: [/planning, /control], max-latency: 90ms, from: re
     (lock,) = result.resources
     (run,) = result.modes
     drive = next(chain for chain in result.chains if chain.name == "drive")
-    (row,) = (row for version in result.task("/control").versions[:1] for row in version.precedences)
+    rows = result.task("/control").versions[0].precedences
+    (row,) = (row for row in rows if row.task == "/planning")
     assert (lock.kind, run.edge, result.task("/planning").let) == (ResourceKind.LOCK, Edge.CLOSED, ms(40))
     assert (row.anchor, row.point, row.to, row.match) == (Anchor.POINT, ms(1), Anchor.END, Match.CYCLE)
     assert (drive.max_latency, drive.anchor, drive.to) == (ms(90), Anchor.RELEASE, Anchor.START)

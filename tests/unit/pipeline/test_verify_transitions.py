@@ -445,3 +445,24 @@ def test_of_data_that_are_ready_together_those_begun_later_are_read():
     early = [extra(system, 1, "u3", "c", "v"), extra(system, 3, "u2", "d")]
     found = messages(system, switch(plan_of(system, one, two), 5, *early), codes.CHAIN_LIMIT)
     assert not [text for text in found if text.startswith("transition")]
+
+
+# ------------------------------------------------------------------------------------------------ not neighbours
+
+
+def long_and_short():
+    """A job of the old mode runs from 20 to 45 ms, a short one of its task starts at 30; the switch is at 40."""
+    long, short = version("long", 25, "u1"), version("short", 2, "u2")
+    owner, other = task("t", 10, long, short, slack=1, deadline=40), task("s", 40, version("v", 1, "u3"), slack=1)
+    modes = [mode("one", (owner, other)), mode("two", (owner, other))]
+    system = model(owner, other, units="u1 u2 u3", modes=modes, transitions=(("one", "two", 20),))
+    ticking = [job(system, "t", k, 10 * k, "u2", "short") for k in range(4)]
+    lasting = [job(system, "t", 2, 20, "u1", "long") if k == 2 else one for k, one in enumerate(ticking)]
+    still = job(system, "s", 0, 0, "u3")
+    return system, plan_of(system, table("one", 40, *lasting, still), table("two", 40, *ticking, still))
+
+
+def test_a_job_does_not_start_before_one_has_ended_that_is_not_its_neighbour():
+    system, plan = long_and_short()
+    assert only(system, switch(plan, 0), codes.AGAINST_ITSELF).endswith("5ms too early")
+    assert not errors(system, switch(plan, 5))

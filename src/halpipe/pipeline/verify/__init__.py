@@ -14,6 +14,7 @@ from halpipe.pipeline.verify.assignment import UNIT, VERSION
 from halpipe.pipeline.verify.binding import BINDING, SYSTEM_BINDING, Tables
 from halpipe.pipeline.verify.chains import CHAIN
 from halpipe.pipeline.verify.complete import COMPLETE
+from halpipe.pipeline.verify.edge import EDGE
 from halpipe.pipeline.verify.health import HEALTH, Health
 from halpipe.pipeline.verify.metrics import FIGURES
 from halpipe.pipeline.verify.nesting import NESTED
@@ -44,6 +45,7 @@ MODE_RULES: tuple[Rule[ModeTable], ...] = (
     ACCESS,
     PRECEDENCE,
     CHAIN,
+    EDGE,
     BINDING,
 )
 

@@ -1,48 +1,62 @@
-"""Rule chain: reaction time and data age of cause-effect chains (MODEL 3; 5, rule 5).
+"""Rule chain: latency, reaction time and data age of cause-effect chains (MODEL 3 and 10.7; 5, rule 5).
 
-A job of the next task reads what the newest job of the previous task had finished when it started. Latencies are
-followed over as many hyperperiods as the chain spans.
+A job of the next task reads what the newest job of the previous task had written when it read; jobs read at their start
+and write at their end, or at their release and their release + LET. Figures are followed over as many hyperperiods as
+the chain spans, and count from and to the events that the chain names.
 
-(D) Only chains all of whose tasks run in the mode are looked at. "Newest" is the job that ended last; "job a + 1" is
-the next one that starts later. A chain with a limit through which no instance ever gets breaks its limit.
+(D) Only chains all of whose tasks run in the mode are looked at. "Newest" is the job that wrote last; "job a + 1" is
+the next one that reads later. A chain with a limit through which no data ever arrive breaks its limit.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from halpipe.core.diagnostics import about
-from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.precedence import LineInstants
-from halpipe.pipeline.verify.recurrence import Listed
 from halpipe.pipeline.verify.rules import Rule
+from halpipe.pipeline.verify.tables import READ, WRITE
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
     from halpipe.models import Chain
     from halpipe.pipeline.verify.recurrence import Found
-    from halpipe.pipeline.verify.tables import Clock, ModeTable, Placed, Switch
+    from halpipe.pipeline.verify.tables import Clock, Key, ModeTable, Placed, Switch
 
-    Search = Callable[[str, int], Found]
-    """The first start of a task since a time, or its last end until a time."""
+    class Searched(Protocol):
+        """Instants of tasks, of which the nearest can be found."""
+
+        def earliest(self, task: str, key: Key, since: int) -> Found:
+            """Return the first instant of a task at or after `since`, with its job."""
+            ...
+
+        def latest(self, task: str, key: Key, until: int) -> Found:
+            """Return the last instant of a task at or before `until`, with its job."""
+            ...
 
 
 def check_chain(table: ModeTable) -> Iterator[Diagnostic]:
-    """Compare the worst latencies of every chain that runs in the mode with its limits."""
+    """Compare the worst figures of every chain that runs in the mode with its limits."""
     for chain in table.chains():
-        worst = (reaction(table, chain), age(table, chain))
-        for what, limit, found in zip(WHAT, (chain.max_reaction, chain.max_age), worst, strict=True):
+        for what, limit, measure in limits(chain):
+            found = measure(table, chain) if limit is not None else None
             if limit is not None and (found is None or found[0] > table.clock.ticks(limit)):
                 help = "move its jobs closer together, or raise the limit"
                 path = about(table.path(), chain=chain.name)
                 yield codes.CHAIN_LIMIT(_fault(what, limit, found, table.clock), at=table.at, path=path, help=help)
 
 
-WHAT = ("reaction time", "data age")
+def limits(chain: Chain) -> tuple[tuple[str, Duration | None, Callable[[ModeTable, Chain], Found]], ...]:
+    """Return the figures of a chain with their limits and what measures them."""
+    return (
+        ("latency", chain.max_latency, latency),
+        ("reaction time", chain.max_reaction, reaction),
+        ("data age", chain.max_age, age),
+    )
 
 
 def _fault(what: str, limit: Duration, found: Found, clock: Clock) -> str:
@@ -53,66 +67,76 @@ def _fault(what: str, limit: Duration, found: Found, clock: Clock) -> str:
     return text + f": {clock.text(latency - clock.ticks(limit))} too long"
 
 
+def latency(table: ModeTable, chain: Chain) -> Found:
+    """Return the worst latency in ticks, with its job of the first task; None if no data arrives."""
+    path = _Path(chain, table.instants)
+    return _worst(path.forward(placed) for placed in table.by_task.get(chain.tasks[0], ()))
+
+
 def reaction(table: ModeTable, chain: Chain) -> Found:
     """Return the worst reaction time in ticks and the job that just missed the stimulus; None if no data arrives."""
-
-    def first(task: str, since: int) -> Found:
-        return table.instants.of(task, Anchor.START).earliest(since)
-
-    return _worst(_reaction(placed, chain.tasks, first) for placed in table.by_task.get(chain.tasks[0], ()))
+    path = _Path(chain, table.instants)
+    return _worst(path.forward(placed, placed.read + 1) for placed in table.by_task.get(chain.tasks[0], ()))
 
 
 def age(table: ModeTable, chain: Chain) -> Found:
     """Return the worst data age in ticks, with the job that puts the data out; None if no data arrives."""
-
-    def last(task: str, until: int) -> Found:
-        return table.instants.of(task, Anchor.END).latest(until)
-
-    jobs = _known(table.by_task.get(chain.tasks[-1], ()))
-    return _worst(_age(placed, chain.tasks[-2::-1], last) for placed in jobs)
+    path = _Path(chain, table.instants)
+    return _worst(path.backward(placed) for placed in table.by_task.get(chain.tasks[-1], ()))
 
 
-def _known(jobs: Sequence[Placed]) -> list[Placed]:
-    return [p for p in jobs if p.span is not None]
-
-
-def _worst(latencies: Iterator[tuple[int, Placed] | None]) -> Found:
+def _worst(latencies: Iterator[Found]) -> Found:
     found = [latency for latency in latencies if latency is not None]
     return max(found, key=lambda pair: pair[0]) if found else None
 
 
-def _reaction(missed: Placed, tasks: Sequence[str], first: Search) -> Found:
-    """Follow a stimulus that arrives just after `missed` starts through `tasks`."""
-    end = _follow(missed.start + 1, tasks, first)
-    return None if end is None else (end[0] - missed.start, missed)
+class _Path:
+    """The paths of data through a chain, in a mode or on the line of a switch.
 
+    `is_counted` tells whether a path counts by the starts of its first and its last job.
+    """
 
-def _follow(since: int, tasks: Sequence[str], first: Search) -> tuple[int, int] | None:
-    """Return the end and the start of the last job that a stimulus at `since` leads to; starts are whole ticks."""
-    start = end = since
-    for task in tasks:
-        found = first(task, end)
-        if found is None or found[1].span is None:
+    def __init__(
+        self, chain: Chain, instants: Searched, is_counted: Callable[[int, int], bool] = lambda first, last: True
+    ) -> None:
+        self._tasks = chain.tasks
+        self._instants = instants
+        self._is_counted = is_counted
+        self._from = READ if chain.anchor is None else (str(chain.anchor), 0)
+        self._to = WRITE if chain.to is None else (str(chain.to), 0)
+
+    def forward(self, first: Placed, since: int | None = None) -> Found:
+        """Follow what `first` writes to the last task, or what arrives at `since`, a whole tick; count from `first`."""
+        last, by = first, 0
+        for task in self._tasks[0 if since is not None else 1 :]:
+            if since is None:
+                written = last.instant(WRITE)
+                if written is None:
+                    return None
+                since = written + by
+            found = self._instants.earliest(task, READ, since)
+            if found is None:
+                return None
+            last, by, since = found[1], found[0] - found[1].read, None
+        return self._count(first, 0, last, by, first)
+
+    def backward(self, last: Placed) -> Found:
+        """Trace what `last` reads back to the first task."""
+        read, first, by = last.read, last, 0
+        for task in self._tasks[-2::-1]:
+            found = self._instants.latest(task, WRITE, read)
+            if found is None:
+                return None
+            first, by = found[1], found[0] - (found[1].instant(WRITE) or 0)
+            read = first.read + by
+        return self._count(first, by, last, 0, last)
+
+    def _count(self, first: Placed, first_by: int, last: Placed, last_by: int, blamed: Placed) -> Found:
+        """Return the time from the event of the first job to that of the last one, each moved by some ticks."""
+        begin, end = first.instant(self._from), last.instant(self._to)
+        if begin is None or end is None or not self._is_counted(first.start + first_by, last.start + last_by):
             return None
-        start, end = found[0], found[0] + found[1].span
-    return end, start
-
-
-def _age(placed: Placed, tasks: Sequence[str], last: Search) -> Found:
-    """Trace the data that `placed` reads back through `tasks`, and return its age when `placed` ends."""
-    start = _trace(placed, tasks, last)
-    return None if start is None else (placed.end - start, placed)
-
-
-def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
-    """Return the start of the first job of the trace."""
-    start = placed.start
-    for task in tasks:
-        found = last(task, start)
-        if found is None:
-            return None
-        start = found[0] - (found[1].end - found[1].start)
-    return start
+        return end + last_by - begin - first_by, blamed
 
 
 # ------------------------------------------------------------------------------------------------ switches
@@ -121,17 +145,22 @@ def _trace(placed: Placed, tasks: Sequence[str], last: Search) -> int | None:
 def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Check every chain that runs in both modes, for each of its paths that crosses the switch.
 
-    Each step waits less than a hyperperiod and takes at most one, so a path that crosses lies in two cycles per task,
-    less one, of each mode.
+    Each step waits less than a hyperperiod and takes at most one, or a LET, so a path that crosses lies in two cycles
+    per task, or as many more as a LET lasts, of each mode.
     """
     within = {chain.name for chain in switch.source.chains()}
-    line = _Line(switch)
+    line = LineInstants(switch)
     for chain in switch.target.chains():
-        if chain.name not in within or (chain.max_reaction is None and chain.max_age is None):
+        stated = limits(chain)
+        if chain.name not in within or all(limit is None for _, limit, _ in stated):
             continue
-        turns = 2 * len(chain.tasks) - 1
-        worst = (_worst(line.reactions(chain, turns)), _worst(line.ages(chain, turns)))
-        for what, limit, found in zip(WHAT, (chain.max_reaction, chain.max_age), worst, strict=True):
+        paths = _Path(chain, line, lambda first, last: first < switch.length and last >= 0)
+        for what, limit, found in zip(
+            (what for what, _, _ in stated),
+            (limit for _, limit, _ in stated),
+            _on_line(switch, chain, paths),
+            strict=True,
+        ):
             if limit is not None and found is not None and found[0] > switch.clock.ticks(limit):
                 help = "start its tasks during the switch, or raise the limit"
                 path = about(switch.path(), chain=chain.name)
@@ -139,51 +168,25 @@ def check_chain_on_line(switch: Switch) -> Iterator[Diagnostic]:
                 yield codes.CHAIN_LIMIT(text, at=switch.table.at, path=path, help=help)
 
 
-class _Line:
-    """The paths of chains along the line of a switch."""
+def _on_line(switch: Switch, chain: Chain, paths: _Path) -> tuple[Found, Found, Found]:
+    """Return the worst latency, reaction time and data age of the paths that do not lie within one of the modes."""
+    before, after = (_turns(table, chain) for table in (switch.source, switch.target))
+    first = [p for p in (*switch.before(before), *switch.jobs) if p.job.task == chain.tasks[0]]
+    last = [p for p in (*switch.jobs, *switch.after(after)) if p.job.task == chain.tasks[-1]]
+    return (
+        _worst(paths.forward(p) for p in first),
+        _worst(paths.forward(p, p.read + 1) for p in first),
+        _worst(paths.backward(p) for p in last),
+    )
 
-    def __init__(self, switch: Switch) -> None:
-        self._switch = switch
-        self._instants = LineInstants(switch)
-        self._listed: dict[str, Listed] = {}
 
-    def _first(self, task: str, since: int) -> Found:
-        switch = self._switch
-        found = switch.source.instants.of(task, Anchor.START).earliest(since)
-        if found is not None and found[0] < 0:
-            return found
-        if task not in self._listed:
-            jobs = sorted((p for p in switch.jobs if p.job.task == task), key=lambda p: p.job.index)
-            self._listed[task] = Listed([(p.start, p) for p in jobs])
-        found = self._listed[task].earliest(since)
-        if found is not None:
-            return found
-        since = max(since - switch.length, 0)
-        found = switch.target.instants.of(task, Anchor.START).earliest(since)
-        return (found[0] + switch.length, found[1]) if found else None
-
-    def _last(self, task: str, until: int) -> Found:
-        return self._instants.latest(task, Anchor.END, until)
-
-    def reactions(self, chain: Chain, turns: int) -> Iterator[Found]:
-        """Yield the reaction times of the paths that do not lie within one of the modes."""
-        for missed in (*self._switch.before(turns), *self._switch.jobs):
-            if missed.job.task == chain.tasks[0]:
-                path = _follow(missed.start + 1, chain.tasks, self._first)
-                if path is not None and path[1] >= 0:
-                    yield path[0] - missed.start, missed
-
-    def ages(self, chain: Chain, turns: int) -> Iterator[Found]:
-        """Yield the data ages of the paths that do not lie within one of the modes."""
-        for placed in _known([*self._switch.jobs, *self._switch.after(turns)]):
-            if placed.job.task == chain.tasks[-1]:
-                start = _trace(placed, chain.tasks[-2::-1], self._last)
-                if start is not None and start < self._switch.length:
-                    yield placed.end - start, placed
+def _turns(table: ModeTable, chain: Chain) -> int:
+    lets = (table.mode.tasks[name].let or 0 for name in chain.tasks)
+    return sum(1 + max(1, -(-let // table.period)) for let in lets)
 
 
 CHAIN = Rule(
     "chain",
-    "Every cause-effect chain whose tasks run in the mode keeps its limits of reaction time and data age.",
+    "Every cause-effect chain whose tasks run in the mode keeps its limits of latency, reaction time and data age.",
     check_chain,
 )

@@ -171,6 +171,12 @@ NO_LENGTH = error(
     "The interrupts of the job's units, together, take all of the time, or all but a sliver: no reserved length is "
     "found within 100 000 steps. So no length is enough for the job.",
 )
+OVER_THE_EDGE = error(
+    "HAL0341",
+    "Job in progress over a closed edge",
+    "The mode has a closed edge: its table begins from idle, so every job, also of the mode or the table before, has "
+    "ended by then.",
+)
 WRONG_FIGURE = error(
     "HAL0340",
     "Reported figure contradicts the jobs",

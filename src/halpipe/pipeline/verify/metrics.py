@@ -9,7 +9,7 @@ from halpipe.core.diagnostics import Path, about
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.quantities import format_rational
 from halpipe.pipeline.verify import codes
-from halpipe.pipeline.verify.chains import age, reaction
+from halpipe.pipeline.verify.chains import age, latency, reaction
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sharing import Shared, resource_claims, unit_claims
 from halpipe.pipeline.verify.sweep import excesses, wrap
@@ -66,7 +66,7 @@ def _cost(table: ModeTable, cost: CostTerms) -> Iterator[Diagnostic]:
     for name, rules in _PENALTIES.items():
         yield from _penalty(table, name, getattr(cost, name), rules, rules | {"parts"})
     timing = frozenset({"precedence", "chain"})
-    others = {"complete", "periodic", "deadline", "parts", "nested", "binding"}
+    others = {"complete", "periodic", "deadline", "parts", "nested", "binding", "edge"}
     if any(version.split.is_allowed for active in table.mode.tasks.values() for version in active.versions.values()):
         others |= {"exclusive"}  # jobs in one piece that overlap are not nested either
     yield from _penalty(table, "precedence", cost.precedence, timing, timing | others)
@@ -109,7 +109,7 @@ def _unit_loads(table: ModeTable) -> Iterator[Diagnostic]:
 
 
 def _resource_loads(table: ModeTable) -> Iterator[Diagnostic]:
-    claimed = resource_claims(table.jobs, table.clock) if table.schedule.resource_loads else {}
+    claimed = resource_claims(table.jobs, table.clock, table.mode.locks) if table.schedule.resource_loads else {}
     resources = {resource.name for resource in table.model.resources}
     for load in table.schedule.resource_loads:
         if load.resource not in resources:
@@ -138,8 +138,15 @@ def _chain_latencies(table: ModeTable) -> Iterator[Diagnostic]:
         if chain is None:
             yield _wrong(table, element, "the mode has no such chain")
             continue
-        worst = reaction(table, chain), age(table, chain)
-        for what, reported, found in zip(("reaction", "age"), (given.reaction, given.age), worst, strict=True):
+        figures = (
+            ("latency", given.latency, latency),
+            ("reaction", given.reaction, reaction),
+            ("age", given.age, age),
+        )
+        for what, reported, measure in figures:
+            if what == "latency" and reported is None:
+                continue  # it is reported where the model refers to it
+            found = measure(table, chain)
             if not _same(reported, found, table.clock):
                 text = f"{what} {_time(reported)}, the jobs make {table.clock.text(found[0]) if found else 'none'}"
                 yield _wrong(table, element, text)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about, named
 from halpipe.core.durations import ZERO
+from halpipe.models import Anchor, Match
 from halpipe.pipeline.verify.codes import MODEL_FAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from halpipe.core.diagnostics import Diagnostic, Location
-    from halpipe.models import Access, Interrupt, Mode, Task, TaskModel, Version
+    from halpipe.models import Access, Interrupt, Mode, Precedence, Task, TaskModel, Version
     from halpipe.pipeline.verify.tables import ActiveTask
 
 
@@ -70,10 +71,42 @@ def _mode_names(mode: Mode, versions: dict[str, set[str]]) -> Iterator[Diagnosti
             yield _fault(path, f'runs version "{name}" of task "{run.task}", which does not exist', run.at)
 
 
-def refinements(model: TaskModel) -> Iterator[Diagnostic]:
-    """What no rule checks yet makes no schedule valid."""
-    for name, at in model.refinements():
-        yield _fault(about(model=model.name), f"has a requirement that is not checked yet: {name}", at)
+def events(model: TaskModel) -> Iterator[Diagnostic]:
+    """Chains count between instants that jobs have."""
+    tasks = {task.name: task for task in reversed(model.tasks)}
+    for chain in model.chains:
+        first = tasks.get(chain.tasks[0]) if chain.tasks else None
+        is_released = chain.anchor is not Anchor.RELEASE or first is None or first.period is not None
+        is_backward = len(chain.tasks) == 1 and (chain.anchor, chain.to) == (Anchor.END, Anchor.START)
+        if not is_released or is_backward or chain.anchor is Anchor.POINT or chain.to not in (None, *_EVENTS):
+            text = f"counts from the {chain.anchor} of its first task to the {chain.to} of its last"
+            yield _fault(about(chain=chain.name), text, chain.at)
+
+
+def instants(tasks: dict[str, ActiveTask]) -> Iterator[Diagnostic]:
+    """Windows count between instants that the jobs of a mode have (MODEL 10)."""
+    for name, active in tasks.items():
+        for version in active.versions.values():
+            for row in version.precedences:
+                for text in _instants(row, active, tasks.get(row.task)):
+                    path = about(task=name, version=version.name)
+                    yield _fault(path, f'has a constraint on "{row.task}" {text}', row.at)
+
+
+def _instants(row: Precedence, active: ActiveTask, before: ActiveTask | None) -> Iterator[str]:
+    if row.to not in _EVENTS:
+        yield f"that leads to its {row.to}"
+    if (row.anchor is Anchor.POINT) != (row.point is not None) or (row.point is not None and row.point < ZERO):
+        yield "without a point to count from, or with one that it does not count from"
+    if before is None:
+        return
+    if row.anchor is Anchor.RELEASE and before.period is None:
+        yield "from its release, but it has no period"
+    if row.match is Match.CYCLE and None in (active.period, before.period):
+        yield "of the same cycle, but one of the two has no period"
+    wcets = [v.wcet for v in before.versions.values() if v.wcet is not None]
+    if row.anchor is Anchor.POINT and row.point is not None and any(row.point > wcet for wcet in wcets):
+        yield f"from the point {row.point}, beyond its WCET"
 
 
 def interrupts(model: TaskModel) -> Iterator[Diagnostic]:
@@ -95,7 +128,13 @@ def timing(task: Task) -> Iterator[Diagnostic]:
     return (_fault(about(task=task.name), text, task.at) for text in _timing(task))
 
 
+_EVENTS = (Anchor.START, Anchor.END)
+
+
 def _timing(task: Task) -> Iterator[str]:
+    deadline = task.period if task.deadline is None else task.deadline
+    if task.let is not None and (task.period is None or deadline is None or not ZERO < task.let <= deadline):
+        yield f"has the logical execution time {task.let}; it must be above zero and at most the deadline"
     if task.period is not None and task.period <= ZERO:
         yield f"has the period {task.period}; it must be positive"
     if not 0 <= task.slack <= 1:
@@ -105,13 +144,13 @@ def _timing(task: Task) -> Iterator[str]:
         yield f"{text}; its period must be at most the distance"
 
 
-def version(task: Task, version: Version) -> Iterator[Diagnostic]:
+def version(task: Task, version: Version, locks: frozenset[str]) -> Iterator[Diagnostic]:
     """A version that is available in a mode states a WCET, a gang, windows and access phases that make sense."""
-    told = (*_stated(version), *_split(version))
+    told = (*_stated(version, locks), *_split(version, locks))
     return (_fault(about(task=task.name, version=version.name), text, at) for text, at in told)
 
 
-def _stated(version: Version) -> Iterator[tuple[str, Location]]:
+def _stated(version: Version, locks: frozenset[str]) -> Iterator[tuple[str, Location]]:
     if version.wcet is None:
         yield "has no WCET, so nothing can be said about its jobs", version.at
     elif version.wcet < ZERO:
@@ -125,16 +164,18 @@ def _stated(version: Version) -> Iterator[tuple[str, Location]]:
         if not is_phase(access, version):
             text = f'has an access to "{access.resource}" from {access.start} to {access.end} with bound {access.bound}'
             yield f"{text}; it must lie within the WCET, with a bound above 0 and up to 1", access.at
+        if access.resource in locks and (access.bound != 1 or access.transfers):
+            yield f'has an access to the lock "{access.resource}" with a bound or data', access.at
 
 
-def _split(version: Version) -> Iterator[tuple[str, Location]]:
+def _split(version: Version, locks: frozenset[str]) -> Iterator[tuple[str, Location]]:
     """Split points ascend within (0, C) and cut no access phase; `anywhere` says how often."""
     split, wcet = version.split, version.wcet
     points = split.points
     if any(a >= b for a, b in pairwise((ZERO, *points, *([wcet] if wcet is not None else [])))) and points:
         yield "has split points that do not ascend between 0 and the WCET", version.at
     for access in version.accesses:
-        for point in points:
+        for point in points if access.resource not in locks else ():
             if access.start < point < access.end:
                 text = f'has the split point {point} within its access to "{access.resource}"'
                 yield text, version.at

@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 def check_parts(table: ModeTable) -> Iterator[Diagnostic]:
     """Check the parts of every job of a mode."""
-    return _parts(table.jobs, table)
+    return _parts(table.jobs, table, table.mode.locks)
 
 
 def check_parts_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Check the parts of every job of a transition table."""
-    return _parts(switch.jobs, switch)
+    return _parts(switch.jobs, switch, switch.target.mode.locks)
 
 
-def _parts(jobs: Iterable[Placed], table: ModeTable | Switch) -> Iterator[Diagnostic]:
+def _parts(jobs: Iterable[Placed], table: ModeTable | Switch, locks: frozenset[str]) -> Iterator[Diagnostic]:
     clock = table.clock
     on: dict[tuple[str, ...], Placed] = {}
     for placed in jobs:
@@ -37,7 +37,7 @@ def _parts(jobs: Iterable[Placed], table: ModeTable | Switch) -> Iterator[Diagno
             path = table.path(placed)
             for text in _shape(placed, clock):
                 yield codes.PARTS_DIFFER(text, at=job.at, path=path, help="give each part its start, end, from and to")
-            for text in _gaps(placed, version):
+            for text in _gaps(placed, version, locks):
                 yield codes.WRONG_GAP(text, at=job.at, path=path, help="interrupt the job where its version allows it")
             for text in _lengths(placed, version, clock):
                 yield codes.WRONG_LENGTH(text, at=job.at, path=path, help="move the start or the end of the part")
@@ -68,7 +68,7 @@ def _shape(placed: Placed, clock: Clock) -> Iterator[str]:
             yield f"has no gap between part {number}, until {part.end}, and part {number + 1}, from {then.start}"
 
 
-def _gaps(placed: Placed, version: Version) -> Iterator[str]:
+def _gaps(placed: Placed, version: Version, locks: frozenset[str]) -> Iterator[str]:
     """Say which gaps lie where the version does not allow them."""
     parts, split = placed.job.parts, version.split
     if len(parts) < 2:
@@ -83,7 +83,7 @@ def _gaps(placed: Placed, version: Version) -> Iterator[str]:
         if split.points and at not in points:
             yield f"is interrupted after {at}, which is no split point"
         for access in version.accesses:
-            if access.start < at < access.end:
+            if access.start < at < access.end and access.resource not in locks:
                 yield f'is interrupted after {at}, in its access to "{access.resource}"'
     if split.anywhere and split.min_part is not None:
         short = [part for part in parts if part.executed_to - part.executed_from < split.min_part]

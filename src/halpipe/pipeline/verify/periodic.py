@@ -7,6 +7,8 @@ from itertools import accumulate, pairwise
 from math import floor
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import about
+from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.rules import Rule
 
@@ -22,6 +24,10 @@ def check_periodic(table: ModeTable) -> Iterator[Diagnostic]:
     """Report the jobs that are outside their slack at the phase that suits most jobs of their task."""
     for name, active in table.mode.tasks.items():
         releases = _Releases(table, name, active)
+        if name in table.mode.in_first and not releases.is_in_first():
+            text = f"has its first release at {table.clock.text(releases.phase)}, not in the first of its periods"
+            help = "number its jobs from the first release on"
+            yield codes.NOT_PERIODIC(text, at=table.at, path=about(table.path(), task=name), help=help)
         for placed, delay in releases.delays():
             if delay > releases.slack:
                 text = releases.blame(placed, delay, "its slack allows", releases.slack)
@@ -37,9 +43,9 @@ def check_deadline(table: ModeTable) -> Iterator[Diagnostic]:
     task that serves arrivals, each job is compared with the one before instead (MODEL 8.2).
     """
     for name, active in table.mode.tasks.items():
-        if active.task.distance is None:
+        if active.task.distance is None or active.let is not None:
             yield from _released(table, name, active)
-        else:
+        if active.task.distance is not None:
             yield from _polled(table, name, active)
 
 
@@ -53,6 +59,7 @@ def _released(table: ModeTable, name: str, active: ActiveTask) -> Iterator[Diagn
         excess = delay + placed.span - releases.deadline
         if excess > 0:
             text = f"ends {clock.text(delay + placed.span)} after its release, its deadline is "
+            text = text.replace("deadline", "LET") if releases.deadline == active.let else text
             text += f"{clock.text(releases.deadline)}: {clock.text(excess)} late, at {placed.job.end}"
             help = f"start it earlier, or change the deadline of the task ({releases.phase_text()})"
             yield codes.LATE(text, at=placed.job.at, path=table.path(placed), help=help)
@@ -105,6 +112,8 @@ class _Releases:
         self.jobs = [p for p in table.by_task.get(name, ()) if 0 <= p.job.index < count]
         deadline = active.task.deadline
         self.deadline = active.period if deadline is None else table.clock.ticks(deadline)
+        if active.let is not None:
+            self.deadline = active.let if active.task.distance is not None else min(self.deadline, active.let)
         self.slack = floor(active.task.slack * active.period)
         if self.jobs:
             self.phase = self._phase(active.period)
@@ -129,7 +138,26 @@ class _Releases:
 
     def _room(self, span: int) -> int:
         """Return how late a job may start for its deadline, which of a task that serves arrivals is another rule's."""
-        return self.slack if self._active.task.distance is not None else self.deadline - span
+        is_counted = self._active.task.distance is None or self._active.let is not None
+        return self.deadline - span if is_counted else self.slack
+
+    def is_in_first(self) -> bool:
+        """Tell whether some phase in [0, D) suits all jobs; of a task with a LET, the latest that suits them is taken.
+
+        Phases that suit are those from the greatest of `latest - room` on up to the one that was found.
+        """
+        period = self._active.period
+        if not self.jobs or period is None or self.phase < period:
+            return True
+        if self._active.let is not None:
+            return False
+        exact = self._active.task.slack * period  # not rounded to ticks
+        rooms = ((delay, exact if self._is_free(p) else self._room(p.span or 0)) for p, delay in self.delays())
+        return all(self.phase - period + delay < min(exact, room) for delay, room in rooms)
+
+    def _is_free(self, placed: Placed) -> bool:
+        """Tell whether no deadline of this rule bounds the delay of a job."""
+        return placed.span is None or self._active.task.distance is not None
 
     def _suits(self, tried: Sequence[int], latest: Sequence[int], rooms: Sequence[int]) -> list[int]:
         """Count, for every phase tried, the jobs whose arc [latest - room, latest] contains it.
@@ -167,15 +195,34 @@ class _Releases:
         return f"its offset puts the first release at {phase}" if fixed else f"most jobs fit a first release at {phase}"
 
 
+def release(table: ModeTable) -> None:
+    """Note the releases of jobs that windows, chains or logical execution times refer to, and their cycles."""
+    named = {c.tasks[0] for c in table.chains() if c.anchor is Anchor.RELEASE} | table.mode.in_first
+    for active in table.mode.tasks.values():
+        rows = (row for version in active.versions.values() for row in version.precedences)
+        named |= {row.task for row in rows if row.anchor is Anchor.RELEASE}
+    for name in sorted(named & table.mode.tasks.keys()):
+        active = table.mode.tasks[name]
+        period = active.period
+        for placed, delay in _Releases(table, name, active).delays():
+            placed.delay = delay
+            first = placed.job.index * period if period else 0
+            if active.task.offset is not None and period:
+                first += table.clock.ticks(active.task.offset) % period
+            placed.lap = table.period if placed.start < first else 0
+
+
 PERIODIC = Rule(
     "periodic",
     "For every periodic task there is a phase s (its offset, where one is given) such that job j starts at "
-    "s + j * period, delayed by at most slack * period.",
+    "s + j * period, delayed by at most slack * period; within the first period where a constraint on the same "
+    "cycle or a logical execution time names the task.",
     check_periodic,
 )
 DEADLINE = Rule(
     "deadline",
-    "Every periodic job ends within its deadline after its release, at the same phase. Of a task that serves arrivals, "
+    "Every periodic job ends within its deadline and its logical execution time after its release, at the same phase. "
+    "Of a task that serves arrivals, "
     "every job starts within the distance and ends within the deadline after the start of the job before it.",
     check_deadline,
 )

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import about
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Status
+from halpipe.models import Edge, Match, ResourceKind, Status
 from halpipe.pipeline.verify import codes, modelfaults
+from halpipe.pipeline.verify.periodic import release
 from halpipe.pipeline.verify.reserved import Platform
 from halpipe.pipeline.verify.tables import (
     MAX_BITS,
@@ -48,7 +49,8 @@ def _model_durations(model: TaskModel) -> Iterator[Duration]:
         for interrupt in unit.interrupts:
             yield from (interrupt.distance, interrupt.wcet)
     for task in model.tasks:
-        yield from (d for d in (task.period, task.offset, task.deadline, task.distance) if d is not None)
+        stated = (task.period, task.offset, task.deadline, task.distance, task.let)
+        yield from (d for d in stated if d is not None)
         for version in task.versions:
             yield from version.split.points
             yield from (d for d in (version.split.resume, version.split.min_part) if d is not None)
@@ -57,9 +59,9 @@ def _model_durations(model: TaskModel) -> Iterator[Duration]:
             for access in version.accesses:
                 yield from (access.start, access.end)
             for precedence in version.precedences:
-                yield from (precedence.min, precedence.max)
+                yield from (d for d in (precedence.min, precedence.max, precedence.point) if d is not None)
     for chain in model.chains:
-        yield from (d for d in (chain.max_reaction, chain.max_age) if d is not None)
+        yield from (d for d in (chain.max_latency, chain.max_reaction, chain.max_age) if d is not None)
 
 
 def _schedule_durations(schedule: Schedule) -> Iterator[Duration]:
@@ -85,7 +87,7 @@ def active_modes(model: TaskModel, clock: Clock, found: Findings) -> dict[str, A
     found.extend(modelfaults.repeated_names(model))
     found.extend(modelfaults.unknown_names(model))
     found.extend(modelfaults.interrupts(model))
-    found.extend(modelfaults.refinements(model))
+    found.extend(modelfaults.events(model))
     platform = _platform(model, clock)
     modes: dict[str, ActiveMode] = {}
     for mode in model.modes:
@@ -104,11 +106,13 @@ def _platform(model: TaskModel, clock: Clock) -> Platform:
 
 def _active_mode(model: TaskModel, mode: Mode, platform: Platform, clock: Clock, found: Findings) -> ActiveMode:
     runs = {run.task: run.versions for run in reversed(mode.runs)}
+    locks = frozenset(r.name for r in model.resources if r.kind is ResourceKind.LOCK)
     tasks: dict[str, ActiveTask] = {}
     for task in model.tasks:
         if runs.get(task.name) and task.name not in tasks:
-            tasks[task.name] = _active_task(task, runs[task.name], clock, found)
+            tasks[task.name] = _active_task(task, runs[task.name], locks, clock, found)
     found.extend(modelfaults.cycle(mode.name, tasks, mode.at))
+    found.extend(modelfaults.instants(tasks))
     period = 1  # t_P, the least common multiple of the periods (paper, section III)
     for active in tasks.values():
         period = math.lcm(period, active.period or 1) if period.bit_length() <= MAX_BITS else period
@@ -121,19 +125,33 @@ def _active_mode(model: TaskModel, mode: Mode, platform: Platform, clock: Clock,
         help = "correct the periods, or remove the mode"
         found.add(codes.MODEL_FAULT(fault, at=mode.at, path=about(mode=mode.name), help=help))
         return ActiveMode(mode.name, tasks, 0, platform)
-    return ActiveMode(mode.name, tasks, period, platform)
+    return ActiveMode(mode.name, tasks, period, platform, locks, _in_first(tasks), mode.edge is Edge.CLOSED)
 
 
-def _active_task(task: Task, available: tuple[str, ...], clock: Clock, found: Findings) -> ActiveTask:
+def _in_first(tasks: dict[str, ActiveTask]) -> frozenset[str]:
+    """Return the tasks that a constraint on the same cycle or a logical execution time names."""
+    named = {name for name, active in tasks.items() if active.let is not None}
+    for name, active in tasks.items():
+        rows = (row for version in active.versions.values() for row in version.precedences)
+        before = [row.task for row in rows if row.match is Match.CYCLE]
+        named.update((name, *before) if before else ())
+    return frozenset(named)
+
+
+def _active_task(
+    task: Task, available: tuple[str, ...], locks: frozenset[str], clock: Clock, found: Findings
+) -> ActiveTask:
     found.extend(modelfaults.timing(task))
     versions = {v.name: v for v in reversed(task.versions)}
     for name in dict.fromkeys(available):
         if name in versions:
-            found.extend(modelfaults.version(task, versions[name]))
+            found.extend(modelfaults.version(task, versions[name], locks))
     wcets = {v.name: clock.ticks(v.wcet) for v in versions.values() if v.wcet is not None and v.wcet >= ZERO}
     period = clock.ticks(task.period) if task.period is not None and task.period > ZERO else None
     chosen = {name: versions[name] for name in available if name in versions}
-    return ActiveTask(task, chosen, wcets, period)
+    let = clock.ticks(task.let) if task.let is not None and period is not None else None
+    resumes = {v.name: clock.ticks(v.split.resume) for v in versions.values() if v.split.resume}
+    return ActiveTask(task, chosen, wcets, period, let, resumes)
 
 
 # ------------------------------------------------------------------------------------------------ the schedule
@@ -199,7 +217,9 @@ def _mode_table(model: TaskModel, given: ModeSchedule, mode: ActiveMode, clock: 
             placed.start %= mode.period  # (D) so that the other rules can still be checked
         jobs.append(placed)
         by_task.setdefault(placed.job.task, []).append(placed)
-    return ModeTable(model, clock, mode, given, jobs, by_task, Instants(by_task, mode.period))
+    table = ModeTable(model, clock, mode, given, jobs, by_task, Instants(by_task, mode.period))
+    release(table)
+    return table
 
 
 def _placed_jobs(

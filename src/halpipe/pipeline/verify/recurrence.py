@@ -83,6 +83,11 @@ class Past:
         # before the first instant of cycle 0, an instant of any q <= 0 that is early enough has q <= -1
         return self._cycle.latest(until) if until < self._first else self._last.latest(until)
 
+    def earliest(self, since: int) -> Found:
+        """Return the first instant at or after `since`."""
+        found = self._cycle.earliest(since)
+        return found if found is not None and found[0] < self._first else self._last.earliest(since)
+
 
 class Future:
     """The instants of a mode that begins at time `origin`: of `cycle`, which has some, only those of q >= 0."""
@@ -98,4 +103,11 @@ class Future:
         """Return the last instant at or before `until`."""
         until -= self._origin
         found = (self._cycle if until >= self._settled else self._first).latest(until)
+        return (found[0] + self._origin, found[1]) if found else None
+
+    def earliest(self, since: int) -> Found:
+        """Return the first instant at or after `since`."""
+        since -= self._origin
+        # instants of q < 0 lie a whole cycle before the last of cycle 0
+        found = (self._cycle if since > self._settled - self._cycle.period else self._first).earliest(since)
         return (found[0] + self._origin, found[1]) if found else None

@@ -32,7 +32,7 @@ def check_exclusive(table: ModeTable) -> Iterator[Diagnostic]:
 
 def check_access(table: ModeTable) -> Iterator[Diagnostic]:
     """Sweep every resource round the circle."""
-    for resource, shared in resource_claims(table.jobs, table.clock).items():
+    for resource, shared in resource_claims(table.jobs, table.clock, table.mode.locks).items():
         if shared.scale is None:
             yield _too_fine(resource, table.path(), table.at)
             continue
@@ -49,7 +49,7 @@ def check_exclusive_on_line(switch: Switch) -> Iterator[Diagnostic]:
 
 def check_access_on_line(switch: Switch) -> Iterator[Diagnostic]:
     """Sweep every resource along the line of a switch."""
-    for resource, shared in resource_claims(switch.meeting(), switch.clock).items():
+    for resource, shared in resource_claims(switch.meeting(), switch.clock, switch.target.mode.locks).items():
         if shared.scale is None:
             yield _too_fine(resource, switch.path(), switch.table.at)
             continue
@@ -82,7 +82,7 @@ class Shared:
     claims: list[Claim]
 
 
-def resource_claims(jobs: Iterable[Placed], clock: Clock) -> dict[str, Shared]:
+def resource_claims(jobs: Iterable[Placed], clock: Clock, locks: frozenset[str]) -> dict[str, Shared]:
     """Return what the phases of the chosen versions claim; phases that make no sense are the model's fault."""
     by_version: dict[int, tuple[Version, list[Placed]]] = {}
     for placed in jobs:
@@ -96,16 +96,16 @@ def resource_claims(jobs: Iterable[Placed], clock: Clock) -> dict[str, Shared]:
     shared: dict[str, Shared] = {}
     for resource, phases in used.items():
         scale = common_denominator({access.bound.denominator for access, _ in phases})
-        shared[resource] = Shared(scale, _claims(phases, scale, clock) if scale else [])
+        shared[resource] = Shared(scale, _claims(phases, scale, clock, resource in locks) if scale else [])
     return shared
 
 
-def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock) -> list[Claim]:
+def _claims(phases: list[tuple[Access, list[Placed]]], scale: int, clock: Clock, is_lock: bool) -> list[Claim]:
     claims: list[Claim] = []
     for access, owners in phases:
         start, end, weight = clock.ticks(access.start), clock.ticks(access.end), int(access.bound * scale)
         for placed in owners:
-            force = _in_force(placed, start, end, clock)
+            force = (_held if is_lock else _in_force)(placed, start, end, clock)
             if force is not None:
                 claims.append((placed.start + force[0], placed.start + force[1], weight, placed))
     return claims
@@ -121,8 +121,22 @@ def _in_force(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, 
         if done_from <= start and end <= done_to:
             work = lost + end - done_from
             return begin + lost + start - done_from, begin + (placed.service.length(work) or work)
-        lost = clock.ticks(placed.version.split.resume) if placed.version else 0
+        lost = placed.resume
     return None
+
+
+def _held(placed: Placed, start: int, end: int, clock: Clock) -> tuple[int, int] | None:
+    """Return when a job holds a lock, gaps included: from the instant `start` of its execution to `end`."""
+    first: int | None = None
+    last, lost = 0, 0
+    for begin, _, done_from, done_to in placed.stretches:
+        if first is None and done_from <= start < done_to:
+            first = begin + lost + start - done_from
+        if first is not None and done_from < end <= done_to:
+            work = lost + end - done_from
+            last = begin + (placed.service.length(work) or work)
+        lost = placed.resume
+    return None if first is None or last <= first else (first, last)
 
 
 def _across(found: Iterable[Excess]) -> Iterator[Excess]:

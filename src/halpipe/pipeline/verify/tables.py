@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from halpipe.core.diagnostics import Location
-    from halpipe.models import Chain, Job, ModeSchedule, Task, TaskModel, TransitionTable, Version
+    from halpipe.models import Chain, Job, ModeSchedule, Precedence, Task, TaskModel, TransitionTable, Version
+    from halpipe.pipeline.verify.recurrence import Found
     from halpipe.pipeline.verify.reserved import Platform
 
 MAX_BITS = 4096
@@ -33,6 +34,11 @@ MAX_LINE = 200_000
 
 TABLE = " of the table"
 """The part of a switch's line between the two modes."""
+
+Key: TypeAlias = tuple[str, int]
+"""An instant of a job (MODEL 10.1): its name, and the execution time of a point."""
+
+START, END, READ, WRITE = ("start", 0), ("end", 0), ("read", 0), ("write", 0)
 
 
 def common_denominator(denominators: Iterable[int]) -> int | None:
@@ -71,13 +77,16 @@ class ActiveTask:
     """A task in one mode: the versions available there, its period D and number of jobs N.
 
     `period` is None for a task on demand and where the model gives an unusable one; `count` is None where N cannot
-    be told. `wcets` gives C of every version of the task in ticks, as far as the model states it.
+    be told. `wcets` gives C of every version of the task in ticks, as far as the model states it. `let` is the logical
+    execution time.
     """
 
     task: Task
     versions: dict[str, Version]
     wcets: dict[str, int]
     period: int | None
+    let: int | None = None
+    resumes: dict[str, int] = field(default_factory=dict)
     count: int | None = None
 
 
@@ -85,13 +94,17 @@ class ActiveTask:
 class ActiveMode:
     """A mode of the model: its tasks T_n by name in model order, and its hyperperiod t_P in ticks (0: none).
 
-    `platform` tells the interrupts of the units.
+    `platform` tells the interrupts of the units, `locks` the resources that jobs hold alone, and `in_first` the tasks
+    whose phase lies in [0, D): those that a constraint on the same cycle or a logical execution time names (MODEL 10).
     """
 
     name: str
     tasks: dict[str, ActiveTask]
     period: int
     platform: Platform
+    locks: frozenset[str] = frozenset()
+    in_first: frozenset[str] = frozenset()
+    is_closed: bool = False
 
 
 Stretch: TypeAlias = "tuple[int, int, int, int]"
@@ -103,7 +116,10 @@ class Placed:
     """A job at its place: start s_1 in ticks, on the circle of its mode or on the line of a switch.
 
     `version` is None where the model does not tell it, and so is `span`, the time from s_1 to the end t_n. `stretches`
-    are the job's parts, and `service` the interrupts of its units. `where` names the part of the line.
+    are the job's parts, and `service` the interrupts of its units. `where` names the part of the line. `delay` is the
+    time since its release, where a rule asks for it; `lap` is t_P for a job that belongs to the cycle before.
+
+    (D) A job of a table between modes is released when it starts.
     """
 
     job: Job
@@ -114,6 +130,8 @@ class Placed:
     stretches: tuple[Stretch, ...] = ()
     service: Service = UNDISTURBED
     where: str = ""
+    delay: int = 0
+    lap: int = 0
 
     @property
     def end(self) -> int:
@@ -133,32 +151,98 @@ class Placed:
     def moved(self, by: int, where: str) -> Placed:
         """Return the same job `by` ticks later, as a part of a line."""
         start = self.start + by
-        return Placed(self.job, self.active, self.version, self.span, start, self.stretches, self.service, where)
+        same = self.job, self.active, self.version, self.span
+        return Placed(*same, start, self.stretches, self.service, where, self.delay, self.lap)
+
+    def instant(self, key: Key) -> int | None:
+        """Return an instant of the job; None where it has none."""
+        name, point = key
+        match name:
+            case "start":
+                return self.start
+            case "end":
+                return None if self.span is None else self.end
+            case "release":
+                return self.start - self.delay
+            case "read":
+                return self.read
+            case "write":
+                return self.write
+        return self._reach(point)
+
+    @property
+    def read(self) -> int:
+        """The instant at which the job reads its data: its start, or its release (MODEL 10.6)."""
+        return self.start if self.active.let is None else self.start - self.delay
+
+    @property
+    def write(self) -> int | None:
+        """The instant at which the job writes its data: its end, or its release + LET."""
+        if self.active.let is None:
+            return None if self.span is None else self.end
+        return self.start - self.delay + self.active.let
+
+    def _reach(self, point: int) -> int | None:
+        """Return when the job has executed for `point` at worst-case pace.
+
+        (D) In the first part that comes so far, at its end rather than at the start of the next one.
+        """
+        lost = 0
+        for begin, _, done_from, done_to in self.stretches:
+            if done_from <= point <= done_to:
+                work = lost + point - done_from
+                return self.start + begin + (self.service.length(work) or work)
+            lost = self.resume
+        return None
+
+    @property
+    def resume(self) -> int:
+        """The time lost after a gap, in ticks; 0 where the version is not known."""
+        return 0 if self.version is None else self.active.resumes.get(self.version.name, 0)
 
 
 class Instants:
-    """Starts and ends of the jobs of every task, found quickly; made on first use."""
+    """Instants of the jobs of every task, found quickly; made on first use."""
 
     def __init__(self, jobs: dict[str, list[Placed]], period: int) -> None:
         self._jobs = jobs
         self._period = period
-        self._made: dict[tuple[str, Anchor], Recurring] = {}
+        self._made: dict[tuple[str, Key], Recurring] = {}
 
-    def of(self, task: str, anchor: Anchor) -> Recurring:
-        """Return the starts or the ends of `task`.
+    def of(self, task: str, key: Key) -> Recurring:
+        """Return an instant of every job of `task`.
 
-        (D) Where jobs of one task start at the same instant, the lower index counts as the earlier one; where they end
-        at the same instant, the one that started later counts as the newer one.
+        (D) Where instants of jobs of one task are equal, the lower index counts as the earlier one; where they end, or
+        write, at the same instant, the one that read later counts as the newer one.
         """
-        if (task, anchor) not in self._made:
-            jobs = sorted(self._jobs.get(task, ()), key=lambda p: p.job.index)
-            if anchor is Anchor.START:
-                points = [(p.start, p) for p in jobs]
-            else:
-                known = sorted(((p.span, p) for p in jobs if p.span is not None), key=lambda pair: -pair[0])
-                points = [(p.start + span, p) for span, p in known]
-            self._made[task, anchor] = Recurring(points, self._period)
-        return self._made[task, anchor]
+        if (task, key) not in self._made:
+            self._made[task, key] = Recurring(points_of(self._jobs.get(task, ()), key), self._period)
+        return self._made[task, key]
+
+    def earliest(self, task: str, key: Key, since: int) -> Found:
+        """Return the first instant of `task` at or after `since`, with its job."""
+        return self.of(task, key).earliest(since)
+
+    def latest(self, task: str, key: Key, until: int) -> Found:
+        """Return the last instant of `task` at or before `until`, with its job."""
+        return self.of(task, key).latest(until)
+
+
+def points_of(jobs: Iterable[Placed], key: Key) -> list[tuple[int, Placed]]:
+    """Return an instant of each of the jobs that has it, with the job; of equal instants the newer job comes last."""
+    ordered = sorted(jobs, key=lambda p: p.job.index)
+    points = [(x, p) for p in ordered if (x := p.instant(key)) is not None]
+    return sorted(points, key=lambda pair: pair[1].read - pair[0]) if key in (END, WRITE) else points
+
+
+def key_of(row: Precedence, clock: Clock) -> Key:
+    """Return the instant of the predecessor from which a window counts."""
+    return str(row.anchor), clock.ticks(row.point) if row.anchor is Anchor.POINT and row.point is not None else 0
+
+
+def reached(row: Precedence, placed: Placed) -> int:
+    """Return the instant of a job that is to lie in the window."""
+    return placed.end if row.to is Anchor.END else placed.start
 
 
 @dataclass(slots=True)

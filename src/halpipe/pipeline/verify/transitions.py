@@ -10,7 +10,6 @@ from math import floor
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO, Duration
-from halpipe.models import Anchor
 from halpipe.pipeline.verify import codes
 from halpipe.pipeline.verify.assignment import check_unit_on_line, check_version_on_line
 from halpipe.pipeline.verify.binding import check_binding_on_line
@@ -21,7 +20,7 @@ from halpipe.pipeline.verify.periodic import late_for_arrivals
 from halpipe.pipeline.verify.precedence import check_precedence_on_line
 from halpipe.pipeline.verify.rules import Rule
 from halpipe.pipeline.verify.sharing import check_access_on_line, check_exclusive_on_line
-from halpipe.pipeline.verify.tables import TABLE
+from halpipe.pipeline.verify.tables import TABLE, key_of, reached
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -74,6 +73,7 @@ def check_continuity(switch: Switch) -> Iterator[Diagnostic]:
         for before, placed in pairwise(jobs):
             if before.where != placed.where or placed.where == TABLE:
                 yield from _neighbours(switch, active, before, placed)
+        yield from _against_itself(switch, jobs)
 
 
 def _neighbours(switch: Switch, active: ActiveTask, before: Placed, placed: Placed) -> Iterator[Diagnostic]:
@@ -86,12 +86,46 @@ def _neighbours(switch: Switch, active: ActiveTask, before: Placed, placed: Plac
             text = f"starts at {clock.text(placed.start)} after the switch, {clock.text(gap)} after {before.label}; "
             text += f"at most {clock.text(most)} is allowed: {clock.text(gap - most)} too late"
             yield codes.STARVED(text, at=at, path=path, help="start a job of the task in between")
-    if before.span is not None and gap < before.span:
-        text = f"starts at {clock.text(placed.start)} after the switch, while {before.label} runs until "
-        text += f"{clock.text(before.end)}: {clock.text(before.span - gap)} too early"
-        yield codes.AGAINST_ITSELF(text, at=at, path=path, help="start it after the end of the job before")
     for text in late_for_arrivals(active.task, before, placed, clock):
         yield codes.ARRIVAL_LATE(text, at=at, path=path, help="start a job of the task in between")
+
+
+def _against_itself(switch: Switch, jobs: list[Placed]) -> Iterator[Diagnostic]:
+    """Compare each job with the one of another part of the line, or of the table, that ends last of those before it.
+
+    The job that ends last is not always the one before: a shorter one may lie between.
+    """
+    clock = switch.clock
+    last: dict[str, Placed] = {}
+    for placed in jobs:
+        others = [p for where, p in last.items() if where != placed.where or where == TABLE]
+        longest = max(others, key=lambda p: p.end, default=placed)
+        if longest is not placed and longest.end > placed.start:
+            text = f"starts at {clock.text(placed.start)} after the switch, while {longest.label} runs until "
+            text += f"{clock.text(longest.end)}: {clock.text(longest.end - placed.start)} too early"
+            help = "start it after the end of the job before"
+            yield codes.AGAINST_ITSELF(text, at=placed.job.at, path=switch.path(placed), help=help)
+        if placed.span and (placed.where not in last or placed.end > last[placed.where].end):
+            last[placed.where] = placed
+
+
+def check_edge_on_line(switch: Switch) -> Iterator[Diagnostic]:
+    """Check that nothing is in progress where a mode with a closed edge begins, and the LET of jobs of the table.
+
+    (D) A job of the table is released when it starts.
+    """
+    clock = switch.clock
+    for placed in (*switch.in_progress(), *switch.jobs) if switch.target.mode.is_closed else ():
+        if placed.end > switch.length:
+            text = f"ends at {clock.text(placed.end)}, after the mode with a closed edge begins at "
+            text += clock.text(switch.length)
+            help = "lengthen the table, or open the edge of the mode"
+            yield codes.OVER_THE_EDGE(text, at=placed.job.at, path=switch.path(placed), help=help)
+    for placed in switch.jobs:
+        let = placed.active.let
+        if let is not None and placed.span is not None and placed.span > let:
+            text = f"lasts {clock.text(placed.span)}, longer than its LET of {clock.text(let)}"
+            yield codes.LATE(text, at=placed.job.at, path=switch.path(placed), help="choose a shorter version")
 
 
 def check_entering(switch: Switch) -> Iterator[Diagnostic]:
@@ -135,17 +169,17 @@ class _Needs:
         age = self._age(placed, start, need) + turn * self._cycle
         return self._clock.ticks(need.min) <= age <= self._clock.ticks(need.max)
 
-    @staticmethod
-    def _age(placed: Placed, start: int, need: Precedence) -> int:
-        return start - (placed.end if need.anchor is Anchor.END else placed.start)
+    def _age(self, placed: Placed, start: int, need: Precedence) -> int:
+        instant = placed.instant(key_of(need, self._clock))
+        return start - (placed.end if instant is None else instant)
 
 
 def _wanted_by(jobs: Iterable[Placed]) -> dict[str, list[tuple[int, Precedence]]]:
-    """Return, for every predecessor, the starts of `jobs` that want it, with the constraints."""
+    """Return, for every predecessor, the instants of `jobs` to which windows lead from it, with the constraints."""
     wanted: dict[str, list[tuple[int, Precedence]]] = {}
     for placed in jobs:
         for need in placed.version.precedences if placed.version else ():
-            wanted.setdefault(need.task, []).append((placed.start, need))
+            wanted.setdefault(need.task, []).append((reached(need, placed), need))
     return wanted
 
 
@@ -201,9 +235,15 @@ SWITCH_RULES: tuple[Rule[Switch], ...] = (
     Rule(
         "transition continuity",
         "Across the switch, consecutive starts of a task that runs in both modes are at most (1 + slack) periods "
-        "apart, and no job starts before the one before has ended. Those of a task that serves arrivals keep distance "
-        "and deadline across the switch.",
+        "apart, and no job starts before all that started earlier have ended. Those of a task that serves arrivals "
+        "keep distance and deadline across the switch.",
         check_continuity,
+    ),
+    Rule(
+        "transition edge",
+        "Nothing is in progress where a mode with a closed edge begins, and no job of the table outlasts its logical "
+        "execution time.",
+        check_edge_on_line,
     ),
     Rule(
         "transition entering",

@@ -1,0 +1,88 @@
+"""verify, the second checker and the brute-force oracle agree on the requirements of MODEL 10, valid or not."""
+
+import importlib.util
+import random
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import refined_systems
+import split_mutants
+import split_systems
+import verify_mutants
+import verify_oracle as oracle
+import verify_systems as systems
+
+from halpipe.core.diagnostics import HalpipeError, render_text
+from halpipe.exporters.native import format_model, format_schedule
+from halpipe.pipeline.verify import verify
+
+PROGRAM = Path(__file__).parents[2] / "docs" / "safety" / "second_checker.py"
+BUILDERS = (
+    systems.valid_system,
+    systems.valid_system,
+    systems.switching_system,
+    split_systems.valid_system,
+    split_systems.switching_system,
+)
+MUTANTS = (*verify_mutants.OPERATORS.values(), *split_mutants.OPERATORS.values())
+
+
+def second_checker():
+    spec = importlib.util.spec_from_file_location("second_checker_refined", PROGRAM)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+CHECKER = second_checker()
+
+
+def second_opinion(folder, system, plan):
+    """The rules that the second checker finds broken; "file" where it cannot read the files."""
+    try:
+        (folder / "m.xml").write_bytes(format_model(system))
+        (folder / "s.xml").write_bytes(format_schedule(replace(plan, model_sha256="")))
+    except HalpipeError:
+        return None  # not to be written
+    try:
+        return {finding[0] for finding in CHECKER.judge(str(folder / "m.xml"), str(folder / "s.xml"))}
+    except (CHECKER.UnreadableError, ValueError):
+        return {"file"}
+
+
+def cases(seed, count):
+    rng = random.Random(seed)
+    made = 0
+    while made < count:
+        system, plan = rng.choice(BUILDERS)(rng)
+        refined = refined_systems.refined(rng, system, plan)
+        mutant = rng.choice(MUTANTS)(rng, refined, plan) if rng.random() < 0.3 else None
+        yield mutant or (refined, plan)
+        made += 1
+
+
+def compare(tmp_path, seed, count):
+    verdicts = Counter()
+    for system, plan in cases(seed, count):
+        wrong = oracle.broken(system, plan)
+        found = [d for d in verify(system, plan) if d.is_error]
+        words = "\n".join(map(render_text, found))
+        assert bool(found) == bool(wrong), (sorted(map(str, wrong)), words, system, plan)
+        second = second_opinion(tmp_path, system, plan)
+        assert second is None or bool(second) == bool(wrong), (sorted(map(str, wrong)), second, words, system, plan)
+        verdicts["invalid" if wrong else "valid"] += 1
+        verdicts.update({rule for rule, _ in wrong})
+    return verdicts
+
+
+def test_three_checkers_agree(tmp_path):
+    verdicts = compare(tmp_path, 1, 300)
+    assert verdicts["valid"] > 60
+    assert verdicts["invalid"] > 60
+
+
+@pytest.mark.slow  # the test above has the same subject
+def test_three_checkers_agree_on_many(tmp_path):
+    compare(tmp_path, 2, 20_000)
