@@ -57,6 +57,16 @@ def putting(arrays: Arrays, state: State) -> Callable[[int], object]:
     return bound("put", arrays, state)
 
 
+def fitting(arrays: Arrays, state: State) -> Callable[..., int]:
+    """Return what places an entry at the first phase in [earliest, last] that costs nothing: the phase, or NEVER."""
+    return bound("fit", arrays, state)
+
+
+def removing(arrays: Arrays, state: State) -> Callable[..., object]:
+    """Return what takes an entry out of the profiles."""
+    return bound("remove", arrays, state)
+
+
 def worst_reaction(arrays: Arrays, state: State, begin: int, end: int) -> int:
     """Return the worst reaction time, in the best placement, of the chain in ``chain_task[begin:end]``, or NEVER."""
     return ask("worst_reaction", arrays, state, begin, end)

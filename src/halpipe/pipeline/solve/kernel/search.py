@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.pipeline.solve.kernel.assign_units import Units, deal, deal_anyhow
+from halpipe.pipeline.solve.kernel.first_fit import construct
 from halpipe.pipeline.solve.kernel.freezing import freeze
 from halpipe.pipeline.solve.kernel.kernel import load, wander
 from halpipe.pipeline.solve.kernel.naming import named_jobs
@@ -102,6 +103,8 @@ def search(
             freeze(problem, state, shipped)
         return state
 
+    if len(problem.arrays.chain_limit):
+        construct(problem, first, budget, lambda made: on_slice(made, -1))
     found = race(problem, begin, budget, effort.members, effort.workers, on_slice, kept, effort.advancing)
     state, moves, stopped = found.state, found.moves, found.stopped
     if state.register[BEST] == NEVER:

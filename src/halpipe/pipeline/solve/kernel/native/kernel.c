@@ -13,6 +13,7 @@
  * This is the only file that is compiled; the others are parts of it. */
 
 #include "cycles.h"
+#include "first_fit.h"
 #include "move_cluster.h"
 #include "move_entry.h"
 #include "move_swap.h"
@@ -135,6 +136,14 @@ EXPORTED int64_t halpipe_wander(const Arrays *p, State *s, const int64_t *noise,
 EXPORTED int64_t halpipe_load(const Arrays *p, State *s) { return load(p, s); }
 
 EXPORTED int64_t halpipe_total_cost(const Arrays *p, const State *s) { return total_cost(p, s); }
+
+EXPORTED int64_t halpipe_fit(const Arrays *p, State *s, int64_t entry, int64_t earliest, int64_t last) {
+    return fit(p, s, entry, earliest, last);
+}
+
+EXPORTED void halpipe_remove(const Arrays *p, State *s, int64_t entry) {
+    take_away(p, s, p->entry_job[entry], p->entry_job[entry + 1]);
+}
 
 EXPORTED void halpipe_put(const Arrays *p, State *s, int64_t job) { put(p, s, job); }
 

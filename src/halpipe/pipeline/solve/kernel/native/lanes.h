@@ -80,12 +80,10 @@ static int64_t take_out(const Arrays *p, State *s, int64_t begin, int64_t end) {
     return cost;
 }
 
-/* The least shift of at most `furthest` ticks at which the job fits on all lanes, or -1. */
-static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t start, int64_t furthest) {
-    int64_t first = p->rect_first[option], rects = p->rect_first[option + 1] - first;
-    int64_t shift = 0, steps = SLIDE_STEPS;
-    if (!is_on(s, SLIDE))
-        return -1;
+/* The least shift of at most `furthest` ticks at which the job fits on all lanes, or -1; also after so many steps. */
+static int64_t slide_within(const Arrays *p, const State *s, int64_t option, int64_t start, int64_t furthest,
+                            int64_t steps) {
+    int64_t first = p->rect_first[option], rects = p->rect_first[option + 1] - first, shift = 0;
     for (int64_t fitting = 0, number = 0; fitting < rects; fitting++) {
         const Rect *r = &p->rect[first + number];
         int64_t threshold = p->lane_capacity[r->lane] - r->height;
@@ -115,6 +113,10 @@ static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t st
             number = 0;
     }
     return shift;
+}
+
+static int64_t slide(const Arrays *p, const State *s, int64_t option, int64_t start, int64_t furthest) {
+    return is_on(s, SLIDE) ? slide_within(p, s, option, start, furthest, SLIDE_STEPS) : -1;
 }
 
 /* Whether a job lies on an overloaded instant of some lane. */

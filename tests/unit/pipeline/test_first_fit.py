@@ -1,0 +1,147 @@
+"""First-fit construction along chains: valid tables at once, and nothing left behind by tables without success."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from halpipe.models import Status
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel.first_fit import construct
+from halpipe.pipeline.solve.kernel.kernel import fitting, removing, total_cost
+from halpipe.pipeline.solve.kernel.state import BEST, FROZEN, INSERTED, MOVES, NEVER, new_state
+from halpipe.pipeline.solve.problem import build_problem
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.verify import verify
+from support import access, after, chain, model, task, version
+
+PERIODS, SHARES = (1, 2, 5, 10, 20, 50, 100), (3, 2, 2, 25, 25, 3, 20)
+
+
+def chained_system(tasks, seed, load=0.8, length=8):
+    """Tasks of the usual periods on three cores, with chains of one period each whose data may be one period old."""
+    draw = random.Random(seed)
+    periods = draw.choices(PERIODS, SHARES, k=tasks)
+    works = [draw.uniform(0.5, 1.5) for _ in range(tasks)]
+    loads = [sum(works[n] / periods[n] for n in range(core, tasks, 3)) for core in range(3)]
+    made = [
+        task(f"t{n}", period, version("v", f"{max(1, int(works[n] * load / loads[n % 3] * 1000))}us", f"u{n % 3}"))
+        for n, period in enumerate(periods)
+    ]
+    alike = {p: [n for n in range(tasks) if periods[n] == p] for p in PERIODS}
+    chains = []
+    for number in range(tasks // 25):
+        period = draw.choice([p for p in PERIODS if len(alike[p]) >= length])
+        steps = sorted(draw.sample(alike[period], length))
+        chains.append(chain(f"c{number}", " ".join(f"t{n}" for n in steps), age=period))
+    return model(*made, units="u0 u1 u2", chains=chains)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_chains_within_their_period_need_a_few_tables(seed):
+    """The annealer alone finds one such system of eight in 40 seconds."""
+    system = chained_system(150, 903 + seed)
+    result = schedule_model(system, SearchOptions(), lambda *_: True)
+    assert result.schedule.modes[0].status is Status.VALID
+    assert [found.message for found in verify(system, result.schedule) if found.is_error] == []
+    assert result.moves <= 64 * len(system.tasks)
+
+
+def state_of(system, seed=1):
+    problem = build_problem(
+        expand(system, system.modes[0]), system.units, [resource.name for resource in system.resources], system.chains
+    )
+    return problem, new_state(problem.arrays, seed, problem.mean_wcet)
+
+
+def constructed(system, budget=10**6):
+    problem, state = state_of(system)
+    return construct(problem, state, budget, lambda made: True), problem, state
+
+
+def starts(problem, state):
+    return {active.name: state.start[problem.arrays.task_job[n]] for n, active in enumerate(problem.expansion.tasks)}
+
+
+def test_messages_with_jitter_follow_their_senders_job_by_job():
+    """Its second job has to wait for another message; what follows the message waits for the latest of them."""
+    system = model(
+        task("send", 10, version("v", 2, "u1")),
+        task("other", 20, version("v", 3, "u2"), offset=12),
+        task("message", 10, version("v", 1, "u2"), slack=1),
+        task("receive", 10, version("v", 2, "u3")),
+        units="u1 u2 u3",
+        chains=[chain("c", "send message receive", age=10)],
+    )
+    is_valid, problem, state = constructed(system)
+    assert is_valid
+    assert state.register[BEST] == 0 == total_cost(problem.arrays, state)
+    assert state.register[MOVES] == len(problem.arrays.entry_offset)
+
+
+def test_slower_tasks_of_a_chain_come_where_faster_ones_wait_for_them():
+    system = model(
+        task("fast", 5, version("v", 1, "u1")),
+        task("slow", 20, version("v", 4, "u2")),
+        task("last", 10, version("v", 2, "u1")),
+        units="u1 u2",
+        chains=[chain("c", "fast slow last", age=18)],
+    )
+    is_valid, problem, state = constructed(system)
+    assert is_valid
+    assert (starts(problem, state)["slow"] - starts(problem, state)["fast"]) % 5 == 1
+
+
+def test_windows_gangs_and_resources_are_kept():
+    system = model(
+        task("a", 10, version("v", 3, "u1 u2", access("mem", 0, 2, "3/4"))),
+        task("b", 10, version("v", 3, "u1 u2", access("mem", 1, 3, "1/2"), after("a", 1, 4, "end"))),
+        task("g", 20, version("v", 2, "u1 u2", gang=2)),
+        task("helper", None, version("v", 1, "u1 u2")),
+        task("user", 20, version("v", 1, "u1 u2", after("helper", 1, 3))),
+        units="u1 u2",
+        resources="mem",
+        chains=[chain("c", "a b", age=8)],
+    )
+    is_valid, problem, state = constructed(system)
+    assert is_valid
+    assert total_cost(problem.arrays, state) == 0
+
+
+def test_a_table_without_success_leaves_the_state_empty_but_for_hints():
+    system = model(
+        task("a", 10, version("v", 4)),
+        task("b", 10, version("v", 4)),
+        task("c", 10, version("v", 4)),
+        chains=[chain("c", "a b c", age=30)],
+    )
+    is_valid, _, state = constructed(system)
+    assert not is_valid
+    assert set(state.start) == {-1}
+    assert list(state.edges) == [1] * len(state.edges)
+    assert state.register[INSERTED] == state.register[FROZEN] == 0
+    assert sorted(state.hint) == [-1, 0, 2]  # ticks of 2 ms
+
+
+def test_no_more_tables_than_the_budget_allows():
+    system = chained_system(60, 5, load=1.2, length=4)
+    _, _, state = constructed(system, 150)
+    assert state.register[MOVES] == 120
+
+
+def test_what_asks_to_stop_is_obeyed():
+    problem, state = state_of(chained_system(60, 5, load=1.2, length=4))
+    assert not construct(problem, state, 10**6, lambda made: False)
+    assert state.register[MOVES] == 60
+
+
+def test_an_entry_fits_between_what_is_placed_and_comes_out_again():
+    problem, state = state_of(model(task("a", 10, version("v", 5)), task("b", 20, version("v", 3))))
+    place, remove = fitting(problem.arrays, state), removing(problem.arrays, state)
+    assert place(0, 3, 9) == 3
+    assert place(1, 4, 19) == 8
+    remove(1)
+    assert place(1, 11, 17) == NEVER
+    assert place(1, 11, 39) == 18
+    assert state.start[-1] == 18
