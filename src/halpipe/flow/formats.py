@@ -197,7 +197,7 @@ def _put_onto(model: TaskModel, schedule: Schedule | None, options: Any) -> Expo
         help = "name the file of the schedule after the model"
         raise HalpipeError(NEEDS_SCHEDULE("a project gets a schedule, and none is given", help=help), exit=Exit.USAGE)
     source = ArxmlImportOptions(ecu=options.ecu, variant=options.variant, conditions=options.conditions)
-    onto = export_onto(model, schedule, options.onto, source)
+    onto = export_onto(model, schedule, options.onto, source, options.ecuc_definitions)
     lines = []
     for change in onto.summary:
         name = f" {change.name}" if change.name else ""

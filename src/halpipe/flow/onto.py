@@ -10,6 +10,8 @@ from halpipe.core.files import find_inputs, read_bytes
 from halpipe.pipeline.checked import refuse_invalid
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from halpipe.exporters.arxml.onto import Onto
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.models import Schedule, TaskModel
@@ -18,10 +20,21 @@ if TYPE_CHECKING:
 WITHOUT_ONTO = "export a configuration of its own, without --onto, or schedule without split"
 
 
-def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: ArxmlImportOptions) -> Onto:
-    """Return delta, changed files and list of changes; raise `HalpipeError` with all that stands against it."""
+def export_onto(
+    model: TaskModel,
+    schedule: Schedule,
+    directory: str,
+    options: ArxmlImportOptions,
+    definitions: Sequence[str] = (),
+) -> Onto:
+    """Return delta, changed files and list of changes; raise `HalpipeError` with all reasons not to make them.
+
+    What is added has to fit the `definitions` of modules (files), or those that the project has itself.
+    """
     from dataclasses import replace
 
+    from halpipe.exporters.arxml.definitions import check, read_definitions
+    from halpipe.exporters.arxml.onto import DELTA
     from halpipe.exporters.arxml.onto.export import put_onto
     from halpipe.exporters.common.selection import refuse_early_phases, select
     from halpipe.importers.arxml.project import read_project
@@ -37,6 +50,9 @@ def export_onto(model: TaskModel, schedule: Schedule, directory: str, options: A
     }
     contents = _Contents(files)
     onto = put_onto(model, chosen, project, contents)
+    paths = definitions or project.definitions
+    if paths and DELTA in onto.files:
+        findings.extend(check(onto.files[DELTA], read_definitions(paths), is_part=True))
     return replace(onto, findings=(*findings.items, *onto.findings))
 
 

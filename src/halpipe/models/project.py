@@ -132,7 +132,8 @@ class Project:
     `items` has all containers and modules that may be named, `packages` the UUIDs of packages by path. `calls` has the
     event mappings of every task of the model, `alone` the OsTask of a task that no event makes, as a call without
     mapping. `starters` are the alarms and schedule tables that do something to OsTasks. `applications` has the unit of
-    each OsApplication, `references` what OsApplications and OsTasks refer to.
+    each OsApplication, `references` what OsApplications and OsTasks refer to, `definitions` are the files that define
+    modules.
     """
 
     schema: str
@@ -148,3 +149,4 @@ class Project:
     applications: Mapping[str, str]
     app_modes: tuple[str, ...]
     references: Mapping[str, tuple[Value, ...]]
+    definitions: tuple[str, ...] = ()

@@ -179,9 +179,6 @@ def test_the_rte_maps_events_to_tasks_and_their_expiry_points():
         ("RteEventRef", "/m/Components/fast/Behavior/Every"),
         ("RteMappedToTaskRef", "/m/Ecu/Os/fast"),
         ("RteUsedOsSchTblExpiryPointRef", "/m/Ecu/Os/Mode_run_u1/At_1"),
-        ("RteUsedOsSchTblExpiryPointRef", "/m/Ecu/Os/Mode_run_u1/At_21"),
-        ("RteUsedOsSchTblExpiryPointRef", "/m/Ecu/Os/Mode_stop_u1/At_6"),
-        ("RteUsedOsSchTblExpiryPointRef", "/m/Ecu/Os/Switch_run_to_stop_u1/At_4"),
     ]
     instance = containers(root, "RteSwComponentInstance")["fast"]
     assert target(instance, "RteSoftwareComponentInstanceRef") == "/m/System/Composition/fast"

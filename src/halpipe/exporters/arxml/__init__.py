@@ -15,6 +15,9 @@ from halpipe.exporters.arxml.options import PARTS, RELEASES, ArxmlOptions
 from halpipe.exporters.common.base import ExportOptions, PlainExporter
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from halpipe.core.diagnostics import Diagnostic
     from halpipe.models import Schedule, TaskModel
 
 
@@ -61,6 +64,17 @@ class ArxmlExporter(PlainExporter):
         from halpipe.exporters.arxml.export import format_arxml
 
         return {"": format_arxml(model, schedule, specific(ArxmlOptions, options))}
+
+    def remarks(
+        self, model: TaskModel, schedule: Schedule | None, options: ExportOptions, contents: Mapping[str, bytes]
+    ) -> Sequence[Diagnostic]:
+        """Return what of the ECU configuration does not fit the definitions of a vendor, if they are given."""
+        paths = specific(ArxmlOptions, options).ecuc_definitions
+        if not paths:
+            return ()
+        from halpipe.exporters.arxml.definitions import check, read_definitions
+
+        return check(contents[""], read_definitions(paths))
 
 
 __all__ = ["FORMAT", "PARTS", "RELEASES", "ArxmlExporter", "ArxmlOptions"]

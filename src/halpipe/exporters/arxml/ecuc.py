@@ -61,6 +61,10 @@ class Container:
         """Append an enumeration parameter."""
         self._value("TEXTUAL", "ENUMERATION", name, value)
 
+    def text(self, name: str, value: str) -> None:
+        """Append a string parameter."""
+        self._value("TEXTUAL", "STRING", name, value)
+
     def refer(self, name: str, path: str, *, definition: str = _REFERENCE, dest: str = CONTAINER) -> None:
         """Append a reference to another container."""
         element = add(self._list("REFERENCE-VALUES"), "ECUC-REFERENCE-VALUE")

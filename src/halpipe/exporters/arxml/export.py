@@ -87,7 +87,7 @@ def _write_ecuc(
     elements = package(packages, PACKAGE)
     write_cores(elements, plan, layout, options.ecuc_prefix)
     write_os(elements, plan, names, options.ecuc_prefix, options.release)
-    write_rte(elements, model, plan, layout, names, options.ecuc_prefix)
+    write_rte(elements, model, plan, layout, names, options.ecuc_prefix, options.release)
     write_collection(elements, layout)
 
 

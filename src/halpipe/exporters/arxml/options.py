@@ -46,6 +46,7 @@ class ArxmlOptions(ExportOptions):
     - `ecuc_prefix` stands before the names of the modules in the paths of definitions; vendors have their own.
     - `tick` is the tick of the counters (None: the largest that all instants are multiples of); `min_cycle` and
       `max_value` are their OsCounterMinCycle and OsCounterMaxAllowedValue.
+    - `ecuc_definitions` are files, or folders of them, that define the modules of a vendor.
     - The schedule is put `onto` a project, whose import chose `ecu`, `variant` and `conditions`.
     - `max_points` is how many expiry points a table of the target may have (None: any number).
     """
@@ -62,6 +63,13 @@ class ArxmlOptions(ExportOptions):
     max_value: int = option(DEFAULT_MAX_VALUE, "OsCounterMaxAllowedValue of the counters.", _ticks, metavar="TICKS")
     max_points: int | None = option(
         None, "Expiry points that the OS allows in a table, 254 for ATK2; 0: any number.", _points, metavar="N"
+    )
+    ecuc_definitions: tuple[str, ...] = option(
+        (),
+        "File or folder with the ECUC-MODULE-DEFs of a vendor, to hold the configuration against; repeatable.",
+        metavar="PATH",
+        form=Form.LIST,
+        is_path=True,
     )
     onto: str = option(
         "",

@@ -259,6 +259,7 @@ class _Reader:
             starters=tuple(self._starters()),
             references={c.node.path: self._references(c) for c in self._containers.of("OsApplication", "OsTask")},
             applications=self._applications,
+            definitions=tuple(dict.fromkeys(node.at.file for node in self._tree.tagged("ECUC-MODULE-DEF"))),
             app_modes=tuple(
                 sorted(
                     (c.node.path for c in self._containers.of("OsAppMode") if _in(c.node.path, os_module)),

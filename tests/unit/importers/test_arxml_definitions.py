@@ -1,0 +1,195 @@
+"""Exported ECU configurations held against definitions of modules, as a vendor's configurator does."""
+
+import pytest
+from arxml_case import (
+    component,
+    configuration,
+    container,
+    core,
+    counter,
+    el,
+    every,
+    mapped,
+    named,
+    os_task,
+    package,
+    ref,
+    rte,
+    write,
+)
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.exporters.arxml import FORMAT, ArxmlOptions
+from halpipe.exporters.arxml.definitions import AGAINST_DEFINITION, NO_DEFINITIONS, check, read_definitions
+from halpipe.flow.formats import import_model
+from halpipe.flow.onto import export_onto
+from halpipe.importers.arxml.options import ArxmlImportOptions
+from support import job, model, schedule, task, version
+
+HEAD = '<AUTOSAR xmlns="http://autosar.org/schema/r4.0"><AR-PACKAGES><AR-PACKAGE><SHORT-NAME>V</SHORT-NAME><ELEMENTS>'
+COUNTER = "/AUTOSAR/EcucDefs/Os/OsCounter"
+TAIL = "</ELEMENTS></AR-PACKAGE></AR-PACKAGES></AUTOSAR>"
+
+
+def definition(kind, name, *inside, lower=1, upper=1, more=""):
+    """A definition of a container, parameter or reference."""
+    groups = {}
+    for text in inside:
+        tag = text[1 : text.index(">")]
+        group = "SUB-CONTAINERS" if "CONTAINER" in tag else "REFERENCES" if "REFERENCE" in tag else "PARAMETERS"
+        groups[group] = groups.get(group, "") + text
+    most = "<UPPER-MULTIPLICITY-INFINITE>true</UPPER-MULTIPLICITY-INFINITE>" if upper is None else ""
+    most = most or f"<UPPER-MULTIPLICITY>{upper}</UPPER-MULTIPLICITY>"
+    content = "".join(f"<{group}>{text}</{group}>" for group, text in groups.items())
+    return (
+        f"<ECUC-{kind}-DEF><SHORT-NAME>{name}</SHORT-NAME><LOWER-MULTIPLICITY>{lower}</LOWER-MULTIPLICITY>"
+        f"{most}{more}{content}</ECUC-{kind}-DEF>"
+    )
+
+
+def box(name, *inside, **counts):
+    return definition("PARAM-CONF-CONTAINER", name, *inside, **counts)
+
+
+def define(folder, module, *containers):
+    """A module that refines the standard one of its name."""
+    refined = f"<REFINED-MODULE-DEF-REF>/AUTOSAR/EcucDefs/{module}</REFINED-MODULE-DEF-REF>"
+    text = f"<ECUC-MODULE-DEF><SHORT-NAME>{module}</SHORT-NAME>{refined}<CONTAINERS>{''.join(containers)}</CONTAINERS>"
+    path = folder / f"{module}_def.arxml"
+    path.write_text(f"{HEAD}{text}</ECUC-MODULE-DEF>{TAIL}")
+    return str(path)
+
+
+def configured(tmp_path, *, priority="5", word="FULL", tasks=1, target="/E/Os/Ticks"):
+    """A configuration of an Os with OsTasks that refer to a counter."""
+    kind = "/Vendor/X/Os/OsTask"
+    words = el("ECUC-TEXTUAL-PARAM-VALUE", ref("DEFINITION-REF", f"{kind}/OsTaskSchedule"), el("VALUE", word))
+    number = el("ECUC-NUMERICAL-PARAM-VALUE", ref("DEFINITION-REF", f"{kind}/OsTaskPriority"), el("VALUE", priority))
+    refs = el("ECUC-REFERENCE-VALUE", ref("DEFINITION-REF", f"{kind}/OsTaskCounter"), ref("VALUE-REF", target))
+    found = [
+        named(
+            "ECUC-CONTAINER-VALUE",
+            f"T{i}",
+            ref("DEFINITION-REF", kind),
+            el("PARAMETER-VALUES", number, words),
+            el("REFERENCE-VALUES", refs),
+        )
+        for i in range(tasks)
+    ]
+    other = container("Os/OsAlarm", "Al")
+    text = package("E", configuration("Os", container("Os/OsCounter", "Ticks"), *found, other))
+    return write(tmp_path, text).read_bytes()
+
+
+def os_definition(tmp_path):
+    task = box(
+        "OsTask",
+        definition("INTEGER-PARAM", "OsTaskPriority", more="<MAX>9</MAX><MIN>1</MIN>"),
+        definition(
+            "ENUMERATION-PARAM",
+            "OsTaskSchedule",
+            more="<LITERALS><ECUC-ENUMERATION-LITERAL-DEF><SHORT-NAME>FULL</SHORT-NAME>"
+            "</ECUC-ENUMERATION-LITERAL-DEF></LITERALS>",
+        ),
+        definition(
+            "REFERENCE", "OsTaskCounter", more="<DESTINATION-REF>/AUTOSAR/EcucDefs/Os/OsCounter</DESTINATION-REF>"
+        ),
+        lower=0,
+        upper=2,
+    )
+    return define(tmp_path, "Os", task, box("OsCounter", lower=0, upper=None), box("OsAlarm", lower=0, upper=None))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({}, ""),
+        ({"priority": "10"}, "OsTaskPriority is 10, outside of 1 to 9"),
+        ({"priority": "0"}, "OsTaskPriority is 0, outside of 1 to 9"),
+        ({"priority": "9"}, ""),
+        ({"word": "HALF"}, 'OsTaskSchedule is "HALF", not one of FULL'),
+        ({"tasks": 2}, ""),
+        ({"tasks": 3}, "has 3 OsTask, of which there may be 2"),
+        ({"target": "/E/Os/Al"}, "OsTaskCounter leads to /E/Os/Al, which is no OsCounter"),
+    ],
+)
+def test_values_have_to_fit_their_definitions(tmp_path, change, said):
+    found = check(configured(tmp_path, **change), read_definitions([os_definition(tmp_path)]))
+    assert {diagnostic.message for diagnostic in found} == ({said} if said else set())
+
+
+def test_what_is_missing_or_unknown_is_named(tmp_path):
+    path = define(tmp_path, "Os", box("OsTask", lower=0, upper=None), box("OsCounter"), box("OsOS"))
+    told = {d.message for d in check(configured(tmp_path), read_definitions([path]))}
+    unknown = {f"OsTask has no OsTask{name}" for name in ("Priority", "Schedule", "Counter")}
+    assert told == {"has 0 OsOS, of which there must be 1", "Os has no OsAlarm", *unknown}
+
+
+def test_of_a_module_that_nothing_defines_nothing_is_known(tmp_path):
+    path = define(tmp_path, "Rte", box("RteGeneration"))
+    (told,) = check(configured(tmp_path), read_definitions([path]))
+    assert (told.code, "no definition of /Vendor/X/Os" in told.message) == (AGAINST_DEFINITION.id, True)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "a.arxml").write_text(HEAD + TAIL)
+    with pytest.raises(HalpipeError) as failure:
+        read_definitions([str(tmp_path / "empty")])
+    assert failure.value.diagnostics[0].code == NO_DEFINITIONS.id
+
+
+def flag(name):
+    return definition("BOOLEAN-PARAM", name)
+
+
+RTE = (
+    box(
+        "RteBswGeneral",
+        *(definition("BOOLEAN-PARAM", f"Rte{n}") for n in ("SchMVersionInfoApi", "UseComShadowSignalApi")),
+    ),
+    box("RteGeneration", *map(flag, ("RteVfbTraceEnabled", "RteDevErrorDetect"))),
+    box("RteInitializationBehavior", definition("STRING-PARAM", "RteSectionInitializationPolicy", upper=None)),
+    box("RteOsInteraction"),
+    box(
+        "RteSwComponentInstance",
+        definition("FOREIGN-REFERENCE", "RteSoftwareComponentInstanceRef", lower=0),
+        box(
+            "RteEventToTaskMapping",
+            flag("RteImmediateRestart"),
+            definition("INTEGER-PARAM", "RtePositionInTask", lower=0),
+            definition("FOREIGN-REFERENCE", "RteEventRef"),
+            definition("REFERENCE", "RteMappedToTaskRef", lower=0),
+            definition("REFERENCE", "RteUsedOsSchTblExpiryPointRef", lower=0),
+            lower=0,
+            upper=None,
+        ),
+        lower=0,
+        upper=None,
+    ),
+)
+
+
+def test_the_own_configuration_of_the_rte_keeps_the_counts_of_the_standard(tmp_path):
+    system = model(task("fast", 10, version("v", 1, "u")), task("slow", 20, version("v", 1, "u")), units="u")
+    jobs = [job(system, "fast", 0, 0, "u"), job(system, "fast", 1, 10, "u"), job(system, "slow", 0, 5, "u")]
+    plan = schedule(system, 20, *jobs)
+    options = ArxmlOptions(ecuc_definitions=(define(tmp_path, "Rte", *RTE),))
+    found = FORMAT.remarks(system, plan, options, FORMAT.write(system, plan, options))
+    told = [d.message for d in found if "Rte" in d.path or "Rte" in d.message]
+    known = {"RteCalibrationSupport", "RteCodeVendorId", "RteDevErrorDetectUninit", "RteMeasurementSupport"}
+    known |= {"RteValueRangeCheckEnabled", "RteGenerationMode", "RteOptimizationMode", "RteIocInteractionReturnValue"}
+    assert set(told) == {f"RteGeneration has no {n}" for n in known} | {
+        "RteInitializationBehavior has no RteInitializationStrategy"
+    }
+
+
+def test_a_vendor_whose_os_has_no_schedule_tables_is_named(tmp_path):
+    pump = component("Pump", every("0.01", "Tick", "Pump/Step"), runnables="Step")
+    os = configuration("Os", counter(), os_task("Main"))
+    maps = configuration("Rte", rte(mapped("Pump/B/Tick", "Main", "1")))
+    write(tmp_path, package("T", pump), package("E", os, maps, configuration("EcuC", core("First", "0"))))
+    define(tmp_path, "Os", box("OsTask", lower=0, upper=None), box("OsCounter", lower=0, upper=None))
+    overlay = tmp_path.parent / "wcet.yaml"
+    overlay.write_text('halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n')
+    found = import_model("arxml", [str(tmp_path)], ArxmlImportOptions(overlays=(str(overlay),))).model
+    plan = schedule(found, 10, job(found, "Pump/Step", 0, "0ms", "First"), mode_name="default")
+    told = {d.message for d in export_onto(found, plan, str(tmp_path), ArxmlImportOptions()).findings}
+    assert "Os has no OsScheduleTable" in told
