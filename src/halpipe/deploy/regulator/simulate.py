@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from halpipe.deploy.regulator.stimuli import Run
 
 BENCH = files("halpipe.deploy.regulator") / "bench"
-CYCLES = {"verilator": (16_000_000, 3_000_000), "icarus": (800_000, 160_000)}
+CYCLES = {"verilator": (160_000_000, 3_000_000), "icarus": (800_000, 160_000)}
 """Cycles of the greedy run and of each other, of all units together, if the user does not say how many hyperperiods."""
 
 STEPPED_CYCLES = {"verilator": 2**31, "icarus": 400_000}

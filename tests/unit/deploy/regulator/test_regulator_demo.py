@@ -8,6 +8,9 @@ import regulator_bundles as bundles
 from halpipe.core.diagnostics import HalpipeError
 from halpipe.deploy.base import CheckOptions
 from halpipe.deploy.regulator import ARITHMETIC, DEPLOYMENT
+from halpipe.deploy.regulator.reading import read_tables
+from halpipe.deploy.regulator.simulate import CYCLES
+from halpipe.deploy.regulator.stimuli import TRAFFIC, plan
 from halpipe.exporters.regulator import RegulatorExporter, RegulatorOptions
 from halpipe.exporters.regulator.codes import RATE_DOES_NOT_FIT
 from halpipe.flow.formats import burst_grid
@@ -80,3 +83,17 @@ def test_one_rate_for_a_mode_of_the_demo_is_too_much_and_refused_with_the_figure
     assert {d.code for d in errors} == {RATE_DOES_NOT_FIT.id}
     assert all("MB/s, there is room for" in d.message and "core1" in d.message for d in errors)
     assert any(cure in d.help for d in errors)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_the_greedy_run_plays_all_tables_and_switches_of_the_demo_by_default(demo, tmp_path, seed):
+    files = exported(demo, tmp_path, "table", *SERVING["table"])
+    tables = read_tables(bundles.target(files).bundle)
+    limit = CYCLES["verilator"][0] // len(tables.units) // tables.platform.window_cycles
+    run = plan(tables, TRAFFIC[0], seed, windows=limit)
+    assert {e.table for e in run.expected if e.window + 1 == tables.tables[e.table].windows} == set(range(5))
+    ended = zip(run.expected, run.expected[1:], strict=False)
+    seen = {(a.table, b.table) for a, b in ended if a.running and b.running and a.table != b.table}
+    modes = {table.mode: table.index for table in tables.tables if not table.is_transition}
+    assert seen >= {(modes[switch.source], switch.request) for switch in tables.switches}
+    assert len(run.expected) < limit

@@ -68,7 +68,7 @@ class Qos400:
     """One setting for each mode, or (granularity: phase) one for each change of bounds."""
 
     name = "qos400"
-    summary = "ZynqMP QoS-400: Jailhouse command lines, and addresses with values for EL3 firmware"
+    summary = "ZynqMP QoS-400, held against nothing real: Jailhouse commands, addresses and values for EL3 firmware"
     least = 0
     reserves = "all"
     rates = True
