@@ -102,10 +102,31 @@ def test_the_answer_to_one_field_leaves_the_keyboard_in_the_next(page):
     assert active.get_attribute("aria-label") == "camera deadline"
     assert active.get_attribute("value") == "15"
     active.send_keys("ms", Keys.ENTER)
-    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("deadline = 15ms"))
+    WebDriverWait(page, PATIENCE).until(lambda b: b.execute_script("return arguments[0].actual", active) == "15ms")
     assert page.switch_to.active_element.get_attribute("aria-label") == "camera deadline"
     active.send_keys("9", Keys.ESCAPE)
     assert active.get_attribute("value") == "15ms"
+
+
+def test_an_edit_in_an_outdated_window_shows_the_new_state_and_can_be_made_again(page):
+    """Another window changes the model; this one still shows the old value and an old revision."""
+    body = "JSON.stringify({revision: state.revision, kind: 'task', name: 'brake', field: 'deadline', value: '4ms'})"
+    other = f"fetch('/api/edit', {{method: 'POST', body: {body}}}).then(arguments[0])"
+    page.execute_async_script(other)
+    field(page, "brake deadline").send_keys(Keys.CONTROL, "a", Keys.NULL, "3ms", Keys.TAB)  # one change, not two
+    verdict(page, "another window")
+    WebDriverWait(page, PATIENCE).until(lambda b: field(b, "brake deadline").get_attribute("value") == "4ms")
+    change(page, "brake deadline", "3ms")
+    WebDriverWait(page, PATIENCE).until(lambda b: state(b)["what"].endswith("deadline = 3ms"))
+
+
+def test_notes_are_folded_below_what_is_wrong(page):
+    change(page, "camera full wcet", "39ms")
+    verdict(page, "no schedule")
+    errors = page.find_elements(By.CSS_SELECTOR, "#findings > li.error")
+    assert errors
+    assert page.find_elements(By.CSS_SELECTOR, "#findings > li")[0].get_attribute("class") == "error"
+    assert not any(note.is_displayed() for note in page.find_elements(By.CSS_SELECTOR, "#findings details li"))
 
 
 def test_a_wrong_value_is_answered_beside_its_field(page):

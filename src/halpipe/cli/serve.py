@@ -9,6 +9,7 @@ import typer
 from halpipe.cli import output, streams
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose, WorkerCount
 from halpipe.core.diagnostics import Exit, HalpipeError, error
+from halpipe.core.files.scratch import scratch_folder
 
 if TYPE_CHECKING:
     from socket import socket
@@ -56,14 +57,15 @@ def serve(
     address = f"http://127.0.0.1:{number}/?token={token}"
     output.result(address)
     streams.flush_results()
-    if browser:
-        _open(address)
     threading.Thread(target=session.begin, daemon=True).start()
     app = application(session, token, number)
     config = uvicorn.Config(
         app, log_level="warning", server_header=False, lifespan="off", timeout_graceful_shutdown=PARTING_SECONDS
     )
-    uvicorn.Server(config).run(sockets=[listening])
+    with scratch_folder() as folder:
+        if browser:
+            _open(address, folder)
+        uvicorn.Server(config).run(sockets=[listening])
     return Exit.OK
 
 
@@ -83,8 +85,12 @@ def _listen(port: int) -> socket:
     return listening
 
 
-def _open(address: str) -> None:
+def _open(address: str, folder: str) -> None:
+    """Open a page of a private folder that leads to the address, which else would stand in the list of processes."""
     import webbrowser
+    from pathlib import Path
 
-    if not webbrowser.open(address):
+    page = Path(folder, "open.html")
+    page.write_text(f'<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}"><title>halpipe</title>')
+    if not webbrowser.open(page.as_uri()):
         output.say("there is no browser to open; open the address above in one")

@@ -25,6 +25,7 @@ def picture(session: Session) -> Plain:
         "can_undo": session.can_undo,
         "can_redo": session.can_redo,
         "changed_on_disk": session.changed_on_disk(),
+        "unkept": session.journal.fault,
         "answered": {
             "stayed": session.answered.stayed,
             "jobs": session.answered.jobs,

@@ -1,12 +1,15 @@
-"""The door of the workbench: pages and orders over HTTP, for one person on one machine.
+"""Access to the workbench: pages and orders over HTTP, for one person on one machine.
 
-The token admits a browser; requests must name this server as their host, and orders must come from its own
-page, so that no other page in the same browser can give them. The page loads nothing from anywhere else.
+The token of the address admits one browser, once: it is traded for a cookie of this port. Requests must name this
+server as their host, and orders must come from its own page, so that no other page in the same browser can give them.
+The page loads nothing from anywhere else.
 """
 
 from __future__ import annotations
 
 import hmac
+import json
+import secrets
 from functools import partial
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -16,7 +19,7 @@ from halpipe.core.durations import Duration
 from halpipe.exporters.report.scene import scene
 from halpipe.workbench.edits import Edit
 from halpipe.workbench.picture import picture, plain
-from halpipe.workbench.session import Pin
+from halpipe.workbench.pins import Pin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +33,6 @@ BAD_ORDER = error(
 )
 
 MAX_BODY = 2**20
-COOKIE = "halpipe"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -58,7 +60,7 @@ def application(session: Session, token: str, port: int) -> Any:
         Route("/{name:path}", _file),
     ]
     app = Starlette(routes=routes)
-    app.add_middleware(_Guard, token=token, hosts=hosts)
+    app.add_middleware(_Guard, token=token, hosts=hosts, port=port)
     return app
 
 
@@ -74,10 +76,12 @@ HEADERS = {
 
 
 class _Guard:
-    """Lets through who may ask, and puts on every answer what keeps the page to itself."""
+    """Filter of requests: admits those with the cookie, and seals every answer with the policy of the page."""
 
-    def __init__(self, app: Any, *, token: str, hosts: set[str]) -> None:
-        self._app, self._token, self._hosts = app, token, hosts
+    def __init__(self, app: Any, *, token: str, hosts: set[str], port: int) -> None:
+        self._app, self._hosts = app, hosts
+        self._cookie = f"halpipe-{port}"  # browsers keep cookies by host, not by port
+        self._token, self._pass = token, secrets.token_urlsafe(24)
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         from starlette.datastructures import MutableHeaders
@@ -88,32 +92,35 @@ class _Guard:
                 MutableHeaders(scope=message).update(HEADERS)
             await send(message)
 
-        refusal = _refusal(self._token, self._hosts, Request(scope)) if scope["type"] == "http" else None
+        refusal = self._refusal(Request(scope)) if scope["type"] == "http" else None
         await (refusal or self._app)(scope, receive, sealed)
 
+    def _refusal(self, request: Any) -> Any:
+        """Return the answer to a request that is not admitted, or that trades the token; None for an admitted one."""
+        from starlette.responses import PlainTextResponse, RedirectResponse
 
-def _refusal(token: str, hosts: set[str], request: Any) -> Any:
-    """Return the answer to who may not ask, or comes with the token; None for who may go on."""
-    from starlette.responses import PlainTextResponse, RedirectResponse
-
-    origin = request.headers.get("origin")
-    if request.headers.get("host") not in hosts:
-        return PlainTextResponse("this server answers on 127.0.0.1 only", 403)
-    if origin is not None and origin.removeprefix("http://") not in hosts:
-        return PlainTextResponse("orders are taken from the page of the workbench only", 403)
-    if int(request.headers.get("content-length") or 0) > MAX_BODY or "transfer-encoding" in request.headers:
-        return PlainTextResponse("the order is too long", 413)
-    if _same(request.query_params.get("token", ""), token):
-        response = RedirectResponse("/", 303)
-        response.set_cookie(COOKIE, token, httponly=True, samesite="strict")
-        return response
-    if not _same(request.cookies.get(COOKIE, ""), token):
-        return PlainTextResponse("open the address that `halpipe serve` has printed, with its token", 403)
-    return None
+        origin = request.headers.get("origin")
+        if request.headers.get("host") not in self._hosts:
+            return PlainTextResponse("this server answers on 127.0.0.1 only", 403)
+        if origin is not None and origin.removeprefix("http://") not in self._hosts:
+            return PlainTextResponse("orders are taken from the page of the workbench only", 403)
+        if int(request.headers.get("content-length") or 0) > MAX_BODY or "transfer-encoding" in request.headers:
+            return PlainTextResponse("the order is too long", 413)
+        is_known = _same(request.cookies.get(self._cookie, ""), self._pass)
+        if "token" in request.query_params and (is_known or _same(request.query_params["token"], self._token)):
+            response = RedirectResponse("/", 303)
+            if not is_known:
+                self._token = secrets.token_urlsafe(24)  # it admits nobody else: histories and process lists keep it
+                response.set_cookie(self._cookie, self._pass, httponly=True, samesite="strict")
+            return response
+        if not is_known:
+            text = "open the address that `halpipe serve` has printed; its token admits one browser, once"
+            return PlainTextResponse(text, 403)
+        return None
 
 
 def _same(given: str, token: str) -> bool:
-    return hmac.compare_digest(given.encode(), token.encode())
+    return hmac.compare_digest(given.encode("utf-8", "surrogatepass"), token.encode())
 
 
 # ------------------------------------------------------------------------------------------------ what is asked
@@ -147,17 +154,23 @@ async def _order(session: Session, request: Any) -> Any:
         session.cancel()
         return _json({})
     try:
-        stated = await request.json()
-        order = ORDERS[name](stated) if name in ORDERS and isinstance(stated, dict) else None
-    except (ValueError, KeyError, TypeError, RecursionError):
-        order = None
-    if order is None:
-        return _refused(session, HalpipeError(BAD_ORDER("the order is not understood", help="load the page again")))
-    try:
+        order = _understood(await request.body(), ORDERS.get(name))
         said = await run_in_threadpool(_alone, session, order)
     except HalpipeError as refused:
         return _refused(session, refused)
     return _json(picture(session) | ({"said": said} if said else {}))
+
+
+def _understood(body: bytes, made: Callable[[dict[str, Any]], Any] | None) -> Any:
+    """Return what `made` makes of the fields of an order; raise `HalpipeError` for everything else."""
+    try:
+        stated = json.loads(body)
+        json.dumps(stated, ensure_ascii=False, allow_nan=False).encode()  # no lone surrogates, no infinite numbers
+        if made is not None and isinstance(stated, dict):
+            return made(stated)
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
+        pass
+    raise HalpipeError(BAD_ORDER("the order is not understood", help="load the page again"))
 
 
 def _alone(session: Session, order: Callable[[Session], Any]) -> Any:
@@ -178,22 +191,36 @@ def _json(value: Any, status: int = 200) -> Any:
 # ------------------------------------------------------------------------------------------------ the orders
 
 
+def _text(stated: dict[str, Any], name: str, default: str | None = None) -> str:
+    value = stated[name] if default is None else stated.get(name, default)
+    if not isinstance(value, str):
+        raise TypeError(name)
+    return value
+
+
+def _number(stated: dict[str, Any], name: str) -> int:
+    value = stated[name]
+    if not isinstance(value, int) or isinstance(value, bool):  # 1.5 would be cut
+        raise TypeError(name)
+    return value
+
+
 def _edit(stated: dict[str, Any]) -> Any:
     names = ("kind", "name", "field", "value", "inner", "after")
-    edit = Edit(**{name: str(stated[name]) for name in names if name in stated})
-    revision = int(stated["revision"])
+    edit = Edit(**{name: _text(stated, name) for name in names if name in stated})
+    revision = _number(stated, "revision")
     return lambda session: session.edit(edit, revision)
 
 
 def _pin(stated: dict[str, Any]) -> Any:
-    start = Duration.parse(str(stated["start"]))
-    pin = Pin(str(stated["mode"]), str(stated["task"]), int(stated["index"]), start, str(stated.get("unit", "")))
-    revision = int(stated["revision"])
+    start = Duration.parse(_text(stated, "start"))
+    mode, task, unit = _text(stated, "mode"), _text(stated, "task"), _text(stated, "unit", "")
+    pin, revision = Pin(mode, task, _number(stated, "index"), start, unit), _number(stated, "revision")
     return lambda session: session.pin(pin, revision)
 
 
 def _unpin(stated: dict[str, Any]) -> Any:
-    task, revision = str(stated.get("task", "")), int(stated["revision"])
+    task, revision = _text(stated, "task", ""), _number(stated, "revision")
     return lambda session: session.unpin(task, revision)
 
 
@@ -206,17 +233,17 @@ def _redo(_stated: dict[str, Any]) -> Any:
 
 
 def _keep(stated: dict[str, Any]) -> Any:
-    name = str(stated["name"])[:100]
+    name = _text(stated, "name")[:100]
     return lambda session: session.keep(name)
 
 
 def _take(stated: dict[str, Any]) -> Any:
-    name, revision = str(stated["name"]), int(stated["revision"])
+    name, revision = _text(stated, "name"), _number(stated, "revision")
     return lambda session: session.take(name, revision)
 
 
 def _compare(stated: dict[str, Any]) -> Any:
-    name = str(stated["name"])
+    name = _text(stated, "name")
 
     def beside(session: Session) -> Any:
         kept = session.variant(name)
@@ -226,12 +253,12 @@ def _compare(stated: dict[str, Any]) -> Any:
 
 
 def _save(stated: dict[str, Any]) -> Any:
-    path, force = str(stated.get("path", "")), stated.get("force") is True
+    path, force = _text(stated, "path", ""), stated.get("force") is True
     return lambda session: f"{session.save(path, force=force)}: written"
 
 
 def _explain(stated: dict[str, Any]) -> Any:
-    mode = str(stated.get("mode", ""))
+    mode = _text(stated, "mode", "")
     return lambda session: [plain(found) for found in session.why(mode)]
 
 
@@ -260,13 +287,10 @@ async def _export(session: Session, request: Any) -> Any:
     from starlette.responses import Response
 
     try:
-        stated = await request.json()
-        options = {str(key): value for key, value in stated.items()} if isinstance(stated, dict) else {}
-        made = await run_in_threadpool(_alone, session, partial(_exported, request.path_params["format"], options))
+        order = _understood(await request.body(), partial(partial, _exported, request.path_params["format"]))
+        made = await run_in_threadpool(_alone, session, order)
     except HalpipeError as refused:
         return _refused(session, refused)
-    except (ValueError, TypeError):
-        return _refused(session, HalpipeError(BAD_ORDER("the order is not understood", help="load the page again")))
     name, kind, content = made
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(content, media_type=kind, headers=headers)

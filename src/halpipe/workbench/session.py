@@ -1,4 +1,4 @@
-"""A model with its schedule, history and variants: what a person does in the workbench, without any server."""
+"""Session of the workbench: a model with its schedule, history, variants and journal, without any server."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from halpipe.pipeline.checked import schedule_model
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.solve.workers import Workers
 from halpipe.workbench.edits import edited
+from halpipe.workbench.journal import Journal
 from halpipe.workbench.overlay import SUFFIXES, overlay_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from halpipe.core.durations import Duration
     from halpipe.exporters.report.scene import Drawn
     from halpipe.models import Job, Schedule, TaskModel
     from halpipe.workbench.edits import Edit
+    from halpipe.workbench.pins import Pin
 
 OUTDATED = error(
     "HAL0952",
@@ -48,17 +49,6 @@ NO_SUCH_JOB = error("HAL0954", "There is no such job", "A job is named by its mo
 BUDGET = 2_000
 """Moves per task for one answer; a person waits for it."""
 HISTORY = 200
-
-
-@record
-class Pin:
-    """A job that stays where a person has put it."""
-
-    mode: str
-    task: str
-    index: int
-    start: Duration
-    unit: str = ""
 
 
 @record
@@ -87,7 +77,7 @@ class Answered:
 
 
 class Session:
-    """What a workbench holds; one thread at a time may ask something of it."""
+    """State of a workbench; one thread at a time may call it."""
 
     def __init__(self, path: str, workers: int = 1) -> None:
         content = read_bytes(path)
@@ -102,10 +92,15 @@ class Session:
         self._on_disk = sha256(content)
         self._past: list[State] = []
         self._future: list[State] = []
-        self.opened = parse_model(content, path)
+        self.opened = self._saved = parse_model(content, path)
         self.drawn: Drawn = {}
         """State of each task as last sent to the page."""
         self.state = State(self.opened)
+        self.journal = Journal(path)
+        kept = self.journal.read(self._on_disk)
+        if kept is not None:
+            self._remember()
+            self.state = State(*kept, what="edits of an earlier session")
 
     def begin(self) -> None:
         """Find the first schedule."""
@@ -172,6 +167,8 @@ class Session:
         write_output(target, content)
         if is_source:
             self._on_disk = sha256(content)
+            self._saved = self.state.model
+            self._note()
         return target
 
     def cancel(self) -> None:
@@ -264,6 +261,14 @@ class Session:
     def _show(self, state: State) -> None:
         self.state = state
         self.revision += 1
+        self._note()
+
+    def _note(self) -> None:
+        """Keep what the file of the model does not have yet, for the next session."""
+        if self.state.pins or self.state.model != self._saved:
+            self.journal.write(self._on_disk, self.state.model, self.state.pins)
+        else:
+            self.journal.remove()
 
     def _show_again(self, state: State) -> None:
         self._show(state)

@@ -119,6 +119,55 @@ def test_any_order_is_answered(inside, order, body):
     assert "revision" in answer.json()
 
 
+def test_the_token_admits_one_browser_once(client):
+    """Its address stays in histories and lists of processes."""
+    assert client.get(f"/?token={TOKEN}").status_code == 200
+    assert client.get(f"/?token={TOKEN}").status_code == 200  # the same browser, which is known
+    client.cookies.clear()
+    assert client.get(f"/?token={TOKEN}").status_code == 403
+
+
+def test_workbenches_of_other_ports_keep_their_cookies(inside):
+    """Browsers send the cookies of a host to all its ports."""
+    (name,) = inside.cookies
+    assert str(PORT) in name
+    assert inside.cookies[name] != TOKEN
+
+
+WRONG = (
+    '"\\ud800"', "1e999", "-1", '"x"', "null", "true", "[]", "{}", '{"a": 1}', '"' + "x" * 5000 + '"',
+    "[" * 900 + "]" * 900, "1.5",
+    "NaN", '"\\u0000"', "99999999999999999999999999", '"../../etc"', '""', "Infinity",
+)  # fmt: skip
+
+
+def test_a_thousand_wrong_orders_leave_the_server_as_it_was(inside, monkeypatch):
+    """Each field of each order with each wrong value; saving is left out, since some of these are names of files."""
+    monkeypatch.setattr(inside.session, "_search", lambda *_: pytest.fail("a wrong order is not solved"))
+    seen, count = inside.get("/api/state").json(), 0
+    fields = ("revision", "name", "mode", "task", "index", "start", "unit", "kind", "inner", "field", "value", "path")
+    for order in [*sorted(set(ORDERS) - {"save", "undo", "redo", "sensitivity", "explain"}), "export/nonsense"]:
+        for field in fields:
+            for value in WRONG:
+                if (order, field, value[0]) == ("keep", "name", '"') and "ud800" not in value:
+                    continue  # any text is a name
+                answer = inside.post(f"/api/{order}", content=f'{{"{field}": {value}}}'.encode())
+                assert answer.status_code == 409, (order, field, value)
+                count += 1
+    assert count > 1000
+    assert inside.get("/api/state").json() == seen
+
+
+@pytest.mark.parametrize("order", ["edit", "keep", "export/report", "export/btf"])
+@pytest.mark.parametrize(
+    "body", [b'{"name": "\\ud800"}', b'{"revision": 1e999}', b'{"title": ' + b"[" * 3000 + b"]" * 3000 + b"}"]
+)
+def test_what_json_cannot_carry_back_is_refused(inside, order, body):
+    before = inside.get("/api/state").json()
+    assert inside.post(f"/api/{order}", content=body).status_code == 409
+    assert inside.get("/api/state").json() == before
+
+
 def test_an_order_that_is_none_is_said_to_be_so(inside):
     assert inside.post("/api/edit", json=[]).json()["refused"][0]["code"] == "HAL0955"
 

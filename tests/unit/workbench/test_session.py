@@ -1,5 +1,8 @@
 """The workbench without a server: edits, pins, history, variants, saving."""
 
+import os
+from pathlib import Path
+
 import pytest
 
 from halpipe.core.diagnostics import HalpipeError
@@ -12,7 +15,8 @@ from halpipe.pipeline.checked import verify_schedule
 from halpipe.starters import first_model
 from halpipe.workbench.edits import Edit
 from halpipe.workbench.picture import picture
-from halpipe.workbench.session import Pin, Session
+from halpipe.workbench.pins import Pin
+from halpipe.workbench.session import Session
 
 
 @pytest.fixture
@@ -197,3 +201,49 @@ def test_what_was_proven_before_is_not_told_as_answered_now(session):
     assert picture(session)["answered"] == {"stayed": 0, "jobs": 0, "milliseconds": None}
     session.redo()
     assert picture(session)["answered"]["milliseconds"] is None
+
+
+def test_edits_outlive_the_server(tmp_path, session):
+    session.edit(wcet("7ms"), session.revision)
+    path = session.path
+    again = Session(path)
+    again.begin()
+    assert again.state.model == session.state.model
+    assert again.state.is_valid
+    again.undo()
+    assert again.state.model == again.opened
+    assert not os.path.exists(f"{path}.edits")  # nothing is left that the file does not have
+
+
+def test_pins_outlive_the_server(session):
+    job = next(job for job in session.state.schedule.modes[0].jobs if job.task == "camera")
+    session.pin(Pin(session.state.schedule.modes[0].name, "camera", job.index, job.start), session.revision)
+    assert Session(session.path).state.pins == session.state.pins
+
+
+def test_saved_edits_leave_no_journal(session):
+    session.edit(wcet("7ms"), session.revision)
+    session.save("", force=True)
+    assert not os.path.exists(f"{session.path}.edits")
+    assert Session(session.path).state.model == session.state.model
+
+
+@pytest.mark.parametrize("spoil", ["another model", "another journal"])
+def test_a_journal_of_another_model_is_neither_used_nor_lost(session, spoil):
+    session.edit(wcet("7ms"), session.revision)
+    journal = f"{session.path}.edits"
+    changed = session.path if spoil == "another model" else journal
+    with open(changed, "ab") as file:
+        file.write(b"<!-- changed -->" if spoil == "another model" else b"}")
+    kept = Path(journal).read_bytes()
+    with pytest.raises(HalpipeError) as refused:
+        Session(session.path)
+    assert refused.value.diagnostics[0].code == "HAL0961"
+    assert Path(journal).read_bytes() == kept
+
+
+def test_edits_that_cannot_be_kept_are_made_and_named(session, monkeypatch):
+    session.journal.path = os.path.join(session.path, "no folder")
+    session.edit(wcet("7ms"), session.revision)
+    assert session.state.is_valid
+    assert picture(session)["unkept"]

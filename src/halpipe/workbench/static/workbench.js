@@ -81,6 +81,7 @@ function show(told, quiet) {
   else if (told.valid) say(answered.milliseconds === null ? `valid, verified before: ${told.what}` : `valid, verified in ${answered.milliseconds} ms${stayed}`, "good");
   else say("no schedule of this model: the last valid one is shown", "bad");
   findings([...(told.refused || []), ...told.findings]);
+  if (told.unkept) findings([{severity: "warning", message: `edits are in memory only: ${told.unkept}`, help: "save under another name before you stop the server"}], true);
   if (told.changed_on_disk) findings([{severity: "warning", message: "the model file was changed by another program", help: "save under another name, or open it again"}], true);
   tools();
   if (!quiet) { taskTable(); chainTable(); }
@@ -108,12 +109,22 @@ function tools() {
   $("margins").setAttribute("aria-pressed", String(Boolean(viewer.heat)));
 }
 
+// Notes are folded where there is something graver to read.
 function findings(found, more = false) {
-  const rows = found.map(each => {
-    const row = element("li", `${each.path ? each.path + ": " : ""}${each.message}`, {className: each.severity});
-    row.append(element("small", [each.help, each.code].filter(Boolean).join(" · ")));
-    return row;
-  });
+  const row = each => {
+    const made = element("li", `${each.path ? each.path + ": " : ""}${each.message}`, {className: each.severity});
+    made.append(element("small", [each.help, each.code].filter(Boolean).join(" · ")));
+    return made;
+  };
+  const notes = found.filter(each => each.severity === "note"), rows = found.filter(each => each.severity !== "note").map(row);
+  if (rows.length && notes.length) {
+    const folded = element("details"), list = element("ul");
+    list.append(...notes.map(row));
+    folded.append(element("summary", `${notes.length} note${notes.length === 1 ? "" : "s"}`), list);
+    const item = element("li", "", {className: "note"});
+    item.append(folded);
+    rows.push(item);
+  } else rows.push(...notes.map(row));
   if (more) $("findings").append(...rows); else $("findings").replaceChildren(...rows);
 }
 
@@ -124,7 +135,8 @@ function field(edit, wide) {
     input.told = input.value;
     const told = await order("edit", {...edit, value: input.value}, true);
     for (const known of made.values()) if (known.fields.has(input)) known.content = ""; // what was typed is no content of the model
-    if (told && told.refused) { input.classList.add("wrong"); input.title = told.refused[0].message; }
+    const isOutdated = told && told.refused && told.refused[0].code === "HAL0952"; // the new state is shown, in the tables, too
+    if (told && told.refused && !isOutdated) { input.classList.add("wrong"); input.title = told.refused[0].message; }
     else { taskTable(); chainTable(); }
   });
   input.addEventListener("keydown", event => { if (event.key === "Escape") { input.told = input.value; tell(input, input.actual); } });
