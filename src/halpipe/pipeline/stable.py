@@ -1,20 +1,21 @@
 """A schedule near an earlier one: as many jobs as possible stay at their start, on their units, in their version.
 
-First all jobs stay. Where the model no longer allows that, the tasks that have changed are placed anew, then those as
-well that they meet in the best placement found, or that share most with them; at last everything is. What is free is
-tried first where it was. If many jobs have moved in the end, tasks are put back one after the other.
+First all jobs stay, as with --freeze. Where the model no longer allows that, the tasks that have changed are placed
+anew, then those as well that they meet in the best placement found, or that share most with them; at last everything
+is. What is free is tried first where it was. Then the exact engine, where it is installed, looks for a schedule in
+which fewer jobs have moved, or proves that there is none; without a proof, tasks are put back one after the other.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import HalpipeError, about, note
 from halpipe.core.durations import ZERO
 from halpipe.pipeline.parts import reserved_length, service_of
+from halpipe.pipeline.solve.exact_near import is_same, place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -40,8 +41,8 @@ FOR_EACH_FREE = 10
 ROUNDS = 12
 """How often more of them are freed before everything is searched for."""
 
-MANY, MOST_PUT_BACK = Fraction(1, 20), 8
-"""Where more than this share of the jobs has moved, so many tasks are tried where they were."""
+MOST_PUT_BACK = 24
+"""So many tasks that have moved are tried where they were."""
 
 MOST_NAMED = 12
 """Tasks that are named in the note."""
@@ -53,26 +54,82 @@ def schedule_near(
     """Return the schedule that `solve` finds with as many tasks as possible where `earlier` has them."""
     found: Scheduled | None = None
     changed = _changed(model, earlier)
-    free = frozenset(changed) | _displaced(earlier, options.shipped)
-    for _ in range(ROUNDS):
+    free = _displaced(earlier, options.shipped)
+    for number in range(ROUNDS):
         try:
-            found = solve(_near(options, earlier, free, min(BUDGET, FOR_EACH_FREE * len(free))))
+            found = solve(_near(options, earlier, free, min(BUDGET, FOR_EACH_FREE * max(1, len(free)))))
         except HalpipeError:  # what cannot be frozen is searched for as a whole
             found = None
             break
         if found.is_complete or found.stopped:
             break
+        if number == 0 and not changed.keys() <= free:
+            free |= frozenset(changed)
+            continue
         more = _in_the_way(model, found.schedule, free) or _nearest(model, free)
         if not more:
             break
         free |= more
     if found is None or not (found.is_complete or found.stopped):
         found = solve(replace(options, near=None, like=earlier))
-    elif found.is_complete:
-        found = _put_back(
-            earlier, found, frozenset(changed), lambda free: solve(_near(options, earlier, free, BUDGET // 4))
-        )
-    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed)))
+    fewest: dict[str, int] = {}
+    if found.is_complete:
+        found, fewest = _fewest(model, options, earlier, found, solve)
+        if any(moved > fewest.get(mode, 0) for mode, moved in _moved_by_mode(earlier, found.schedule).items()):
+            found = _put_back(earlier, found, lambda free: solve(_near(options, earlier, free, BUDGET // 4)))
+    return replace(found, diagnostics=(*found.diagnostics, *_told(earlier, found.schedule, changed, fewest)))
+
+
+def _fewest(
+    model: TaskModel,
+    options: SearchOptions,
+    earlier: Schedule,
+    found: Scheduled,
+    solve: Callable[[SearchOptions], Scheduled],
+) -> tuple[Scheduled, dict[str, int]]:
+    """Ask the exact engine for fewer moves; return the better schedule, and what is proven to be the least of modes."""
+    from halpipe.pipeline.jobs import expand
+    from halpipe.pipeline.solve.exact import Effort
+    from halpipe.pipeline.solve.exact_near import WORK, Fewest, fewest_moved
+
+    least: dict[str, int] = {}
+    better = []
+    for mode, moved in zip(found.schedule.modes, _moved_by_mode(earlier, found.schedule).values(), strict=True):
+        answer = Fewest()
+        if moved:
+            expansion = expand(model, model.mode(mode.name))
+            effort = Effort(work=WORK, seed=options.seed % 2**31)
+            before, held = _jobs_of(earlier, mode.name), _jobs_of(options.shipped, mode.name)
+            answer = fewest_moved(model, expansion, before, held, mode.jobs, effort)
+        least[mode.name] = answer.bound
+        better.append(replace(mode, jobs=answer.jobs or mode.jobs))
+    wanted = found.schedule.alone(tuple(better))
+    if wanted.modes != found.schedule.modes:
+        try:
+            other = solve(_near(options, wanted, frozenset()))
+        except HalpipeError:
+            return found, least
+        if other.is_complete and _count(earlier, other.schedule) < _count(earlier, found.schedule):
+            found = other
+    return found, least
+
+
+def _jobs_of(schedule: Schedule | None, mode: str) -> dict[tuple[str, int], Job]:
+    tables = [each for each in schedule.modes if each.name == mode] if schedule is not None else []
+    return {(job.task, job.index): job for each in tables for job in each.jobs}
+
+
+def _moved_by_mode(earlier: Schedule, found: Schedule) -> dict[str, int]:
+    """Return how many jobs of each mode are not where they were."""
+    counts = {}
+    for mode in found.modes:
+        before = _jobs_of(earlier, mode.name)
+        counts[mode.name] = sum(not is_same(job, before) for job in mode.jobs)
+    return counts
+
+
+def _count(earlier: Schedule, found: Schedule) -> int:
+    return sum(_moved_by_mode(earlier, found).values())
 
 
 def _near(options: SearchOptions, earlier: Schedule, free: frozenset[str], budget: int = BUDGET) -> SearchOptions:
@@ -81,22 +138,17 @@ def _near(options: SearchOptions, earlier: Schedule, free: frozenset[str], budge
     return replace(options, shipped=kept, near=None, like=earlier, budget=budget)
 
 
-def _put_back(
-    earlier: Schedule, found: Scheduled, changed: frozenset[str], solve: Callable[[frozenset[str]], Scheduled]
-) -> Scheduled:
-    """Return a schedule in which fewer jobs have moved, if many have: each task may have been freed in vain.
+def _put_back(earlier: Schedule, found: Scheduled, solve: Callable[[frozenset[str]], Scheduled]) -> Scheduled:
+    """Return a schedule in which fewer jobs have moved, if there is one: some tasks were freed without need.
 
     One after the other stays where it was, those with the most jobs first, while the others that have moved are free.
     """
     moved = _moved(earlier, found.schedule)
-    most = sum(len(mode.jobs) for mode in found.schedule.modes) * MANY
-    for name in sorted(moved.keys() - changed, key=lambda name: (-moved[name], name))[:MOST_PUT_BACK]:
-        if sum(moved.values()) <= most:
-            break
+    for name in sorted(moved, key=lambda name: (-moved[name], name))[:MOST_PUT_BACK]:
         if name not in moved:
             continue
         try:
-            other = solve(frozenset(moved.keys() - {name}) | changed)
+            other = solve(frozenset(moved.keys() - {name}))
         except HalpipeError:
             continue
         if other.is_complete and sum(_moved(earlier, other.schedule).values()) < sum(moved.values()):
@@ -106,9 +158,9 @@ def _put_back(
 
 def _moved(earlier: Schedule, found: Schedule) -> dict[str, int]:
     """Return how many jobs of each task are not what they were, of tasks of which any is."""
-    before = {(mode.name, job.task, job.index): _place(job) for mode in earlier.modes for job in mode.jobs}
+    before = {(mode.name, job.task, job.index): place(job) for mode in earlier.modes for job in mode.jobs}
     jobs = ((mode.name, job) for mode in found.modes for job in mode.jobs)
-    return dict(Counter(job.task for mode, job in jobs if before.get((mode, job.task, job.index)) != _place(job)))
+    return dict(Counter(job.task for mode, job in jobs if before.get((mode, job.task, job.index)) != place(job)))
 
 
 def _in_the_way(model: TaskModel, best: Schedule, free: frozenset[str]) -> frozenset[str]:
@@ -232,21 +284,22 @@ def _without(earlier: Schedule, free: frozenset[str]) -> Schedule:
     return earlier.alone(tuple(modes))
 
 
-def _told(earlier: Schedule, found: Schedule, changed: Mapping[str, str]) -> list[Diagnostic]:
-    """Say for each mode how many jobs stay, and which tasks have others, and why."""
+def _told(
+    earlier: Schedule, found: Schedule, changed: Mapping[str, str], fewest: Mapping[str, int]
+) -> list[Diagnostic]:
+    """List for each mode how many jobs stay, which tasks have others and why, and whether fewer could move."""
     notes = []
-    before = {mode.name: {(job.task, job.index): _place(job) for job in mode.jobs} for mode in earlier.modes}
     for mode in found.modes:
-        places = before.get(mode.name, {})
-        moved = [job for job in mode.jobs if places.get((job.task, job.index)) != _place(job)]
+        before = _jobs_of(earlier, mode.name)
+        moved = [job for job in mode.jobs if not is_same(job, before)]
         names = sorted({job.task for job in moved}, key=lambda name: (name not in changed, name))
         reasons = [f"{name} ({changed.get(name, 'makes room')})" for name in names]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         others = f"; not those of {', '.join(reasons[:MOST_NAMED])}{more}" if names else ""
         text = f"{len(mode.jobs) - len(moved)} of {len(mode.jobs)} jobs stay where they were{others}"
+        if moved:
+            least = fewest.get(mode.name, 0)
+            proven = "proven" if least >= len(moved) else f"at least {least} must" if least else "not proven"
+            text += f"; no schedule moves fewer: {proven}"
         notes.append(NEAR(text, path=about(mode=mode.name), help="" if not names else "see `halpipe diff`"))
     return notes
-
-
-def _place(job: Job) -> tuple[object, ...]:
-    return job.start, job.version, frozenset(job.units), job.parts

@@ -11,7 +11,7 @@ from halpipe.pipeline.generate import SetParameters, generate
 from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.stable import NEAR
 from halpipe.pipeline.verify import verify
-from support import model, task, version
+from support import job, model, schedule, task, version
 
 
 def scheduled(owner, near=None):
@@ -65,7 +65,7 @@ def test_a_new_task_finds_its_place_among_the_others():
     found = scheduled(more, near=first)
     assert moved(first, found.schedule) == 1
     [note] = [d for d in found.diagnostics if d.code == NEAR.id]
-    assert note.message == "2 of 3 jobs stay where they were; not those of c (is new)"
+    assert note.message == "2 of 3 jobs stay where they were; not those of c (is new); no schedule moves fewer: proven"
 
 
 @pytest.mark.slow
@@ -99,3 +99,47 @@ def test_where_nothing_can_stay_everything_moves():
     first = scheduled(owner).schedule
     slower = model(task("a", 20, version("v", 9)), task("b", 20, version("v", 10)))
     assert all(job.end - job.start >= milliseconds(9) for job in scheduled(slower, near=first).schedule.modes[0].jobs)
+
+
+def test_no_more_jobs_move_than_have_to_and_that_is_proven():
+    """The changed task keeps its start, and one other has to make room: its whole row, or one of two others."""
+    owner = model(
+        task("a", 12, version("v", 3), offset=0),
+        task("b", 12, version("v", 2)),
+        task("c", 6, version("v", 1)),
+        task("d", 12, version("v", 1)),
+    )
+    jobs = [("a", 0, 0), ("b", 0, 3), ("c", 0, 5), ("c", 1, 11), ("d", 0, 7)]
+    before = schedule(owner, 12, *(job(owner, name, index, start, "u1") for name, index, start in jobs))
+    near = scheduled(with_longer(owner, "b", Fraction(3, 2)), near=before)
+    assert moved(before, near.schedule) == 1
+    [note] = [d for d in near.diagnostics if d.code == NEAR.id]
+    assert note.message.endswith("not those of b (has another WCET); no schedule moves fewer: proven")
+
+
+def test_a_longer_task_stays_where_it_was_if_it_has_room():
+    """As with --freeze; a search that frees what has changed need not find the same place again."""
+    owner = model(task("a", 10, version("v", 3)), task("b", 10, version("v", 3)))
+    before = schedule(owner, 10, job(owner, "a", 0, 0, "u1"), job(owner, "b", 0, 5, "u1"))
+    found = scheduled(with_longer(owner, "a", Fraction(5, 3)), near=before)
+    assert moved(before, found.schedule) == 0
+
+
+def test_without_the_exact_engine_tasks_are_put_back(monkeypatch):
+    monkeypatch.setattr("halpipe.pipeline.solve.exact_near.is_installed", lambda: False)
+    owner = generate(SetParameters(tasks=30, units=4), 3)
+    first = scheduled(owner).schedule
+    found = scheduled(with_longer(owner, owner.tasks[7].name, Fraction(11, 10)), near=first)
+    [note] = [d for d in found.diagnostics if d.code == NEAR.id]
+    assert moved(first, found.schedule) == 0 or note.message.endswith("no schedule moves fewer: not proven")
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_never_more_move_than_with_freeze(seed):
+    owner = generate(SetParameters(tasks=20, units=3), seed)
+    first = scheduled(owner).schedule
+    longer = with_longer(owner, owner.tasks[seed].name, Fraction(21, 20))
+    frozen = schedule_model(longer, SearchOptions(shipped=first), lambda *_: True)
+    near = scheduled(longer, near=first).schedule
+    if frozen.is_complete:
+        assert moved(first, near) <= moved(first, frozen.schedule)

@@ -69,9 +69,13 @@ def build(
     chains: Iterable[Chain],
     max_parts: int,
     form: type[Form],
+    tick: Duration | None = None,
 ) -> Program | None:
-    """Write down the program of an expanded mode; None where it would have more than `max_parts` parts."""
-    program = Program(cp_model, expansion, max_parts, form)
+    """Write down the program of an expanded mode; None where it would have more than `max_parts` parts.
+
+    A `tick` takes the place of the one on which nothing is lost, which it divides.
+    """
+    program = Program(cp_model, expansion, max_parts, form, tick or exact_tick(expansion))
     try:
         program.state_jobs()
         program.state_demands()
@@ -88,11 +92,11 @@ def build(
 class Program:
     """The variables of a mode and its constraints; one method per rule."""
 
-    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: type[Form]) -> None:
+    def __init__(self, cp_model: Any, expansion: Expansion, max_parts: int, form: type[Form], tick: Duration) -> None:
         self.cp = cp_model.CpModel()
         self.form = form
         self.expansion = expansion
-        self.tick = exact_tick(expansion)
+        self.tick = tick
         self.total = expansion.hyperperiod // self.tick
         self.tasks: dict[str, list[JobVars]] = {}
         self.phases: dict[str, Any] = {}
@@ -135,7 +139,7 @@ class Program:
     def _turned_to_zero(self) -> ActiveTask | None:
         """Return the task whose phase may be taken as 0: without offsets, a valid schedule may be turned."""
         periodic = [active for active in self.expansion.tasks if active.task.period is not None]
-        if any(active.task.offset is not None for active in periodic):
+        if self.form.names_matter or any(active.task.offset is not None for active in periodic):
             return None
         return max(periodic, key=lambda active: active.task.period or ZERO, default=None)
 

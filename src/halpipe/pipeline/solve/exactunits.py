@@ -41,6 +41,8 @@ class Form(ABC):
     """How a program says on which units its jobs run; without `is_circle`, it has fewer solutions than the mode."""
 
     is_circle = True
+    names_matter = False
+    """Whether units that are treated alike, and turns of the whole schedule, are not the same."""
 
     def __init__(self, program: Program, units: list[str]) -> None:
         self.program = program
@@ -187,7 +189,7 @@ class Units(Form):
                 self.units.append((job, name, literal))
                 on_unit[name] += program.round_the_circle(job, 0, self.length(version), literal)
                 loads[name].append((self.length(version), literal))
-                if not first_use.allows(name, reach):
+                if not (self.names_matter or first_use.allows(name, reach)):
                     program.cp.add(literal == 0)
         for name, intervals in on_unit.items():
             program.cp.add_no_overlap(intervals)
@@ -216,6 +218,12 @@ class Units(Form):
                 key = job.active.name, job.index
                 dealt[key] = (*dealt.get(key, ()), name)
         return dealt
+
+
+class NamedUnits(Units):
+    """Units and times, where it matters which of several units that are alike a job has, and when it starts."""
+
+    names_matter = True
 
 
 def state_load(program: Program, loads: list[tuple[int, Any]], room: int) -> None:

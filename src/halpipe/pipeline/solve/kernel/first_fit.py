@@ -146,7 +146,7 @@ class _Table:
             first = arrays.chain_task[arrays.chain_first[chain]]
             if first == task or first not in self.begins or arrays.entry_offset[self._entry(first)] >= 0:
                 continue
-            limit = max(arrays.chain_limit.flat[2 * chain : 2 * chain + 2])
+            limit = max(next(arrays.chain_limit.rows(chain, chain + 1)))
             excess = earliest + wcet - self.begins[first] - limit
             late[first] = max(late.get(first, 0), excess, wcet)
         return late
