@@ -208,7 +208,7 @@ def _plot(report: Report) -> dict[str, Any]:
         "floor": height - _BOTTOM,
         "has_exact": _has_exact(report),
         "has_paper": _has_paper(report),
-        "title": f"halpipe bench {report.suite}: seconds for a schedule",
+        "title": f"benchmark {report.suite}: seconds for a schedule",
     }
 
 

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import sys
+from array import array
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import HalpipeError, error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 NOT_BUILT = error(
     "HAL0941",
@@ -16,6 +21,8 @@ NOT_BUILT = error(
     "halpipe brings a small library in C, which is built when halpipe is installed. In a working copy whose C sources "
     "have changed it has to be built again.",
 )
+
+INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
 
 SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
@@ -39,6 +46,27 @@ def library(folder: Path, name: str) -> ctypes.CDLL:
     if ctypes.string_at(ctypes.addressof(built_from)) != fingerprint(folder).encode():
         raise _refusal(name, "was built from other sources than those beside it")
     return loaded
+
+
+def function(folder: Path, name: str, call: str) -> Any:
+    """Return a function of a library; its answer, where there is one, is an integer."""
+    native = library(folder, name)[call]
+    native.restype = INTEGER
+    return native
+
+
+def words(members: Iterable[Any]) -> ctypes.Array[ctypes.c_int64]:
+    """Return a struct: the addresses of arrays, and integers. It is good as long as the arrays live."""
+    values = [member if isinstance(member, int) else address(member) for member in members]
+    return (INTEGER * len(values))(*values)
+
+
+def address(values: Any) -> int:
+    """Return where an array, or the one of a table, begins; libraries take arrays of 64 bit integers only."""
+    held = getattr(values, "flat", values)
+    if not isinstance(held, array) or held.typecode not in "qQ":
+        raise TypeError("libraries take arrays of 64 bit integers")
+    return held.buffer_info()[0]
 
 
 def fingerprint(folder: Path) -> str:

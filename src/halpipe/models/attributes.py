@@ -26,7 +26,7 @@ from halpipe.core.quantities import (
 from halpipe.core.records import record
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
     from enum import Enum
 
 _ITEM = re.compile(r"[^ \t\r\n]+")
@@ -172,13 +172,3 @@ def texts(value: Any, *without: str, element: str = "") -> dict[str, str]:
         if (stated.is_always_written or held != stated.default) and stated.name not in without:
             found[stated.name] = stated.codec.text(held)
     return found
-
-
-def read_attributes(kind: type, stated: Mapping[str, str], *without: str) -> dict[str, Any]:
-    """Return the values of the attributes that are stated, by field; raise ``ValueError`` for what is unreadable."""
-    table = attributes_by_name(kind)
-    return {
-        table[name].field: table[name].codec.parse(text)
-        for name, text in stated.items()
-        if name in table and name not in without
-    }

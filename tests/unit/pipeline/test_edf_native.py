@@ -4,11 +4,11 @@ import re
 
 import pytest
 
+from halpipe.core.libraries import words
 from halpipe.pipeline.jobs import expand, natural_tick
 from halpipe.pipeline.solve.edf import native
 from halpipe.pipeline.solve.edf.plans import allowed_ways, first_plan
 from halpipe.pipeline.solve.edf.works import works_of
-from halpipe.pipeline.solve.kernel.library import words
 from support import model, task, version
 
 HEADER = (native.SOURCES / "system.h").read_text()

@@ -13,7 +13,7 @@ from operator import and_
 from typing import TYPE_CHECKING, Any, Protocol
 
 from halpipe.deploy.riscv.board import block_hook, csr
-from halpipe.deploy.riscv.board.block_hook import Slot
+from halpipe.deploy.riscv.board.block_hook import Page
 from halpipe.deploy.riscv.board.memory import PAGE
 from halpipe.deploy.riscv.board.pmp import ADDRESS, Level, Protection, Right
 
@@ -102,12 +102,12 @@ class Hart:
         self._hooked: set[int] = set()
         self._allowed: dict[tuple[int, int, int], bool] = {}  # what was asked of the protection since it changed
         self.engine = unicorn.Uc(unicorn.UC_ARCH_RISCV, unicorn.UC_MODE_RISCV64)
-        self._page = memory.page(number)
+        self._page = Page.from_address(memory.host + number * block_hook.HEADER)
         self._fill_page()
         self._map(Right.ALL)
         for device in devices:
             self._attach(device)
-        block_hook.install(self.engine, memory.host + number * block_hook.HEADER, is_strict=number > 0)
+        block_hook.install(self.engine, self._page, is_strict=number > 0)
         self.engine.hook_add(unicorn.UC_HOOK_INTR, self._interrupted)
         self.engine.hook_add(unicorn.UC_HOOK_MEM_INVALID, self._refused)
 
@@ -116,21 +116,21 @@ class Hart:
     @property
     def count(self) -> int:
         """Instructions executed so far."""
-        return self._page[Slot.COUNT]
+        return int(self._page.count)
 
     @property
     def now(self) -> int:
         """The hart's own time."""
-        return self._origin + self._page[Slot.COUNT] * self._cycle
+        return self._origin + self.count * self._cycle
 
     def advance(self, instant: int) -> None:
         """Let the clock jump to `instant`, as a hart that waited does."""
         if instant > self.now:
-            self._origin = instant - self._page[Slot.COUNT] * self._cycle
+            self._origin = instant - self._page.count * self._cycle
 
     def weigh(self, cycles: int) -> None:
         """Have every load and store take so many cycles more."""
-        self._page[Slot.WEIGHT] = cycles
+        self._page.weight = cycles
 
     def wake(self) -> int:
         """Return when the sleeping hart wakes by what is known now; `NEVER` if nothing would wake it."""
@@ -161,7 +161,7 @@ class Hart:
 
     def look_up(self) -> None:
         """Have the running hart stop after this block, because something about its interrupts may have changed."""
-        self._page[Slot.LIMIT] = self._page[Slot.COUNT]
+        self._page.limit = self._page.count
 
     def pause(self) -> None:
         """Have `run` return after this block, because there is an earlier event than it was started with."""
@@ -178,8 +178,8 @@ class Hart:
         if self._remap:
             self._apply_protection()
         page = self._page
-        page[Slot.LIMIT] = min(-((self._origin - until) // self._cycle), self.allowance)
-        page[Slot.FULL], page[Slot.HIT], page[Slot.MISALIGNED] = 0, -1, -1
+        page.limit = min(-((self._origin - until) // self._cycle), self.allowance)
+        page.full, page.hit, page.misaligned = 0, -1, -1
         self._raised = None
         failure = None
         try:
@@ -187,18 +187,18 @@ class Hart:
         except unicorn.UcError as error:
             failure = error.errno
         pc = self.pc
-        if page[Slot.MISALIGNED] >= 0 and self._raised is None:
-            self._raised = (STORE_MISALIGNED if page[Slot.STORES] else LOAD_MISALIGNED, page[Slot.MISALIGNED])
+        if page.misaligned >= 0 and self._raised is None:
+            self._raised = (STORE_MISALIGNED if page.stores else LOAD_MISALIGNED, page.misaligned)
         if failure is not None and self._raised is None:
             self._raised = self._undecodable(pc)
         if self._raised is not None:
             return self._trap(*self._raised, pc if failure is not None else self._last(pc))
-        if page[Slot.HIT] >= 0:
-            address = page[Slot.HIT]
-            page[Slot.PASS] = address
+        if page.hit >= 0:
+            address = page.hit
+            page.skip = address
             assert self.world is not None
             self.world.reached(self, address)
-        elif not page[Slot.FULL]:
+        elif not page.full:
             self._rewind(pc)  # a block does not end where the core goes to sleep
             self.asleep = True
             self._enabled = self._interrupts_enabled()
@@ -241,7 +241,7 @@ class Hart:
 
     def _last(self, pc: int) -> int:
         """Return the last instruction of the block, if `pc` is behind it: there the emulator reports an exception."""
-        start, size = self._page[Slot.BLOCK], self._page[Slot.SIZE]
+        start, size = self._page.block, self._page.size
         code = self._memory.view(start, size) if start >= 0 and pc == start + size else None
         at, last = 0, pc
         while code is not None and at < size:
@@ -251,7 +251,7 @@ class Hart:
 
     def _trap(self, cause: int, value: int, pc: int) -> bool:
         self._rewind(pc)
-        self._page[Slot.COUNT] += 1  # of its own, so that a core that only traps gets on, too
+        self._page.count += 1  # of its own, so that a core that only traps gets on, too
         assert self.world is not None
         if self.world.trapped(self, cause, pc, value):
             return False
@@ -316,8 +316,8 @@ class Hart:
         """Report to the machine whenever one of these `addresses`, and no other, is about to be executed."""
         number = 0
         for number, address in enumerate(islice(addresses, block_hook.MAX_WATCHED), 1):
-            self._page[Slot.FIRST_WATCHED + number - 1] = address
-        self._page[Slot.WATCHED] = number
+            self._page.watched[number - 1] = address
+        self._page.watching = number
 
     def hook_registers(self, code: bytes, base: int) -> None:
         """Carry out the instructions of `csr` wherever `code`, which stands at `base`, has them."""
@@ -372,37 +372,35 @@ class Hart:
     def _rewind(self, pc: int) -> None:
         """Take back the instructions from `pc` on of the block that was begun last, since they were not executed."""
         page = self._page
-        start, end = page[Slot.BLOCK], page[Slot.BLOCK] + page[Slot.SIZE]
+        start, end = page.block, page.block + page.size
         if start < 0 or not start <= pc < end:
             return
         code = self._memory.view(pc, end - pc)
         at = number = 0
         while code is not None and at < len(code):
             number += 1
-            if page[Slot.WEIGHT] and block_hook.is_access(int.from_bytes(code[at : at + 2], "little")):
-                number += page[Slot.WEIGHT]
+            if page.weight and block_hook.is_access(int.from_bytes(code[at : at + 2], "little")):
+                number += page.weight
             at += 4 if code[at] & 3 == 3 else 2
-        page[Slot.COUNT] -= number
-        page[Slot.BLOCK] = -1
+        page.count -= number
+        page.block = -1
 
     # ------------------------------------------------------------------------------------------ memory
 
     def forget_code(self, address: int, size: int) -> None:
         """Drop what the emulator has translated of memory that changed."""
         self.engine.ctl_remove_cache(address, address + size)
-        for place in range(Slot.FIRST_KNOWN, Slot.FIRST_KNOWN + 2 * block_hook.KNOWN, 2):
-            self._page[place] = -1
+        self._page.forget()
 
     def _fill_page(self) -> None:
         page = self._page
-        page[Slot.BLOCK] = page[Slot.PASS] = page[Slot.HIT] = -1
+        page.block = page.skip = page.hit = -1
         start = self.number * block_hook.HEADER
-        page[Slot.SPAN] = self._memory.size - start
+        page.span = self._memory.size - start
         placed = self._memory.placed()
-        page[Slot.REGIONS] = len(placed)
+        page.memories = len(placed)
         for i, (region, offset) in enumerate(placed):
-            entry = Slot.FIRST_REGION + 3 * i
-            page[entry], page[entry + 1], page[entry + 2] = region.base, region.end, offset - start
+            page.region[i] = block_hook.Region(region.base, region.end, offset - start)
 
     def _map(self, right: Right) -> None:
         for region, offset in self._memory.placed():

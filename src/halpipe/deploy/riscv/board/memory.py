@@ -55,10 +55,6 @@ class Memory:
         """Where the allocation lies in the host."""
         return ctypes.addressof(self._anchor)
 
-    def page(self, hart: int) -> memoryview:
-        """Return the integers of `hart`."""
-        return self._bytes[hart * HEADER : (hart + 1) * HEADER].cast("q")
-
     def placed(self) -> list[tuple[Region, int]]:
         """Return every memory with its offset in the allocation."""
         return list(zip(self.regions, self._offsets, strict=True))

@@ -7,12 +7,12 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
+from halpipe.core.libraries import INTEGER, words
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
 from halpipe.pipeline.solve.edf.native import function
 from halpipe.pipeline.solve.edf.tables import named
-from halpipe.pipeline.solve.kernel.library import INTEGER, words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

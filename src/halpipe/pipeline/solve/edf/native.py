@@ -11,11 +11,11 @@ from itertools import accumulate, chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.libraries import library
+from halpipe.core import libraries
+from halpipe.core.libraries import INTEGER, words
 from halpipe.pipeline.solve.edf.jobs import Table
 from halpipe.pipeline.solve.edf.releases import release_times
 from halpipe.pipeline.solve.integers import filled, ints
-from halpipe.pipeline.solve.kernel.library import INTEGER, words
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -249,10 +249,8 @@ class Memory:
 
 
 def function(name: str) -> Any:
-    """Return a function of the library; its answer, where there is one, is an integer."""
-    native = library(SOURCES, "edf")[f"halpipe_edf_{name}"]
-    native.restype = INTEGER
-    return native
+    """Return a function of the library."""
+    return libraries.function(SOURCES, "edf", f"halpipe_edf_{name}")
 
 
 class Simulation:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from halpipe.pipeline.solve.kernel.library import INTEGER, ask, bound, function, tell
+from halpipe.core.libraries import INTEGER
+from halpipe.pipeline.solve.kernel.library import ask, bound, function, tell
 
 if TYPE_CHECKING:
     from collections.abc import Callable

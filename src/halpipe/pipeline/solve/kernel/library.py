@@ -6,17 +6,15 @@ together. It allocates nothing, and is called without the interpreter's lock.
 
 from __future__ import annotations
 
-import ctypes
-from array import array
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.libraries import library
-from halpipe.pipeline.solve.integers import Table
+from halpipe.core import libraries
+from halpipe.core.libraries import INTEGER, POINTER, address, words
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from halpipe.pipeline.solve.integers import Ints
     from halpipe.pipeline.solve.kernel.state import State
@@ -28,8 +26,6 @@ COUNTED = {
     "lanes": "lane_capacity", "jobs": "job_task", "entries": "entry_offset", "rows": "row", "chains": "chain_limit",
 }  # fmt: skip
 """Lengths that follow the fields of `Arrays`, and the arrays whose they are."""
-
-INTEGER, POINTER = ctypes.c_int64, ctypes.c_void_p
 
 
 def bound(name: str, arrays: Arrays, state: State) -> Callable[..., int]:
@@ -62,21 +58,5 @@ def tell(name: str, arrays: Arrays, state: State, *numbers: int, noise: Ints | N
 
 
 def function(name: str) -> Any:
-    """Return a function of the library; its answer, where there is one, is an integer."""
-    native = library(SOURCES, "kernel")[f"halpipe_{name}"]
-    native.restype = INTEGER
-    return native
-
-
-def words(members: Iterable[Any]) -> ctypes.Array[ctypes.c_int64]:
-    """Return a struct: the addresses of arrays, and integers. It is good as long as the arrays live."""
-    values = [member if isinstance(member, int) else address(member) for member in members]
-    return (INTEGER * len(values))(*values)
-
-
-def address(values: Ints | Table) -> int:
-    """Return where an array begins; the kernel takes for granted that it is one of 64 bit integers."""
-    held = values.flat if isinstance(values, Table) else values
-    if not isinstance(held, array) or held.typecode not in "qQ":
-        raise TypeError("the kernel takes arrays of 64 bit integers")
-    return held.buffer_info()[0]
+    """Return a function of the library."""
+    return libraries.function(SOURCES, "kernel", f"halpipe_{name}")

@@ -1,7 +1,7 @@
 /* What the emulator calls before every basic block: it counts instructions and knows when to stop. In Python, the call
  * would cost a hundred times as much as the block itself.
  *
- * All it knows is in one page of integers per hart (`Slot` in block_hook.py), which stands in the same allocation as the
+ * All it knows is in one page of integers per hart (`Page` in block_hook.py), which stands in the same allocation as the
  * memories of the machine, so that it can also look at the instructions that it counts. */
 
 #include <stdint.h>
@@ -21,7 +21,7 @@ typedef struct {
     int64_t limit;    /* stop before the first block at or beyond this count */
     int64_t block;    /* address of the block that was begun last, -1 for none */
     int64_t size;     /* its size in bytes */
-    int64_t pass;     /* a watched address at which not to stop once, -1 for none */
+    int64_t skip;     /* a watched address at which not to stop once, -1 for none */
     int64_t hit;      /* the watched address at which it stopped, -1 for none */
     int64_t watching; /* number of watched addresses */
     int64_t memories; /* number of memories */
@@ -64,7 +64,7 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
         page->stop(engine);
         return;
     }
-    if (at != page->pass) {
+    if (at != page->skip) {
         for (int64_t i = 0; i < page->watching; i++) {
             if (page->watched[i] == at) {
                 page->hit = at;
@@ -73,7 +73,7 @@ EXPORTED void halpipe_before_block(void *engine, uint64_t address, uint32_t size
             }
         }
     }
-    page->pass = -1;
+    page->skip = -1;
     page->block = at;
     page->size = size;
     int64_t place = (at >> 1) & (KNOWN - 1);
