@@ -86,8 +86,8 @@ def test_the_timer_of_the_other_distribution_does_not_compile(tmp_path, distribu
 
 def test_each_program_is_bound_to_one_callback():
     files = package()
-    assert '{"/source", "/source", "timer", "", 10000000, 0},' in files["src/bindings.hpp"]
-    assert '{"/sink", "/sink", "subscription", "/a", 0, 0},' in files["src/bindings.hpp"]
+    assert '{"/source", "/source", "timer", "", 10000000, 0, 0, -1},' in files["src/bindings.hpp"]
+    assert '{"/sink", "/sink", "subscription", "/a", 0, 0, 0, -1},' in files["src/bindings.hpp"]
     assert ".run" not in files["tables.c"]
     stated = yaml.safe_load(files["config/components.yaml"])
     assert [one["node"] for one in stated["components"]] == ["/sink", "/source"]
@@ -146,6 +146,27 @@ def test_equal_timers_of_different_groups_are_refused(groups, period, fits):
         assert package(bindings=bindings)
     else:
         assert refusal(bindings=bindings) == {codes.EQUAL_CALLBACKS.id}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "row"),
+    [
+        ({"wait": {"/sink": ms("0.5ms")}}, "500000, -1}"),
+        ({"missing": {"/sink": "one"}}, "0, 1}"),
+        ({"wait": {"/sink": ms(1)}}, ""),  # the whole WCET: there is no time left to run
+        ({"wait": {"/source": ms("0.5ms")}}, ""),
+        ({"missing": {"/source": "one"}}, ""),
+        ({"missing": {"/sink": "none"}}, ""),
+        ({"wait": {"/sinc": ms("0.5ms")}}, ""),
+    ],
+)
+def test_a_job_may_wait_for_its_message_within_its_wcet(chosen, row):
+    owner, tables = with_modes("m", "one")
+    if row:
+        files = package(owner=owner, tables=tables, **chosen)
+        assert f'"subscription", "/a", 0, 0, {row}' in files["src/bindings.hpp"]
+    else:
+        assert refusal(owner=owner, tables=tables, **chosen) == {codes.NO_EVENT.id}
 
 
 def gapped(split):

@@ -7,12 +7,15 @@ The stand-ins name the sources of ros2/rclcpp that they imitate; held against no
 import csv
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from test_ros_package import HUMBLE, JAZZY, ROLLING, STUBS, package, system
 
 from halpipe.deploy.linux.judging import judge, read_recording
+from halpipe.models import Status, TransitionTable
+from support import ms
 
 SCENARIOS = Path(__file__).with_name("ros_scenarios") / "scenarios.cpp"
 NAMES = ("full", "within", "dead", "patterns", "unload", "lifecycle", "throwing", "hanging", "random")
@@ -38,8 +41,12 @@ class Played:
 @pytest.fixture(scope="module", params=[HUMBLE, JAZZY, ROLLING])
 def played(request, tmp_path_factory):
     """All scenarios with one version of rclcpp, started together."""
-    folder = tmp_path_factory.mktemp("ros")
-    for name, content in package().items():
+    return play(tmp_path_factory.mktemp("ros"), package(), request.param, NAMES)
+
+
+def play(folder, files, distribution, names):
+    """Build the scenarios with a package, and run some of them at once."""
+    for name, content in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(content)
     for source in ("runtime/dispatch.c", "runtime/record.c", "tables.c"):
@@ -52,7 +59,7 @@ def played(request, tmp_path_factory):
         "-Wextra",
         "-Werror",
         "-O1",
-        f"-DSTUB_RCLCPP={request.param}",
+        f"-DSTUB_RCLCPP={distribution}",
         "-DPRIORITY=0",
     ]
     command += [f"-I{STUBS}", "-Isrc", "-Iruntime", str(SCENARIOS), "dispatch.o", "record.o", "tables.o"]
@@ -61,7 +68,7 @@ def played(request, tmp_path_factory):
     )
     assert built.returncode == 0, built.stderr
     running = {}
-    for name in NAMES:
+    for name in names:
         command = [str(folder / "scenarios"), name, str(folder / f"{name}.csv")]
         running[name] = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     return {name: Played(process, folder / f"{name}.csv") for name, process in running.items()}
@@ -130,3 +137,21 @@ def test_a_callback_that_never_returns_is_named_and_does_not_hold_up_the_end(pla
 def test_equal_timers_run_their_own_rows_or_are_refused(played):
     """A thousand nodes with up to four timers, equal or nearly so, in up to three groups."""
     assert numbers(played["random"].out) == {"wrong": 0, "needless": 0, "refused": 1, "right": 1}
+
+
+def test_a_job_waits_for_the_message_of_a_sensor_and_without_one_its_mode_follows(tmp_path):
+    """The sink waits 0.9 ms of its WCET; when the publisher is dead, the mode follows in which only the source runs."""
+    owner, tables = system()
+    [mode], [table] = owner.modes, tables.modes
+    limp = replace(mode, name="limp", runs=tuple(run for run in mode.runs if run.task == "/source"))
+    owner = replace(owner, modes=(mode, limp))
+    alone = replace(table, name="limp", jobs=tuple(job for job in table.jobs if job.task == "/source"))
+    way = TransitionTable(
+        source=mode.name, target="limp", length=ms(0), worst_latency=ms(10), status=Status.VALID, jobs=()
+    )
+    tables = replace(tables, modes=(table, alone), transitions=(way,))
+    files = package(owner=owner, tables=tables, wait={"/sink": ms("0.9ms")}, missing={"/sink": "limp"})
+    found = play(tmp_path, files, HUMBLE, ["waiting", "dead"])
+    assert numbers(found["waiting"].out) == {"seen": 1, "fresh": 1}
+    cycles = [(row["mode"], int(row["cycle"])) for row in found["dead"].rows]
+    assert min(cycle for mode, cycle in cycles if mode == "limp") <= 3

@@ -174,6 +174,26 @@ int hanging() {
   return pipe.play(3300);
 }
 
+// A lidar that is no task publishes 0.3 ms after each instant of the sink, which is 2 ms after that of a table of 10 ms.
+int waiting() {
+  Pipe pipe(false, false);
+  std::atomic<int64_t> published{0};
+  std::atomic_int fresh{0};
+  std::thread lidar([&] {
+    while (rclcpp::ok()) {
+      const int64_t next = (stub::now() / 10000000 + 1) * 10000000 + 2300000;
+      while (stub::now() < next) {std::this_thread::sleep_for(std::chrono::microseconds(50));}
+      published = stub::now();
+      pipe.subscription->stub_put(1);
+    }
+  });
+  pipe.act = [&] {fresh += stub::now() - published < 3000000;};
+  const int status = pipe.play(3500);
+  lidar.join();
+  std::printf("seen %d fresh %d\n", int(pipe.seen > 20), int(2 * fresh > pipe.seen));
+  return status;
+}
+
 // Nodes with equal timers in random groups: each row runs its own one, or is refused.
 int random_nodes() {
   std::mt19937 random(1);
@@ -192,7 +212,7 @@ int random_nodes() {
       const int64_t period = periods[random() % 4], rounded = period == 19999000 ? 20000000 : period;
       size_t order = 0;
       for (const auto & row : rows) {order += row.period == rounded;}
-      rows.push_back({"t", "/pair", "timer", "", rounded, order});
+      rows.push_back({"t", "/pair", "timer", "", rounded, order, 0, -1});
       in.push_back(random() % groups.size());
       timers.push_back(node->create_wall_timer(std::chrono::nanoseconds(period), [&ran, i] {ran = int(i);}, groups[in[i]]));
     }
@@ -227,6 +247,7 @@ int main(int argc, char ** argv) {
   if (name == "lifecycle") {return lifecycle();}
   if (name == "throwing") {return throwing();}
   if (name == "hanging") {return hanging();}
+  if (name == "waiting") {return waiting();}
   if (name == "random") {return random_nodes();}
   return 2;
 }

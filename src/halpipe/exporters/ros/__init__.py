@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.extent import Extent
-from halpipe.core.options import CPUS, Form, cpu_number, option, specific
+from halpipe.core.options import CPUS, Form, cpu_number, option, positive_duration, specific
 from halpipe.core.quantities import whole
 from halpipe.core.records import record
 from halpipe.core.settings import Words
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from halpipe.core.diagnostics import Diagnostic
+    from halpipe.core.durations import Duration
     from halpipe.exporters.ros.packaging import Binding
     from halpipe.models import Schedule, TaskModel
 
@@ -57,11 +58,24 @@ class RosOptions(ExportOptions):
         form=Form.LIST,
         is_path=True,
     )
+    wait: Mapping[str, Duration] | None = option(
+        None,
+        "With --package: time for which a job waits for its message, at most; its WCET contains it.",
+        positive_duration,
+        metavar="TASK=TIME,...",
+        form=Form.NAMES,
+    )
+    missing: Mapping[str, str] | None = option(
+        None,
+        "With --package: mode to go to when there is no message for a job.",
+        metavar="TASK=MODE,...",
+        form=Form.NAMES,
+    )
     bindings: Mapping[str, Binding] | None = None
 
     def unused(self) -> tuple[str, ...]:
         """Return the options without effect: only a package plays messages."""
-        return () if self.package else ("messages", "graphs")
+        return () if self.package else ("messages", "graphs", "wait", "missing")
 
 
 class RosExporter(PlainExporter):

@@ -1,4 +1,4 @@
-"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301 and HAL1302."""
+"""The diagnostics of the ROS export: HAL0897, HAL0899, HAL0816, HAL0817, HAL1301, HAL1302 and HAL1304."""
 
 from halpipe.core.diagnostics import error, warning
 
@@ -36,4 +36,10 @@ EQUAL_CALLBACKS = error(
     "Equal callbacks of a node cannot be told apart",
     "A callback is found by its node, its topic or period, and its place among equal ones. Within a callback group "
     "that place is the order of construction; between groups there is none.",
+)
+NO_EVENT = error(
+    "HAL1304",
+    "Task cannot wait for a message as stated",
+    "Only jobs of subscriptions get messages. A job waits within the time that the schedule reserves for it, so the "
+    "wait is shorter than the WCET of every version; and the mode for a missing message is one of the schedule.",
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,16 +12,17 @@ from halpipe.core.bundles import seal
 from halpipe.core.diagnostics import Findings, about, version_of
 from halpipe.core.durations import Duration
 from halpipe.core.records import record
+from halpipe.core.suggest import did_you_mean
 from halpipe.exporters.linux import LinuxOptions
 from halpipe.exporters.linux.bundle import RUNTIME, Program, check_texts, cpus_for, jobs_of, rendered_tables
 from halpipe.exporters.linux.codes import BAD_TEXT
 from halpipe.exporters.linux.priorities import thread_levels
-from halpipe.exporters.linux.tables import tables_of
+from halpipe.exporters.linux.tables import is_followed, tables_of
 from halpipe.exporters.native import paired
-from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
+from halpipe.exporters.ros.codes import EQUAL_CALLBACKS, NO_EVENT, OLD_MESSAGES, SPLIT_CALLBACK, UNBOUND
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from halpipe.exporters.ros import RosOptions
     from halpipe.models import Schedule, TaskModel
@@ -56,7 +58,7 @@ class Binding:
 
 @record
 class Row:
-    """A program of the tables as the executor knows it."""
+    """A program of the tables as the executor knows it; `wait` in ns, `missing` the number of a mode or -1."""
 
     task: str
     node: str
@@ -64,6 +66,8 @@ class Row:
     subject: str
     period: int
     order: int
+    wait: int
+    missing: int
 
 
 def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str, bytes]:
@@ -73,7 +77,9 @@ def build(model: TaskModel, schedule: Schedule, options: RosOptions) -> dict[str
     cpus = cpus_for(model, schedule, linux, findings)
     used = {(job.task, job.version) for job in jobs_of(schedule)}
     keys = [(task.name, v.name) for task in model.tasks for v in task.versions if (task.name, v.name) in used]
-    rows = [row for task, _ in keys if (row := _row(task, model, options, findings)) is not None]
+    modes = [mode.name for mode in schedule.modes]
+    rows = [row for task, _ in keys if (row := _row(task, model, modes, options, findings)) is not None]
+    _refuse_waits(model, dict(keys), modes, options, findings)
     check_texts(model, schedule, (), findings)
     _refuse_equal(model, dict.fromkeys(task for task, _ in keys), options, findings)
     _refuse_old_messages(model, options, findings)
@@ -124,7 +130,7 @@ def _filled(name: str, values: dict[str, Any]) -> bytes:
     return text.encode()
 
 
-def _row(task: str, model: TaskModel, options: RosOptions, findings: Findings) -> Row | None:
+def _row(task: str, model: TaskModel, modes: Sequence[str], options: RosOptions, findings: Findings) -> Row | None:
     """Return the callback of a task; report a task that has none, and names that are none of ROS."""
     at, path = model.task(task).at, about(task=task)
     binding = (options.bindings or {}).get(task)
@@ -136,7 +142,33 @@ def _row(task: str, model: TaskModel, options: RosOptions, findings: Findings) -
         if name and _ROS_NAME.fullmatch(name) is None:
             help = "use the resolved names of nodes and topics"
             findings.add(BAD_TEXT(f"{name[:60]!r} is no name of ROS", at=at, path=path, help=help))
-    return Row(task, binding.node, binding.kind, binding.topic, binding.period, binding.order)
+    wait = (options.wait or {}).get(task)
+    mode = (options.missing or {}).get(task, "")
+    missing = modes.index(mode) if mode in modes else -1
+    nanoseconds = math.floor(wait.fraction) if wait else 0
+    return Row(task, binding.node, binding.kind, binding.topic, binding.period, binding.order, nanoseconds, missing)
+
+
+def _refuse_waits(
+    model: TaskModel, tasks: Collection[str], modes: Sequence[str], options: RosOptions, findings: Findings
+) -> None:
+    """Report waits and modes for missing messages that cannot be as stated."""
+    waits, missing = options.wait or {}, options.missing or {}
+    for task in dict.fromkeys([*waits, *missing]):
+        binding = (options.bindings or {}).get(task)
+        if task not in tasks:
+            help = did_you_mean(task, tasks, "name a task of the schedule")
+            findings.add(NO_EVENT("the schedule has no jobs of it", path=about(task=task), help=help))
+        elif binding is not None and binding.kind != "subscription":
+            help = "name tasks that are subscriptions"
+            findings.add(NO_EVENT("its callback is a timer", at=model.task(task).at, path=about(task=task), help=help))
+        elif task in waits and (least := min(v.wcet or waits[task] for v in model.task(task).versions)) <= waits[task]:
+            text = f"the wait is {waits[task]}, and its shortest WCET {least}"
+            help = f"add {waits[task]} to the WCET, which contains the wait, and schedule again"
+            findings.add(NO_EVENT(text, at=model.task(task).at, path=about(task=task), help=help))
+        elif task in missing and missing[task] not in modes:
+            help = did_you_mean(missing[task], modes, "the modes are " + ", ".join(modes))
+            findings.add(NO_EVENT(f'there is no mode "{missing[task]}"', path=about(task=task), help=help))
 
 
 def _services(schedule: Schedule, findings: Findings) -> list[str]:
@@ -217,6 +249,12 @@ def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]
         "tables are played in real time, also where nodes use simulated time",
         "let the simulation keep pace, or do without the tables",
     )
+    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
+        names = ", ".join(f'"{name}"' for name in left)
+        yield (
+            f"health rules are not followed, but for switches after one overrun or exception: {names}",
+            "let a node that reads /diagnostics ask for the mode that is meant",
+        )
     if any(model.task(job.task).version(job.version).accesses for job in jobs):
         yield (
             "bounds of access phases are not enforced; callbacks of one group are kept apart by their instants",

@@ -11,7 +11,7 @@ constexpr bool takes_newest = {{ "true" if is_newest else "false" }};   // of th
 constexpr size_t n_rows = {{ rows | length }};
 static const Row rows[] = {
 {% for r in rows %}
-  {"{{ r.task }}", "{{ r.node }}", "{{ r.kind }}", "{{ r.subject }}", {{ r.period }}, {{ r.order }}},
+  {"{{ r.task }}", "{{ r.node }}", "{{ r.kind }}", "{{ r.subject }}", {{ r.period }}, {{ r.order }}, {{ r.wait }}, {{ r.missing }}},
 {% endfor %}
 };
 static const std::array<std::string, {{ mode_names | length }}> mode_names = { {% for m in mode_names %}"{{ m }}", {% endfor %}};

@@ -26,7 +26,12 @@ namespace {
 
 table::Executor * executor = nullptr;
 
-int run(const dispatch_job * job, int64_t) {return static_cast<int>(executor->run(job->program));}
+int run(const dispatch_job * job, int64_t at) {
+  const table::Result result = executor->run(job->program, at + job->start);
+  const int mode = table::rows[job->program].missing;
+  if (result == table::Result::no_data && mode >= 0) {dispatch_request(mode);}
+  return static_cast<int>(result);
+}
 
 class Container : public rclcpp_components::ComponentManager {
 public:

@@ -9,8 +9,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <ctime>
 #include <deque>
 #include <exception>
+#include <functional>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -31,6 +33,8 @@ struct Row {              // the callback of a program of the tables
   const char *task, *node, *kind, *subject;   // kind: timer or subscription; subject: the topic
   int64_t period;         // ns, of a timer
   size_t order;           // among equal ones of the node
+  int64_t wait;           // ns for which a job waits for its message
+  int missing;            // the mode to go to without one, -1: none
 };
 
 enum class Result {failed = -1, no_data, ran};
@@ -67,6 +71,7 @@ struct Callback {
   std::shared_ptr<Mutex> exclusion;             // of a mutually exclusive group
   std::deque<std::shared_ptr<void>> taken;      // messages within the process that the wait of the background lane took
   bool is_claimed = false, has_run = false;     // claimed: a row runs it
+  bool is_in_step = false;                      // the last job had a message
 
   bool is_there() const {return !timer.expired() || !subscription.expired();}
 };
@@ -162,13 +167,13 @@ public:
     return false;
   }
 
-  // Run the callback of a row, due or not: the table decides when.
-  Result run(size_t row) {
+  // Run the callback of a row, due or not: the table decides when. `planned` is the instant of the job.
+  Result run(size_t row, int64_t planned = 0) {
     const auto callback = std::atomic_load(&bound_[row]);
     if (!callback) {return Result::no_data;}
     try {
       if (const auto timer = callback->timer.lock()) {return run_timer(*callback, timer);}
-      if (const auto subscription = callback->subscription.lock()) {return run_subscription(*callback, subscription);}
+      if (const auto subscription = callback->subscription.lock()) {return run_subscription(rows_[row], *callback, subscription, planned);}
     } catch (const std::exception & failure) {
       return failed(row, failure.what());
     } catch (...) {
@@ -327,18 +332,43 @@ private:
     return Result::ran;
   }
 
-  Result run_subscription(Callback & callback, const rclcpp::SubscriptionBase::SharedPtr & subscription) {
+  using Handler = std::function<void()>;   // of a message that was taken
+
+  // Run the callback with a message that is there at the instant of the job, or comes within the wait of its row. At the
+  // start, and after a job without one, what is there may be the message of the job before; one that comes is preferred,
+  // so that a source slightly behind the table is not a table behind for good.
+  Result run_subscription(
+    const Row & row, Callback & callback, const rclcpp::SubscriptionBase::SharedPtr & subscription, int64_t planned)
+  {
     // What waited before the tables began would stay in the queue for good, since each job takes one message.
     const bool drains = takes_newest_ || !callback.has_run;
     callback.has_run = true;
-    if (const auto intra = subscription->get_intra_process_waitable()) {
-      if (const auto data = within(callback, *intra, drains)) {
-        Exclusion exclusion(callback.exclusion);
-        execute(*intra, data);
-        return Result::ran;
+    Handler found = next(callback, subscription, drains);
+    while ((!found || !callback.is_in_step) && now() < planned + row.wait) {
+      std::this_thread::sleep_for(std::chrono::microseconds(50));
+      if (Handler later = next(callback, subscription, drains)) {
+        found = std::move(later);
+        break;
       }
     }
-    return take(callback, subscription, drains) ? Result::ran : Result::no_data;
+    callback.is_in_step = static_cast<bool>(found);
+    if (!found) {return Result::no_data;}
+    Exclusion exclusion(callback.exclusion);
+    found();
+    return Result::ran;
+  }
+
+  static int64_t now() {
+    timespec t{};
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return t.tv_sec * INT64_C(1000000000) + t.tv_nsec;
+  }
+
+  Handler next(Callback & callback, const rclcpp::SubscriptionBase::SharedPtr & subscription, bool drains) {
+    if (const auto intra = subscription->get_intra_process_waitable()) {
+      if (const auto data = within(callback, *intra, drains)) {return [intra, data] {execute(*intra, data);};}
+    }
+    return take(subscription, drains);
   }
 
   std::shared_ptr<void> within(Callback & callback, rclcpp::Waitable & intra, bool drains) {
@@ -365,52 +395,53 @@ private:
   }
 
   // The public way to take, because execute_subscription does not say whether there was a message. rclcpp gives the oldest.
-  bool take(const Callback & callback, const rclcpp::SubscriptionBase::SharedPtr & subscription, bool drains) {
+  static Handler take(const rclcpp::SubscriptionBase::SharedPtr & subscription, bool drains) {
 #if RCLCPP_VERSION_GTE(21, 0, 0)
     if (subscription->get_delivered_message_kind() == rclcpp::DeliveredMessageKind::DYNAMIC_MESSAGE) {
-      execute_subscription(subscription);
-      return true;
+      return [subscription] {execute_subscription(subscription);};
     }
 #endif
     if (subscription->is_serialized()) {
       return take_with(
-        drains, [&] {return subscription->create_serialized_message();},
-        [&](auto & message, auto & info) {return subscription->take_serialized(*message, info);},
-        [&](auto & message) {subscription->return_serialized_message(message);},
-        [&](auto & message, auto & info) {
-          Exclusion exclusion(callback.exclusion);
-          subscription->handle_serialized_message(message, info);
-        });
+        drains, [=] {return subscription->create_serialized_message();},
+        [=](auto & message, auto & info) {return subscription->take_serialized(*message, info);},
+        [=](auto & message) {subscription->return_serialized_message(message);},
+        [=](auto & message, auto & info) {subscription->handle_serialized_message(message, info);});
     }
     return take_with(
-      drains, [&] {return subscription->create_message();},
-      [&](auto & message, auto & info) {return subscription->take_type_erased(message.get(), info);},
-      [&](auto & message) {subscription->return_message(message);},
-      [&](auto & message, auto & info) {
-        Exclusion exclusion(callback.exclusion);
-        subscription->handle_message(message, info);
-      });
+      drains, [=] {return subscription->create_message();},
+      [=](auto & message, auto & info) {return subscription->take_type_erased(message.get(), info);},
+      [=](auto & message) {subscription->return_message(message);},
+      [=](auto & message, auto & info) {subscription->handle_message(message, info);});
   }
 
   template<typename Create, typename Take, typename Return, typename Handle>
-  static bool take_with(bool drains, Create create, Take take, Return give_back, Handle handle) {
-    rclcpp::MessageInfo info;
-    info.get_rmw_message_info().from_intra_process = false;
+  static Handler take_with(bool drains, Create create, Take take, Return give_back, Handle handle) {
     auto message = create();
-    const bool has_message = take(message, info);
-    while (has_message && drains) {
-      rclcpp::MessageInfo later_info;
-      later_info.get_rmw_message_info().from_intra_process = false;
+    rclcpp::MessageInfo info = plain_info();
+    if (!take(message, info)) {
+      give_back(message);
+      return nullptr;
+    }
+    while (drains) {
       auto later = create();
+      rclcpp::MessageInfo later_info = plain_info();
       const bool is_later = take(later, later_info);
       give_back(is_later ? message : later);
       if (!is_later) {break;}
       message = later;
       info = later_info;
     }
-    if (has_message) {handle(message, info);}
-    give_back(message);
-    return has_message;
+    return [=]() mutable {
+      handle(message, info);
+      give_back(message);
+    };
+  }
+
+  static rclcpp::MessageInfo plain_info() {
+    rclcpp::MessageInfo info;
+    info.get_rmw_message_info().from_intra_process = false;
+    return info;
   }
 
   const Row * const rows_;
