@@ -61,7 +61,7 @@ class Outline(Fields):
 
     # ---- what readers ask
 
-    def allow(self, keys: tuple[str, ...]) -> None:
+    def allow(self, keys: tuple[str, ...], inside: Any = None) -> None:
         """Note keys that may be there, whatever their form."""
         if hasattr(self, "asked"):
             for key in keys:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 NUMBER = re.compile(r"[0-9]{1,1000}(?:\.[0-9]{1,1000}|/0*[1-9][0-9]{0,999})?")
-DURATION = re.compile(f"({NUMBER.pattern})(ns|us|ms|s)")
+DURATION = re.compile(f"({NUMBER.pattern}) ?(ns|us|ms|s)")
 SCALE = {"ns": 1, "us": 1000, "ms": 1000**2, "s": 1000**3}
 LARGEST_FILE, MOST_JOBS = 64 * 1024 * 1024, 1_000_000
 Part = tuple[int, int, int, int]

@@ -37,6 +37,7 @@ def test_verbs():
         ("halpipe schedule --optim", ["--optimise"]),
         ("halpipe schedule --engine e", ["exact"]),
         ("halpipe schedule --optimise chains,m", ["chains,margin"]),
+        ("halpipe new folder --example r", ["roboracer"]),
         ("halpipe import a", ["amalthea", "arxml"]),
         ("halpipe import arxml --granularity ", ["runnable", "event", "ostask"]),
         ("halpipe export amalthea --release 3.", ["3.0.0", "3.1.0", "3.2.0", "3.3.0"]),

@@ -1,5 +1,7 @@
 """Mistakes that everybody makes once, and what halpipe says of them."""
 
+import re
+
 import pytest
 
 from command_line import run_here
@@ -32,6 +34,10 @@ def folder(tmp_path):
         (tmp_path / name).write_bytes(content)
     (tmp_path / "extract.arxml").write_text(AUTOSAR)
     (tmp_path / "system.amxmi").write_text(AMALTHEA)
+    (tmp_path / "trace.csv").write_text("task;start;end\nplan;0;1\n")
+    (tmp_path / "trace.json").write_text('{"traceEvents": []}')
+    (tmp_path / "trace.btf").write_text("#version 2.1.5\n")
+    (tmp_path / "source.c").write_text("int main(void) { return 0; }\n")
     assert run_here(tmp_path, "schedule", "model.xml", "-o", "schedule.xml", "-q").returncode == 0
     return tmp_path
 
@@ -46,12 +52,77 @@ def folder(tmp_path):
         (["verify", "schedule.xml", "model.xml"], "MODEL first, then SCHEDULE"),
         (["export", "report", "schedule.xml", "model.xml", "-o", "r.html"], "MODEL first, then SCHEDULE"),
         (["show", "model.xml"], "this is a model"),
+        (["validate", "overlay.yaml"], "--overlay FILE"),
+        (["validate", "pipeline.yaml"], "halpipe run FILE"),
+        (["validate", "graph.dot"], "halpipe import ros FILE"),
+        (["validate", "source.c"], "`halpipe import` makes a model"),
+        (["compare", "trace.csv", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
+        (["compare", "trace.json", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
+        (["compare", "trace.btf", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
+        (["compare", "schedule.xml", "schedule.xml"], "halpipe compare SCHEDULE TRACE"),
     ],
 )
 def test_a_file_of_another_kind(folder, words, remedy):
     refused = run_here(folder, *words)
     assert refused.returncode == 1
     assert remedy in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "remedy"),
+    [
+        ("tasks:\n\t/a: {wcet: 1ms}\n", "a tab indents the line", "indent the line with spaces"),
+        ("units: [{name: u1}]\n", 'unknown key "units"', "platform: {units: ...}"),
+        ("tasks: {/a: {wcet: '6,5ms'}}\n", "is not a duration", "write 6.5ms, with a decimal point"),
+        ("tasks: {/a: {slack: '0,5'}}\n", "is not a number", "write 0.5, with a decimal point"),
+    ],
+)
+def test_slips_in_an_overlay(folder, text, said, remedy):
+    (folder / "o.yaml").write_text("halpipe-overlay: 1\n" + text)
+    refused = run_here(folder, "import", "ros", "graph.dot", "--overlay", "o.yaml", "-o", "m.xml")
+    assert refused.returncode == 1
+    assert said in refused.stderr
+    assert remedy in refused.stderr
+
+
+def test_a_duration_may_have_a_blank_before_its_unit_but_no_comma(folder):
+    text = (folder / "model.xml").read_text()
+    (folder / "blank.xml").write_text(re.sub(r'period="(\d+)ms"', r'period="\1 ms"', text))
+    assert run_here(folder, "validate", "blank.xml").returncode == 0
+    (folder / "comma.xml").write_text(re.sub(r'period="(\d+)ms"', r'period="\1,5ms"', text, count=1))
+    refused = run_here(folder, "validate", "comma.xml")
+    assert ".5ms, with a decimal point" in refused.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "export report model.xml schedule.xml -o r.png",
+        "export report model.xml schedule.xml -o r.PDF",
+        "export graph model.xml -o g.png",
+        "export arxml model.xml -o a.csv",
+        "export btf model.xml schedule.xml -o b.json",
+        "import ros graph.dot --overlay overlay.yaml -o m.yaml",
+        "import ros graph.dot --overlay overlay.yaml -o m.xml --report r.html",
+        "schedule model.xml -o s.json",
+        "generate -o g.html",
+        "run wrong.yaml",
+    ],
+)
+def test_a_name_that_states_another_format(folder, words):
+    (folder / "wrong.yaml").write_text(
+        "halpipe-pipeline: 1\nmodel: model.xml\nschedule: {output: out.xml}\n"
+        "exports: [{format: report, output: r.svg}]\n"
+    )
+    before = sorted(folder.iterdir())
+    refused = run_here(folder, *words.split())
+    assert (refused.returncode, "HAL0009" in refused.stderr) == (2, True), refused.stderr
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("words", ["export graph model.xml -o g.gv", "export report model.xml schedule.xml -o r.out"])
+def test_a_name_that_states_the_format_or_none(folder, words):
+    assert run_here(folder, *words.split()).returncode == 0
 
 
 @pytest.mark.parametrize("text", ["tasks:\n  *: {wcet: 1ms}\n", "tasks: {a: {units: [*core]}}\n", "drop: *_log\n"])

@@ -84,6 +84,7 @@ def test_no_verb_writes_over_its_input(place, halpipe, command):
         {"schedule": "out.xml", "report": "link-model.xml"},
         {"schedule": "out.xml", "report": "here/out.xml"},
         {"schedule": "out.xml", "report": "pipe.yaml"},
+        {"schedule": "out.xml", "report": "out.xml"},
     ],
 )
 def test_no_pipeline_writes_over_its_inputs_or_twice_to_one_file(place, halpipe, outputs):

@@ -21,6 +21,13 @@ def words(known: Sequence[str]) -> Callable[[str], list[str]]:
     return complete
 
 
+def examples(incomplete: str) -> list[str]:
+    """Return the examples that begin so."""
+    from halpipe.starters import EXAMPLES
+
+    return [name for name in EXAMPLES if name.startswith(incomplete)]
+
+
 def codes(incomplete: str) -> list[str]:
     """Return the codes that begin so; files are completed by the shell."""
     if not incomplete.upper().startswith("HAL"):

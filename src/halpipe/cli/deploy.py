@@ -43,13 +43,22 @@ def prepare(
     """Compile the tasks, and give each version a load phase, and memory phases long enough, for a RISC-V target."""
     from pathlib import Path
 
-    from halpipe.core.files import STDIO, begins_like, refuse_foreign, refuse_inputs, write_output, write_outputs
+    from halpipe.core.files import (
+        STDIO,
+        begins_like,
+        refuse_foreign,
+        refuse_inputs,
+        refuse_name,
+        write_output,
+        write_outputs,
+    )
     from halpipe.exporters.native import format_model
     from halpipe.exporters.riscv import RiscvOptions
     from halpipe.flow.formats import prepare_model
     from halpipe.importers.native import read_model
 
     output.choose(format, quiet=quiet, verbose=verbose)
+    refuse_name(output_file, ".xml")
     options = RiscvOptions(profile=profile, toolchain=toolchain, sources=sources, drivers=drivers)
     prepared = prepare_model(read_model(model), options, dummy=dummy)
     output.report(prepared.diagnostics)
@@ -104,6 +113,7 @@ def check(
     verbose: Verbose = False,
 ) -> int:
     """Play a bundle and hold it against its schedule; any deviation is an error."""
+    from halpipe.core.files import refuse_name
     from halpipe.deploy.base import CheckOptions
     from halpipe.flow.formats import check_bundle
 
@@ -112,6 +122,8 @@ def check(
     faults = {None: "some", True: "all", False: "none"}[inject]
     if trace and trace == bandwidth:
         raise typer.BadParameter("give another file than for --trace", param_hint="--bandwidth")
+    for file in (trace, bandwidth):
+        refuse_name(file, ".csv")
     if cycles and seconds:
         raise typer.BadParameter("give one of --cycles and --seconds", param_hint="--seconds")
     options = CheckOptions(

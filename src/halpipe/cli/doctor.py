@@ -15,6 +15,8 @@ EXTRAS = {
     "autosar-data": "halpipe[arxml]",
     "ortools": "halpipe[exact]",
     "distributed": "halpipe[cluster]",
+    "starlette": "halpipe[serve]",
+    "uvicorn": "halpipe[serve]",
     "ziglang": "halpipe[riscv]",
     "pyelftools": "halpipe[riscv]",
     "unicorn": "halpipe[riscv]",

@@ -56,7 +56,7 @@ def generate(
     Shares are written as 0.7, 7/10 or 70%.
     """
     from halpipe.core.durations import Duration
-    from halpipe.core.files import refuse_inputs, sha256, write_output
+    from halpipe.core.files import refuse_inputs, refuse_name, sha256, write_output
     from halpipe.exporters.native import format_model, format_schedule
     from halpipe.pipeline.generate import SetParameters, achieved, generate_with_witness
 
@@ -79,6 +79,8 @@ def generate(
         periods=tuple(_read("--period", text, Duration.parse) for text in period or ()),
     )
     refuse_inputs(*filter(None, (output_file, witness)))
+    for file in (output_file, witness):
+        refuse_name(file, ".xml")
     model, schedule = generate_with_witness(parameters, seed)
     document = format_model(model)
     write_output(output_file, document)

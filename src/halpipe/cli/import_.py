@@ -64,7 +64,7 @@ def command_of(importer: Importer) -> Callable[..., int]:
 
 
 def _read(importer: Importer, paths: list[str], options: Values, target: str, report: str, *, every: bool) -> int:
-    from halpipe.core.files import refuse_inputs, write_output
+    from halpipe.core.files import refuse_inputs, refuse_name, write_output
     from halpipe.exporters.native import format_model
     from halpipe.flow.formats import import_model
     from halpipe.importers.common.coverage import format_account
@@ -72,6 +72,8 @@ def _read(importer: Importer, paths: list[str], options: Values, target: str, re
     with _progress() as on_progress:
         imported = import_model(importer.name, paths, importer.options(**options, on_progress=on_progress))
     refuse_inputs(*filter(None, (target, report)))
+    refuse_name(target, ".xml")
+    refuse_name(report, ".json")
     write_output(target, format_model(imported.model))
     if report:
         write_output(report, format_account(imported))

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from halpipe.cli import output
+from halpipe.cli import completing, output
 from halpipe.cli.parameters import DiagnosticFormat, Quiet, Verbose
 from halpipe.core.diagnostics import Exit
 
@@ -14,7 +14,13 @@ from halpipe.core.diagnostics import Exit
 def new(
     folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Folder to make; it must not be there, or be empty.")],
     example: Annotated[
-        str, typer.Option(metavar="NAME", help="An example instead of a first model: roboracer.", show_default=False)
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="An example instead of a first model: roboracer.",
+            show_default=False,
+            autocompletion=completing.examples,
+        ),
     ] = "",
     format: DiagnosticFormat = None,
     quiet: Quiet = False,

@@ -25,7 +25,7 @@ def run(
     from halpipe.cli.export.writing import write_export
     from halpipe.cli.import_ import summarise
     from halpipe.cli.searching import find_schedule, workers_of
-    from halpipe.core.files import refuse_inputs, write_output
+    from halpipe.core.files import refuse_inputs, refuse_name, write_output
     from halpipe.exporters.native import format_model
     from halpipe.flow import formats
     from halpipe.flow.plan import read_plan
@@ -34,15 +34,20 @@ def run(
     output.choose(format, quiet=quiet, verbose=verbose)
     plan = read_plan(pipeline)
     outputs = [step.output for step in plan.exports]
+    refuse_inputs(*([plan.model] if plan.imports is not None else []), plan.schedule, *outputs)
     if plan.imports is not None:
         source = plan.imports
         imported = formats.import_model(source.format, source.inputs, source.options)
         output.report(imported.diagnostics)
-        refuse_inputs(plan.model, plan.schedule, *outputs)
+        refuse_inputs(plan.model, plan.schedule, *outputs)  # the sources are known by now
         write_output(plan.model, format_model(imported.model))
         summarise(imported, plan.model, every=False)
     model = read_model(plan.model)
     refuse_inputs(plan.schedule, *outputs)  # before the search, not after it
+    for step in plan.exports:
+        refuse_name(step.output, *formats.endings_of(step.format, step.options))
+    for file in (plan.model, plan.schedule):
+        refuse_name(file, ".xml")
     code = find_schedule(model, replace(plan.search, workers=workers_of(workers)), plan.schedule)
     if code not in (Exit.OK, Exit.FINDINGS):
         return code

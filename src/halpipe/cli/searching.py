@@ -15,7 +15,7 @@ from halpipe import __version__
 from halpipe.cli import output, streams
 from halpipe.cli.stopping import Stop
 from halpipe.core.diagnostics import Exit, HalpipeError, printable
-from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, write_output
+from halpipe.core.files import STDIO, is_input, read_own, refuse_inputs, refuse_name, write_output
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -95,6 +95,7 @@ def find_schedule(model: TaskModel, options: SearchOptions, target: str, *, resu
 
     began = time.monotonic()
     refuse_inputs(target)
+    refuse_name(target, ".xml")
     checkpoint = _checkpoint(model, options, target)
     if checkpoint is not None:
         if resume:

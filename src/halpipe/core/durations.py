@@ -12,7 +12,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, overload
 
-from halpipe.core.quantities import format_ratio, parse_rational, quoted
+from halpipe.core.quantities import format_ratio, parse_rational, quoted, with_point
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -44,7 +44,7 @@ class Duration:
         """Read ``25ms``, ``0.5ms``, ``100/3ms``, ``1/30s``; raise ``ValueError`` that says what is wrong."""
         match = _TEXT.fullmatch(text.strip())
         if match is None:
-            raise ValueError(f"{quoted(text)} is not a duration; {_FORM}")
+            raise ValueError(f"{quoted(text)} is not a duration; {with_point(text, _TEXT) or _FORM}")
         scale = _UNITS_NS[match["unit"]]
         number = match["number"]
         top, slash, bottom = number.partition("/")

@@ -22,13 +22,20 @@ def quoted(text: str) -> str:
     return repr(text) if len(text) <= _SHOWN else f"{text[:_SHOWN]!r}..."
 
 
+def with_point(text: str, form: re.Pattern[str]) -> str:
+    """Return the advice to write a decimal point if a comma is all that keeps a text from its form, else nothing."""
+    point = text.strip().replace(",", ".")
+    return f"write {point}, with a decimal point" if "," in text and form.fullmatch(point) else ""
+
+
 def parse_rational(text: str) -> Fraction:
     """Read a non-negative ``12``, ``0.35`` or ``1/3`` exactly; raise ``ValueError`` that says what is wrong."""
     stripped = text.strip()
     if len(stripped) > _MAX_LENGTH:
         raise ValueError(f"{quoted(text)} has more than {_MAX_LENGTH} characters")
     if _RATIONAL.fullmatch(stripped) is None:
-        raise ValueError(f"{quoted(text)} is not a number; write it as 0.35, 1/3 or 1")
+        advice = with_point(text, _RATIONAL) or "write it as 0.35, 1/3 or 1"
+        raise ValueError(f"{quoted(text)} is not a number; {advice}")
     top, slash, bottom = stripped.partition("/")
     try:
         return Fraction(int(top), int(bottom)) if slash else Fraction(stripped)

@@ -14,7 +14,7 @@ from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from halpipe.core.diagnostics import Findings
 
@@ -70,19 +70,33 @@ class Words:
 class Fields:
     """One mapping: `path` names it in messages, `keys` are the keys it may have."""
 
-    def __init__(self, file: str, findings: Findings, data: YamlMap, path: str, keys: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        file: str,
+        findings: Findings,
+        data: YamlMap,
+        path: str,
+        keys: tuple[str, ...],
+        inside: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> None:
         self.path = path
         self._file = file
         self._findings = findings
         self._data = data
-        self.allow(keys)
+        self.allow(keys, inside)
 
-    def allow(self, keys: tuple[str, ...]) -> None:
-        """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed."""
+    def allow(self, keys: tuple[str, ...], inside: Mapping[str, tuple[str, ...]] | None = None) -> None:
+        """Report the keys of the mapping that are not among `keys`; none given: whatever it has is allowed.
+
+        Those that belong into a mapping under one of the keys, as `inside` states, are reported with it.
+        """
         unknown = [key for key in self._data if key not in keys] if keys else []
         otherwise = "it may have: " + ", ".join(keys)
+        owners = {key: owner for owner, own in (inside or {}).items() for key in own}
         for key in unknown[:MAX_UNKNOWN]:
-            self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=did_you_mean(key, keys, otherwise))
+            owner = owners.get(key)
+            help = f'move it into "{owner}": {owner}: {{{key}: ...}}' if owner else did_you_mean(key, keys, otherwise)
+            self.complain(UNKNOWN_KEY, f'has an unknown key "{key}"', key, help=help)
         if len(unknown) > MAX_UNKNOWN:
             self.complain(UNKNOWN_KEY, f"has {len(unknown) - MAX_UNKNOWN} more unknown keys", help=otherwise)
 

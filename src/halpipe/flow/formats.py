@@ -186,6 +186,18 @@ def export_with_remarks(format: str, model: TaskModel, schedule: Schedule | None
     return Exported(contents, tuple(writer.remarks(model, schedule, options, contents)))
 
 
+ALSO = {".dot": (".gv", ".svg"), ".html": (".htm",), ".yaml": (".yml",), ".arxml": (".xml",), ".amxmi": (".xml",)}
+"""Further endings of what a format writes; DOT is drawn where SVG is asked for."""
+
+
+def endings_of(format: str, options: ExportOptions) -> tuple[str, ...]:
+    """Return how the name of an export may end; nothing for a folder."""
+    suffix = exporter(format).suffix
+    if not suffix or any(getattr(options, folder, None) for folder in ("onto", "package")):
+        return ()
+    return (suffix, *ALSO.get(suffix, ()))
+
+
 def _put_onto(model: TaskModel, schedule: Schedule | None, options: Any) -> Exported:
     """Put a schedule onto the project that its model was imported from."""
     from halpipe.exporters.arxml.onto import CHANGES

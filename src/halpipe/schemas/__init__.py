@@ -377,5 +377,9 @@ def _plain(message: str, kind: str) -> str:
     message = _shortened(message.replace(f"{{{namespace(kind)}}}", ""))
     facet = _PATTERN_FACET.search(message)
     if facet and facet["pattern"] in _forms(kind):
-        message = message[: facet.start()] + f"the value '{facet['value']}' is not {_forms(kind)[facet['pattern']]}"
+        value, form = facet["value"], _forms(kind)[facet["pattern"]]
+        point = value.replace(",", ".")
+        if point != value and re.fullmatch(facet["pattern"], point):
+            form += f"; write {point}, with a decimal point"
+        message = message[: facet.start()] + f"the value '{value}' is not {form}"
     return _FACET.sub("", message)

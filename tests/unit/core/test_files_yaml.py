@@ -23,7 +23,7 @@ def refusal(data):
         pytest.param(b"a: 1\nb: 2\na: 3", 3, 'repeats the key "a"', id="key twice"),
         pytest.param(b"- x\n- {b: 1,\n   b: 2}", 3, 'repeats the key "b"', id="key twice in a flow mapping"),
         pytest.param(b"a: 1\n1: x\n'1': y", 3, 'repeats the key "1"', id="number and text are the same key"),
-        pytest.param(b"a:\n\tb: 1", 2, "cannot start any token", id="tab"),
+        pytest.param(b"a:\n\tb: 1", 2, "a tab indents the line", id="tab"),
         pytest.param(b"\n? [a]\n: b", 2, "not plain text", id="list as key"),
         pytest.param(b"\n? {a: b}\n: b", 2, "not plain text", id="mapping as key"),
         pytest.param(b"a: 1\nb: *x", 2, "undefined alias", id="unknown alias"),

@@ -37,13 +37,18 @@ def test_a_share_may_be_a_percentage():
     assert [parse_share(text) for text in ("0.35", "7/20", " 35% ", "35 %")] == [Fraction(7, 20)] * 4
 
 
+def test_a_decimal_comma_is_refused_with_the_point():
+    with pytest.raises(ValueError, match=r"not a number; write 1\.5, with"):
+        parse_rational("1,5")
+
+
 @pytest.mark.parametrize("text", ["%", "-5%", "5%%", "5%1"])
 def test_what_is_no_share_is_refused(text):
     with pytest.raises(ValueError, match="not a number; write it as"):
         parse_share(text)
 
 
-@pytest.mark.parametrize("text", ["", "-1", "+1", ".5", "1.", "1e5", "1/", "0.5/2", "1 /2", "½", "1,5", "nan", "1_0"])
+@pytest.mark.parametrize("text", ["", "-1", "+1", ".5", "1.", "1e5", "1/", "0.5/2", "1 /2", "½", "nan", "1_0"])
 def test_what_is_no_number_is_refused(text):
     with pytest.raises(ValueError, match="not a number; write it as"):
         parse_rational(text)

@@ -19,11 +19,16 @@ if TYPE_CHECKING:
 
 def export_files(exporter: Exporter, model: str, schedule: str, target: str, options: ExportOptions) -> int:
     """Export files of the user, and report what the target cannot do; return the exit code."""
-    from halpipe.flow.formats import export_with_remarks
+    from halpipe.core.files import refuse_inputs, refuse_name
+    from halpipe.flow.formats import endings_of, export_with_remarks
     from halpipe.importers.native import read_model, read_schedule
 
-    tables = read_schedule(schedule) if schedule else None
-    exported = export_with_remarks(exporter.name, read_model(model), tables, options)
+    system, tables = read_model(model), read_schedule(schedule) if schedule else None
+    endings = endings_of(exporter.name, options)
+    if endings:
+        refuse_inputs(target)
+    refuse_name(target, *endings)
+    exported = export_with_remarks(exporter.name, system, tables, options)
     remarks = _with_folders(exported.remarks, [model, schedule, *_paths(options)])
     write_export(replace(exported, remarks=tuple(remarks)), target)
     if exporter.shown and not output.is_quiet():

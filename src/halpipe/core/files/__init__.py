@@ -15,7 +15,15 @@ from halpipe.core.files.folders import (
     write_directory,
     write_new_folder,
 )
-from halpipe.core.files.protection import OUTPUT_IS_INPUT, STDIO, is_input, protecting_inputs, refuse_inputs
+from halpipe.core.files.protection import (
+    OUTPUT_IS_INPUT,
+    STDIO,
+    WRONG_ENDING,
+    is_input,
+    protecting_inputs,
+    refuse_inputs,
+    refuse_name,
+)
 from halpipe.core.files.reading import (
     CANNOT_READ,
     MAX_INPUT_BYTES,
@@ -58,6 +66,7 @@ __all__ = [
     "STDIO",
     "TOO_LARGE",
     "TOO_MUCH",
+    "WRONG_ENDING",
     "LargeXmlParser",
     "SourceLines",
     "YamlList",
@@ -79,6 +88,7 @@ __all__ = [
     "refuse_foreign",
     "refuse_inputs",
     "refuse_more_than",
+    "refuse_name",
     "remove_output",
     "sha256",
     "write_directory",

@@ -22,6 +22,16 @@ OUTPUT_IS_INPUT = error(
     "or another spelling of the path. Nothing is written, since one of the two would be lost.",
 )
 
+WRONG_ENDING = error(
+    "HAL0009",
+    "Name of an output states another format",
+    "The name ends as those of files of another format do, so programs would open the file as what it is not. Nothing "
+    "is written.",
+)
+
+ENDINGS = frozenset("amxmi arxml btf csv dot gif gv htm html jpeg jpg json pdf png svg xlsx xml yaml yml".split())  # noqa: SIM905
+"""Endings that state a format; others say nothing, and may be of any output."""
+
 STDIO = "-"
 HELP = "name another file for the output"
 
@@ -63,6 +73,15 @@ def refuse_inputs(*targets: str) -> None:
             seen[place] = target
     if found:
         raise HalpipeError(*found, exit=Exit.USAGE)
+
+
+def refuse_name(target: str, *endings: str) -> None:
+    """Stop if the name of an output states another format than `endings` do (none: any name is right)."""
+    ending = os.path.splitext(target)[1]
+    if endings and ending[1:].lower() in ENDINGS and ending.lower() not in endings:
+        text = f'ends in "{ending}", but the file is one of those that end in "{endings[0]}"'
+        help = f"name it {os.path.basename(target).removesuffix(ending)}{endings[0]}"
+        raise HalpipeError(WRONG_ENDING(text, at=Location(target), help=help), exit=Exit.USAGE)
 
 
 def is_input(target: str) -> bool:

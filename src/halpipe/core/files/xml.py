@@ -41,7 +41,7 @@ def parse_xml(data: bytes, name: str, *, long_texts: bool = False) -> etree._Ele
     try:
         root = etree.fromstring(data, parser)
     except (etree.XMLSyntaxError, ValueError) as failure:
-        found = _syntax_errors(parser, failure, name, is_xml=_begins_as_xml(data))
+        found = _syntax_errors(parser, failure, name, data, is_xml=_begins_as_xml(data))
         is_plain = _PLAIN_ENCODING.match(data) is not None  # one in which a DOCTYPE would have been seen
         if not (long_texts and is_plain) or not any(_LONG_TEXT.search(entry.message) for entry in parser.error_log):
             raise HalpipeError(*found) from None
@@ -180,8 +180,29 @@ def _begins_as_xml(data: bytes) -> bool:
 _ADVICE_TO_PROGRAMMERS = re.compile(r",? (?:use|try|see) xml\w+(?: option)?\.?$", re.IGNORECASE)
 
 
-def _syntax_errors(parser: Any, failure: Exception, name: str, *, is_xml: bool = True) -> list[Diagnostic]:
-    help = "repair the file" if is_xml else "this is no XML; `halpipe import` reads graphs, traces and other sources"
+KINDS = (
+    (
+        r"#version|\[\s*\{|\{\s*\"|[^\n:]*\b(task|start|end)\b[^\n:]*[,;\t]",
+        "a trace comes second: `halpipe compare SCHEDULE TRACE`",
+    ),
+    (r"(strict\s+)?(di)?graph\b", "import the graph first: `halpipe import ros FILE -o model.xml`"),
+    (r"halpipe-pipeline:", "run the pipeline file: `halpipe run FILE`"),
+    (r"halpipe-overlay:", "give the overlay to an import: `halpipe import FORMAT SOURCE --overlay FILE -o model.xml`"),
+)
+"""Beginnings of files of other kinds, and what to do with these."""
+
+
+def kind_of(data: bytes) -> str:
+    """Return what to do with a file of another kind, by its beginning."""
+    begin = re.sub(r"\A(\s*(#(?!version)|//)[^\n]*\n)*\s*", "", data[:2000].decode("utf-8-sig", "replace"))
+    found = (advice for form, advice in KINDS if re.match(form, begin, re.IGNORECASE))
+    return next(found, "`halpipe import` makes a model of other sources")
+
+
+def _syntax_errors(
+    parser: Any, failure: Exception, name: str, data: bytes = b"", *, is_xml: bool = True
+) -> list[Diagnostic]:
+    help = "repair the file" if is_xml else f"this is no XML; {kind_of(data)}"
     entries = [(entry.line, entry.message) for entry in parser.error_log if entry.level_name in ("ERROR", "FATAL")]
     unique = list(dict.fromkeys(entries))[:MAX_SYNTAX_ERRORS] or [(getattr(failure, "lineno", 0) or 0, str(failure))]
     return [

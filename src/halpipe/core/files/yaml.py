@@ -54,6 +54,7 @@ def parse_yaml(data: bytes, name: str) -> Any:
         mark = failure.problem_mark or failure.context_mark
         line = mark.line + 1 if mark else 0
         text = " ".join(part for part in (failure.context, failure.problem) if part)
+        _refuse_tabs(data, name)
         raise _broken_yaml(name, line, text or "malformed") from None
     except yaml.reader.ReaderError as failure:
         line = data.count(b"\n", 0, failure.position) + 1
@@ -61,6 +62,14 @@ def parse_yaml(data: bytes, name: str) -> Any:
     except (yaml.YAMLError, ValueError) as failure:
         raise _broken_yaml(name, 0, " ".join(str(failure).split())) from None
     return None if node is None else _YamlBuilder(name).build(node, 0)
+
+
+def _refuse_tabs(data: bytes, name: str) -> None:
+    """Blame a tab at the beginning of a line, which parsers report as one character among many."""
+    for number, line in enumerate(data.splitlines(), 1):
+        if b"\t" in line[: len(line) - len(line.lstrip())]:
+            text, help = "a tab indents the line; YAML has spaces only", "indent the line with spaces"
+            raise HalpipeError(BROKEN_YAML(text, at=Location(name, number), help=help))
 
 
 def _broken_yaml(name: str, line: int, text: str) -> HalpipeError:

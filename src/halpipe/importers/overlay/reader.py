@@ -95,7 +95,7 @@ def _read_file(path: str, findings: Findings) -> Overlay:
         line = getattr(document, "line", 0)
         findings.add(NOT_AN_OVERLAY(problem, at=Location(path, line), help=help))
         return Overlay()
-    return _overlay(Fields(path, findings, document, "overlay", _TOP))
+    return _overlay(Fields(path, findings, document, "overlay", _TOP, inside={"platform": _PLATFORM}))
 
 
 def _not_an_overlay(document: Any) -> str:

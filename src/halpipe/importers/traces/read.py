@@ -69,5 +69,8 @@ def _reader(text: str, file: str) -> Callable[[str, str, Findings], list[Trace]]
         help = "export the starts and ends of callbacks: durations do not say when a job ran"
         message = "it has durations, but no starts and ends"
         raise HalpipeError(codes.UNKNOWN_TRACE(message, at=Location(file, 1), help=help))
+    if first.startswith("<"):
+        help = "compare takes the schedule first, then the trace: `halpipe compare SCHEDULE TRACE`"
+        raise HalpipeError(codes.UNKNOWN_TRACE("this is XML", at=Location(file, 1), help=help))
     shown = first if len(first) <= 60 else first[:60] + "..."
     raise HalpipeError(codes.UNKNOWN_TRACE(f"it begins with {shown!r}", at=Location(file, 1), help=FORMS))
