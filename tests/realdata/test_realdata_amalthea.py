@@ -205,15 +205,27 @@ def test_labels_that_nothing_writes_are_modes_and_others_are_data():
     assert len(read("app4mc_state_machine_2.amxmi").model.modes) == 1
 
 
+def test_timed_accesses_of_toro_are_logical_execution_times():
+    tasks = read("toro_example.amxmi").model.tasks
+    assert {t.name: str(t.let) for t in tasks if t.let is not None} == {
+        "LET_T7": "4ms",
+        "LET_T8": "5ms",
+        "LET_T9": "8ms",
+        "LET_T12": "8ms",
+        "LET_T13": "3ms",
+    }
+
+
 def test_chains_and_ages_of_toro():
     chains = {chain.name: chain for chain in read("toro_example.amxmi").model.chains}
     assert chains["chain3_let"].tasks == ("LET_T7", "LET_T8", "LET_T9")
+    whole = chains.pop("ProcessChain1")
+    assert (str(whole.max_latency), str(whole.anchor)) == ("150ms", "release")
     assert {name: str(chain.max_age) for name, chain in chains.items()} == {
         "chain1_bet": "45ms",
         "chain2_bet": "25ms",
         "chain3_let": "25ms",
         "chain4_mixed": "50ms",
-        "ProcessChain1": "150ms",
     }
 
 

@@ -13,6 +13,7 @@ from halpipe.importers.amalthea.embedded import read_embedded
 from halpipe.importers.amalthea.graph import Evaluator
 from halpipe.importers.amalthea.hardware import read_hardware
 from halpipe.importers.amalthea.interrupts import interrupts_of
+from halpipe.importers.amalthea.locks import Locks
 from halpipe.importers.amalthea.mapping import Mapping
 from halpipe.importers.amalthea.memory import Memories
 from halpipe.importers.amalthea.modefiles import is_list, merge, read_list
@@ -27,7 +28,7 @@ from halpipe.importers.amalthea.timing import reactions_of, read_timing
 from halpipe.importers.amalthea.versions import UNIT, VersionMaker
 from halpipe.importers.amalthea.xmi import Forest
 from halpipe.importers.common.base import Coverage, Imported
-from halpipe.models import Mode, Origin, Run, TaskModel, Unit
+from halpipe.models import Mode, Origin, Resource, ResourceKind, Run, TaskModel, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -103,7 +104,10 @@ def _model(
     _stop_without_tasks(forest, drafts, findings)
     memories = Memories(forest, hardware)
     splitter = Splitter(evaluator, options.pieces, added=options.memory == "added")
-    makers = VersionMaker(forest, evaluator, memories, units, modes=modes, memory=options.memory, splitter=splitter)
+    locks = Locks(forest, evaluator, [memories.name(item) for item in hardware.memories])
+    makers = VersionMaker(
+        forest, evaluator, memories, units, modes=modes, memory=options.memory, splitter=splitter, locks=locks
+    )
     mapping = Mapping(forest) if options.mapping == "stated" else None
     timing = read_timing(forest, drafts)
     builder = TaskBuilder(
@@ -115,7 +119,7 @@ def _model(
     model = TaskModel(
         name=legal(options.name or _name(paths)),
         units=_units(hardware, units, interrupts),
-        resources=memories.resources(built.resources),
+        resources=(*memories.resources(built.resources), *_locks(locks)),
         tasks=built.tasks,
         chains=_named(forest, built.chains),
         modes=runs,
@@ -148,6 +152,14 @@ def _name(paths: Sequence[str]) -> str:
 
 
 # --------------------------------------------------------------------------------------------- platform
+
+
+def _locks(locks: Locks) -> tuple[Resource, ...]:
+    found = []
+    for item, name in locks.names.items():
+        at = item.at
+        found.append(Resource(name=name, kind=ResourceKind.LOCK, origin=Origin(at.file, at.line, item.name)))
+    return tuple(found)
 
 
 def _unit_names(forest: Forest, hardware: Hardware) -> dict[Item, str]:

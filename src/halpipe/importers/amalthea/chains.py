@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea import codes
+from halpipe.models import Anchor
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.entities import Entities
@@ -25,13 +26,20 @@ _BEGINS = ("activate", "start")
 
 @record
 class Chained:
-    """A chain of drafts in the order of the data, with its limits."""
+    """A chain of drafts in the order of the data, with its limits.
+
+    `is_polled`: it begins at the arrivals that its first task polls for, so that its latency is a reaction time.
+    """
 
     name: str
     drafts: tuple[Draft, ...]
     item: Item
+    latency: Duration | None = None
     reaction: Duration | None = None
     age: Duration | None = None
+    anchor: Anchor | None = None
+    to: Anchor | None = None
+    is_polled: bool = False
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
@@ -74,16 +82,49 @@ class _Reader:
             help = "let the parts begin, follow on each other and end as the chain does"
             self.forest.report(codes.CONTRADICTION, f"is not imported: {broken}", item, help)
             return []
-        paths = [(way, path) for way in found if (path := self._tasks(way.events)) is not None]
-        if not paths or len(paths) < len(found):
+        known = [(way, self._tasks(way.events)) for way in found]
+        if any(path is None for _, path in known):
             self.bad.append(item)
+        paths = [(way, each) for way, path in known if path is not None for each in self._activated(path)]
         if paths:
             item.use_all()
         for way, _ in paths:
             for event in way.events:
                 event.use()
         names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
-        return [Chained(name, path, item) for name, (_, path) in zip(names, paths, strict=True)]
+        return [
+            replace(_begun(Chained(name, path, item), self._begin(way)), to=self._end(way))
+            for name, (way, path) in zip(names, paths, strict=True)
+        ]
+
+    def _activated(self, path: tuple[Draft, ...]) -> list[tuple[Draft, ...]]:
+        """Return a path for each activation of its first and of its last task.
+
+        Between them one activation is enough: with more, data could only pass earlier.
+        """
+        firsts, lasts = self._equal(path[0]), self._equal(path[-1])
+        if len(path) == 1:
+            return [(first,) for first in firsts]
+        return [(first, *path[1:-1], last) for first in firsts for last in lasts]
+
+    def _equal(self, draft: Draft) -> list[Draft]:
+        drafts = self.entities.of(draft.task)
+        return [draft] if any(other.part.index for other in drafts) else list(drafts)
+
+    def _begin(self, way: _Way) -> Anchor | None:
+        """Return the instant of the first task from which a chain counts; None: its start."""
+        place = self.entities.place(way.events[0])
+        if place is None or place.anchor is Anchor.START:
+            return None
+        is_inner = place.anchor is Anchor.END and way.events[0].kind != "ProcessEvent"
+        return None if is_inner else place.anchor  # within a job: its start is before
+
+    def _end(self, way: _Way) -> Anchor | None:
+        """Return the instant of the last task to which a chain counts; None: its end."""
+        return Anchor.START if way.events[-1].kind == "ProcessEvent" and self._is_begin(way.events[-1]) else None
+
+    def _is_begin(self, event: Item) -> bool:
+        return event.get("eventType") in _BEGINS
 
     def _ways(self, item: Item, level: int) -> list[_Way]:
         """Return each way through a chain."""
@@ -192,8 +233,9 @@ class _Reader:
             time = self._maximum(item)
             minimum = item.one("minimum")
             least = None if minimum is None else self.forest.time(minimum)
-            is_known = any(chain.item is scope for chain in chains)
-            if scope is None or time is None or kind not in ("Age", "Reaction") or not is_known:
+            known = [chain for chain in chains if chain.item is scope]
+            is_unread = kind not in ("Age", "Reaction") or (kind == "Age" and any(chain.is_polled for chain in known))
+            if scope is None or time is None or not known or is_unread:
                 self.unread.append(item)
                 continue
             if least:
@@ -201,12 +243,11 @@ class _Reader:
             item.use_all()
             kept = limits.setdefault(scope, {})
             kept[kind] = min(time, kept.get(kind, time))
-        return [
-            replace(
-                chain, reaction=limits.get(chain.item, {}).get("Reaction"), age=limits.get(chain.item, {}).get("Age")
-            )
-            for chain in chains
-        ]
+        return [self._with_limits(chain, limits.get(chain.item, {})) for chain in chains]
+
+    def _with_limits(self, chain: Chained, limits: Mapping[str, Duration]) -> Chained:
+        """Return a chain with its limits; a reaction counts from each stimulus event, as a latency does."""
+        return replace(_within(chain, limits.get("Reaction")), age=limits.get("Age"))
 
     def _maximum(self, item: Item) -> Duration | None:
         stated = item.one("maximum")
@@ -215,14 +256,14 @@ class _Reader:
     # ------------------------------------------------------------------------- processes and data ages
 
     def processes(self) -> list[Chained]:
-        """Return chains of processes; an end-to-end limit counts from the first start to the last end."""
-        found: dict[Item, Chained] = {}
+        """Return chains of processes; an end-to-end limit counts from the first activation to the last end."""
+        found: dict[Item, list[Chained]] = {}
         for item in self.forest.kinds("ProcessChain"):
             tasks = self.forest.refs(item, "processes")
             parts = [self.entities.path(task) for task in tasks]
             if parts and all(parts) and len(tasks) == len(item.get("processes").split()):
                 item.use_all()
-                found[item] = Chained(item.name, tuple(draft for drafts in parts for draft in drafts), item)
+                found[item] = self._process_chains(item, tuple(draft for drafts in parts for draft in drafts))
             else:
                 self.bad.append(item)
         for item in self.forest.kinds("ProcessChainRequirement"):
@@ -231,12 +272,24 @@ class _Reader:
             time = None if stated is None else self.forest.time(stated)
             upper = limit is not None and limit.get("limitType") in ("UpperLimit", "")
             known = found.get(chain) if chain is not None else None
-            if known is None or time is None or limit is None or limit.get("metric") != "EndToEnd" or not upper:
+            if (
+                chain is None
+                or known is None
+                or time is None
+                or limit is None
+                or limit.get("metric") != "EndToEnd"
+                or not upper
+            ):
                 self.unread.append(item)
                 continue
             item.use_all()
-            found[known.item] = replace(known, age=time if known.age is None else min(time, known.age))
-        return list(found.values())
+            found[chain] = [_within(one, time) for one in known]
+        return [one for known in found.values() for one in known]
+
+    def _process_chains(self, item: Item, path: tuple[Draft, ...]) -> list[Chained]:
+        paths = self._activated(path)
+        names = [item.name] if len(paths) == 1 else [f"{item.name}.{i}" for i, _ in enumerate(paths, 1)]
+        return [_begun(Chained(name, each, item), Anchor.RELEASE) for name, each in zip(names, paths, strict=True)]
 
     def ages(self) -> list[Chained]:
         """Return a chain from each writer of a label to the tasks whose runnable must read it fresh."""
@@ -263,6 +316,36 @@ class _Reader:
 def _only(drafts: Sequence[Draft]) -> Draft | None:
     """Return the first of drafts that all belong to one task."""
     return drafts[0] if len({draft.task for draft in drafts}) == 1 else None
+
+
+def _begun(chain: Chained, anchor: Anchor | None) -> Chained:
+    """Return a chain that counts from an instant of its first task: from the activation if that is its release.
+
+    A triggered task is activated by the job before it, so the chain begins there: at its end if that is the trigger,
+    else at its start, which is earlier.
+    """
+    first = chain.drafts[0]
+    if anchor is not Anchor.RELEASE:
+        return replace(chain, anchor=anchor)
+    if first.release is not None:
+        return replace(chain, anchor=Anchor.RELEASE)
+    if first.trigger is None:
+        return replace(chain, is_polled=True)
+    anchor = Anchor.END if first.trigger.is_last else None
+    return replace(chain, drafts=(first.trigger.source, *chain.drafts), anchor=anchor)
+
+
+def _within(chain: Chained, limit: Duration | None) -> Chained:
+    """Return a chain with a limit from each event at its begin to the response."""
+    if limit is None:
+        return chain
+    if chain.is_polled:
+        return replace(chain, reaction=_least(limit, chain.reaction))
+    return replace(chain, latency=_least(limit, chain.latency))
+
+
+def _least(limit: Duration, known: Duration | None) -> Duration:
+    return limit if known is None else min(limit, known)
 
 
 def _with_ends(ends: Sequence[Item | None], way: _Way) -> _Way:

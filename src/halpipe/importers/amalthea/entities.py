@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from halpipe.core.records import record
 from halpipe.importers.amalthea.graph import CALLS, everything
+from halpipe.models import Anchor
 
 if TYPE_CHECKING:
     from halpipe.importers.amalthea.parts import Draft, Drafts
@@ -16,13 +17,18 @@ _ENDS = ("terminate",)
 
 @record
 class Place:
-    """The drafts that an event happens in, whether it is their end, and which of them write the label of the event."""
+    """The drafts that an event happens in, their instant, and which of them write the label of the event."""
 
     drafts: tuple[Draft, ...]
-    is_end: bool
+    anchor: Anchor
     runnable: Item | None = None
     label: Item | None = None
     writers: tuple[Draft, ...] = ()
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the event is the end of jobs."""
+        return self.anchor is Anchor.END
 
 
 class Entities:
@@ -83,6 +89,8 @@ class Entities:
         if entity is None:
             return None
         is_end = event.get("eventType") in _ENDS
+        is_release = event.kind == "StimulusEvent" or event.get("eventType") == "activate"
+        anchor = Anchor.END if is_end else Anchor.RELEASE if is_release else Anchor.START
         drafts = self._drafts(event, entity)
         if event.kind == "ProcessEvent":  # the parts of a task that waits: its start is that of the first
             drafts = [d for d in drafts if d.part.index == (self._last(d) if is_end else 0)]
@@ -90,9 +98,9 @@ class Entities:
         if not drafts:
             return None
         if event.kind != "LabelEvent":
-            return Place(tuple(drafts), is_end, runnable)
+            return Place(tuple(drafts), anchor, runnable)
         writers = self.writers(entity) if event.get("eventType") != "read" else []
-        return Place(tuple(drafts), is_end, runnable, entity, tuple(draft for draft in drafts if draft in writers))
+        return Place(tuple(drafts), anchor, runnable, entity, tuple(draft for draft in drafts if draft in writers))
 
     def _last(self, draft: Draft) -> int:
         return max(other.part.index for other in self._by_task[draft.task])

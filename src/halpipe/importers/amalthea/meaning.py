@@ -63,7 +63,7 @@ READ = {
     "RunnableInstructions InstructionsDeviation InstructionsConstant": f"default extended {_BOUNDS}",
     "ExecutionNeed": "needs default",
     "needs extended": "key value",
-    "LabelAccess": "data access=read|write statistic implementation=explicit|_explicit_|implicit "
+    "LabelAccess": "data access=read|write statistic implementation=explicit|_explicit_|implicit|timed "
     "dataStability=inherited|noProtection buffered=notBuffered|inherited",
     "statistic LabelAccessStatistic RunEntityCallStatistic": "read write value statistic",
     "MinAvgMaxStatistic": "min avg max",
@@ -71,6 +71,8 @@ READ = {
     "InterProcessTrigger InterProcessActivation": "stimulus counter",
     "CustomEventTrigger": "event counter",
     "SchedulePoint": "",
+    "SemaphoreAccess": "semaphore access=request|exclusive|release",
+    "Semaphore": "maxValue",
     "ModeLabelAssignment": "globalLabel",
     "WaitEvent": "eventMask maskType=AND waitingBehaviour",
     "SetEvent": "eventMask process",
@@ -210,6 +212,8 @@ HARMLESS = {
     "each way through parallel parts of a chain keeps its limits": "EventChain.minItemsCompleted "
     "eventChain.minItemsCompleted",
     "each mode has a schedule, whichever comes first": "ModeLabel.initialValue",
+    "a table lets no job wait for a lock": "SemaphoreAccess.waitingBehaviour Semaphore.semaphoreType "
+    "Semaphore.initialValue Semaphore.ownership Semaphore.priorityCeilingProtocol",
     "the server runs within the call, waiting or not": "SynchronousServerCall.waitingBehaviour",
     "arrivals at the least distance are the densest": "RelativePeriodicStimulus.offset VariableRateStimulus.offset "
     "entries.upperTimeBorder VariableRateStimulus.maxIncreasePerStep VariableRateStimulus.maxDecreasePerStep",

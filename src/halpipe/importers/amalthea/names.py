@@ -31,6 +31,10 @@ class Names:
         self._taken: set[str] = set()
         self._next: dict[str, int] = {}
 
+    def reserve(self, name: str) -> None:
+        """Take a name that something of another kind has."""
+        self._taken.add(name)
+
     def unique(self, name: str, kind: str, at: Location) -> str:
         """Return `name`, made legal, with a number behind it if it is taken."""
         wanted = legal(name)

@@ -49,6 +49,13 @@ class Trigger:
     top: Item | None
     count: Count
 
+    @property
+    def is_last(self) -> bool:
+        """Whether it is the last step of the source, or its end."""
+        if self.top is None:
+            return self.cause.get("eventType") == "terminate"
+        return self.top is self.cause and self.top is self.source.part.steps[-1]
+
 
 @record
 class _Source:
@@ -75,6 +82,12 @@ class Draft:
     def lineage(self) -> list[Item]:
         """The task with those that trigger it."""
         return [self.task, *([] if self.trigger is None else self.trigger.source.lineage)]
+
+    @property
+    def release(self) -> Activation | None:
+        """The activation whose instants are releases of the task of the model: neither polled nor triggered."""
+        known = self.activation
+        return None if known is None or known.distance is not None or self.trigger or self.part.index else known
 
     @property
     def task(self) -> Item:
@@ -265,6 +278,9 @@ class _Drafting:
         help = "let the counter count the triggers of one job of one task, or state the period in an overlay"
         what = "counters are not followed, so that all occurrences activate"
         self.forest.report_each(codes.NOT_READ, what, list(self.occurrences.unread), help)
+        help = "state the WCET of the task and the limits of its data in an overlay"
+        what = "calls with counters work, read and write in each job"
+        self.forest.report_each(codes.NOT_READ, what, list(self.occurrences.counted), help)
 
     def _stop(self, task: Item) -> NoReturn:
         message = f"is activated by more than {MOST} triggers"

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.importers.amalthea import codes
+from halpipe.importers.amalthea.graph import everything
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.splitting import preemption_of
 from halpipe.importers.amalthea.timing import Window
-from halpipe.models import Anchor, Binding, Chain, Origin, Precedence, Task
+from halpipe.models import Anchor, Binding, Chain, Match, Origin, Precedence, Task
 
 if TYPE_CHECKING:
     from collections.abc import Mapping as Map
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from halpipe.importers.amalthea.hardware import Hardware, Pu
     from halpipe.importers.amalthea.mapping import Mapping
     from halpipe.importers.amalthea.memory import Memories
-    from halpipe.importers.amalthea.parts import Draft, Drafts
+    from halpipe.importers.amalthea.parts import Draft, Drafts, Part
     from halpipe.importers.amalthea.timing import Timing
     from halpipe.importers.amalthea.versions import VersionMaker
     from halpipe.importers.amalthea.xmi import Forest, Item
@@ -78,6 +79,8 @@ class TaskBuilder:
         self._mapping = mapping
         self._maker = versions
         self._coverage = coverage
+        self._untimed: list[Item] = []
+        self._parts: Map[Item, Sequence[Part]] = {}
         self._state = _State()
 
     def build(self, drafts: Drafts, timing: Timing) -> Built:
@@ -86,14 +89,28 @@ class TaskBuilder:
             self._versions(draft)
         self._report_unbound(len(drafts.items))
         chains = [
-            self._chain(chain.name, chain.drafts, chain.item, chain.reaction, chain.age) for chain in timing.chains
+            self._chain(
+                chain.name,
+                chain.drafts,
+                chain.item,
+                max_latency=chain.latency,
+                max_reaction=chain.reaction,
+                max_age=chain.age,
+                anchor=chain.anchor,
+                to=chain.to,
+            )
+            for chain in timing.chains
         ]
         limits: dict[Draft, _Limits] = {}
         for draft in drafts.items:
             first = draft.part.index == 0
             limits[draft] = self._limits(draft, drafts, timing, chains) if first else _Limits(FREE)
         precedences = self._precedences(drafts, timing)
+        self._parts = drafts.parts
         tasks = tuple(self._task(draft, limits[draft], precedences) for draft in drafts.items)
+        help = "let a periodic task without waits make them, or state the LET in an overlay"
+        what = "timed accesses are made by tasks that wait, are triggered or poll, and read as others"
+        self._forest.report_each(codes.NOT_READ, what, list(dict.fromkeys(self._untimed)), help)
         return Built(tasks, tuple(chains), self._state.by_mode, list(self._state.resources))
 
     # --------------------------------------------------------------------------------------- versions
@@ -137,7 +154,7 @@ class TaskBuilder:
         else:
             at = draft.task.at
             self._coverage.defaulted(f'task "{draft.name}"', "slack", "1: starts at any time within the deadline", at)
-        return _Limits(slack, deadline)
+        return _Limits(slack, None if draft.trigger is not None else deadline)  # of a trigger, a window
 
     def _whole(self, first: Draft, drafts: Drafts) -> list[Draft]:
         """Return the parts of a task from its first on, each after what it waits for."""
@@ -159,20 +176,23 @@ class TaskBuilder:
         assert draft.activation is not None
         name = f"{draft.name}.response"
         if deadline is None:
-            chains.append(self._chain(name, whole, draft.task, None, None))
+            chains.append(self._chain(name, whole, draft.task))
+            return _Limits(FREE)
+        if draft.trigger is not None:
+            anchor = Anchor.END if draft.trigger.is_last else None
+            tasks = (draft.trigger.source, *whole)
+            chains.append(self._chain(name, tasks, draft.task, max_latency=deadline, anchor=anchor))
             return _Limits(FREE)
         work = _longest_within(deadline, [[v.wcet or ZERO for v in self._state.versions[d]] for d in whole])
         spare = _MICROSECOND * (max(ZERO, deadline - work) / 2 // _MICROSECOND)
-        chains.append(self._chain(name, whole, draft.task, None, deadline - spare))
+        chains.append(self._chain(name, whole, draft.task, max_age=deadline - spare))
         what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
         self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
         return _Limits(min(FREE, spare / draft.activation.period))
 
-    def _chain(
-        self, name: str, drafts: Sequence[Draft], item: Item, reaction: Duration | None, age: Duration | None
-    ) -> Chain:
+    def _chain(self, name: str, drafts: Sequence[Draft], item: Item, **limits: Any) -> Chain:
         origin = Origin(item.at.file, item.at.line, item.name)
-        return Chain(name=name, tasks=tuple(d.name for d in drafts), max_reaction=reaction, max_age=age, origin=origin)
+        return Chain(name=name, tasks=tuple(d.name for d in drafts), origin=origin, **limits)
 
     # -------------------------------------------------------------------------------------- precedence
 
@@ -180,6 +200,11 @@ class TaskBuilder:
         found: dict[Draft, list[Window]] = {draft: [] for draft in drafts.items}
         for draft in drafts.items:
             found[draft] += [Window(source, draft, cause) for source, cause in draft.after.items()]
+            response = self._response(draft, drafts, timing)
+            if response is not None:
+                found[draft] = [
+                    replace(w, high=response.high) if w.earlier is response.earlier else w for w in found[draft]
+                ] + [response]
         for window in timing.windows:
             found[window.later].append(window)
         assumed = [window for windows in found.values() for window in windows if window.high is None]
@@ -192,6 +217,22 @@ class TaskBuilder:
             value = f"from the end of {window.earlier.name}: {window.low} to {_high(window)}"
             self._coverage.defaulted(f'task "{window.later.name}"', "precedence window", value, window.cause.at)
         return found
+
+    def _response(self, draft: Draft, drafts: Drafts, timing: Timing) -> Window | None:
+        """Return the window of a response time that counts from the trigger: to the end, for the job of its cycle."""
+        limit, trigger = timing.deadlines.get(draft.task), draft.trigger
+        if limit is None or trigger is None or len(self._whole(draft, drafts)) > 1:
+            return None
+        anchor, point = Anchor.END, None
+        if not trigger.is_last:
+            point = self._maker.earliest(trigger)
+            anchor = Anchor.POINT if point else Anchor.START
+        own, source = draft.activation, trigger.source.activation
+        same = own is not None and source is not None and own.period == source.period
+        match = Match.CYCLE if same else Match.WINDOW
+        return Window(
+            trigger.source, draft, draft.task, high=limit, anchor=anchor, to_end=True, point=point or None, match=match
+        )
 
     def _with(self, version: Version, index: int, draft: Draft, windows: Sequence[Window]) -> Version:
         """Return a version with the constraints that hold for it."""
@@ -207,6 +248,25 @@ class TaskBuilder:
         """Return `system` for a task that is allocated to one unit: a job of it never runs elsewhere."""
         bound = None if self._mapping is None else self._mapping.units(draft.task)
         return Binding.SYSTEM if bound is not None and len(bound) == 1 else Binding.JOB
+
+    def _let(self, draft: Draft, deadline: Duration | None) -> Duration | None:
+        """Return the logical execution time of a task with timed accesses: up to its deadline or next activation.
+
+        A task that waits, is triggered or polls has none in the model. Other accesses of the task are taken as timed,
+        too, which makes data older, never younger.
+        """
+        steps = [s for s in everything(self._forest, draft.part.steps) if s.kind == "LabelAccess"]
+        timed = [step for step in steps if step.get("implementation") == "timed"]
+        if not timed:
+            return None
+        if draft.release is None or len(self._parts[draft.task]) > 1:
+            self._untimed += timed
+            return None
+        period = draft.release.period
+        if len(timed) < len(steps):
+            at = draft.task.at
+            self._coverage.defaulted(f'task "{draft.name}"', "logical execution time", "all accesses are timed", at)
+        return period if deadline is None else min(period, deadline)
 
     def _task(self, draft: Draft, limits: _Limits, windows: Map[Draft, Sequence[Window]]) -> Task:
         at = draft.task.at
@@ -224,6 +284,7 @@ class TaskBuilder:
             deadline=limits.deadline,
             distance=None if draft.activation is None else draft.activation.distance,
             binding=self._binding(draft),
+            let=self._let(draft, limits.deadline),
             versions=versions,
             origin=Origin(at.file, at.line, legal(draft.task.name)),
         )
@@ -246,13 +307,17 @@ def _high(window: Window) -> Duration:
 
 
 def _precedence(window: Window, version: Version) -> Precedence:
-    """Return a window as a constraint of a version; one that is stated for the end is moved by the WCET."""
-    shift = version.wcet or ZERO if window.shifted else ZERO
+    """Return a window as a constraint of a version; one for the end of a job in one piece is moved by the WCET."""
+    is_moved = window.shifted and not version.split.is_allowed
+    shift = version.wcet or ZERO if is_moved else ZERO
     at = window.cause.at
     return Precedence(
         task=window.earlier.name,
         min=max(ZERO, window.low - shift),
         max=max(ZERO, _high(window) - shift),
         anchor=window.anchor if window.high is not None else Anchor.END,
+        point=window.point,
+        to=Anchor.END if window.to_end or (window.shifted and not is_moved) else Anchor.START,
+        match=window.match,
         origin=Origin(at.file, at.line, legal(window.cause.name or window.cause.kind)),
     )

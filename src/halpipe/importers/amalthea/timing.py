@@ -14,7 +14,7 @@ from halpipe.importers.amalthea.chains import Chained, read_chains
 from halpipe.importers.amalthea.entities import Entities, Place
 from halpipe.importers.amalthea.names import legal
 from halpipe.importers.amalthea.reactions import MAPPINGS, Reaction
-from halpipe.models import Anchor, Origin
+from halpipe.models import Anchor, Match, Origin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -34,9 +34,10 @@ _UNREAD = (
 
 @record
 class Window:
-    """The start of `later` lies `low` to `high` after the start or end of `earlier`; `high` None: not stated.
+    """The start of `later` lies `low` to `high` after the instant `anchor` of `earlier`; `high` None: not stated.
 
-    `shifted`: the window is stated for the end of `later`. `runnable`: it holds where that runnable runs only.
+    `shifted` and `to_end`: the window is for the end of `later`. `runnable`: it holds where that runnable runs only.
+    `point`: the execution time of `earlier`, for that anchor. `match`: any job of `earlier`, or that of the same cycle.
     """
 
     earlier: Draft
@@ -46,7 +47,10 @@ class Window:
     high: Duration | None = None
     anchor: Anchor = Anchor.END
     shifted: bool = False
+    to_end: bool = False
     runnable: Item | None = None
+    point: Duration | None = None
+    match: Match = Match.WINDOW
 
 
 @dataclass(slots=True)
@@ -134,22 +138,29 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
         source, target = (entities.place(forest.ref(item, end)) for end in ("source", "target"))
         low, high = limit_of(forest, item, "lower"), limit_of(forest, item, "upper")
         pairs = _pairs(source, target)
-        if source is None or target is None or not pairs:
+        if source is None or target is None or not pairs or target.anchor is Anchor.RELEASE:
             bad.append(item)
             continue
         item.use_all()
         _use_events(forest, item)
-        anchor = Anchor.END if source.is_end else Anchor.START
+        anchor = source.anchor
+        if anchor is Anchor.RELEASE and any(earlier.release is None for earlier, _ in pairs):
+            bad.append(item)
+            continue
         runnable = target.runnable if target.runnable is not None and not target.is_end else None
         windows = [
-            Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable) for earlier, later in pairs
+            Window(earlier, later, item, low or ZERO, high, anchor, target.is_end, runnable=runnable)
+            for earlier, later in pairs
         ]
         mapping = item.get("mappingType")
         if mapping not in (*MAPPINGS, *_NO_MAPPING):
             help = f"write one of {', '.join(MAPPINGS)}"
             text = f"each target gets a source: the mapping {quoted(mapping)} is unknown"
             forest.report(codes.REACTION, text, item, help)
-        if mapping not in MAPPINGS:
+        if mapping in MAPPINGS and anchor is Anchor.RELEASE:
+            text = "each target gets a source, not each source a target: the source is an activation"
+            forest.report(codes.REACTION, text, item, "let the source be a start or an end")
+        if mapping not in MAPPINGS or anchor is Anchor.RELEASE:
             timing.windows += windows
         elif high is None:
             continue  # some later target always comes
@@ -160,8 +171,8 @@ def _delays(forest: Forest, entities: Entities, timing: Timing) -> None:
             timing.windows += windows
         else:
             timing.reactions += [(mapping, window) for window in windows]
-    help = "let it connect events of tasks"
-    forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two tasks", bad, help)
+    help = "let it connect starts and ends of tasks; the source may also be the activation of a periodic task"
+    forest.report_each(codes.BAD_CHAIN, "delay constraints connect no two instants of tasks", bad, help)
 
 
 def _use_events(forest: Forest, item: Item) -> None:

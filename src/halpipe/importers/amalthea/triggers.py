@@ -58,13 +58,17 @@ def thinned(number: int, count: Count) -> list[Count] | None:
 
 
 class Triggers:
-    """Finds the occurrences; `unread` collects the counters that are not followed, so that more occurrences pass."""
+    """Finds the occurrences; `unread` collects the counters that are not followed, so that more occurrences pass.
+
+    `counted` collects calls with counters: what they trigger is thinned, but their work counts in each job.
+    """
 
     def __init__(self, forest: Forest) -> None:
         self._forest = forest
         self._of_runnable: dict[Item, list[Occurrence]] = {}
         self._calling: set[Item] = set()
         self.unread: dict[Item, None] = {}
+        self.counted: dict[Item, None] = {}
 
     def of(self, found: Iterable[Item]) -> list[Occurrence]:
         """Return what some steps of a job trigger and call, each as often as they do."""
@@ -115,6 +119,8 @@ class Triggers:
             self._of_runnable[called] = self._steps(steps(called))
             self._calling.remove(called)
         own = self.counter(step)
+        if own.each > 1:
+            self.counted[step] = None
         inner = [Occurrence(called, step, step), *self._of_runnable[called]]
         times = min(MOST, math.ceil(call_count(self._forest, step, "upper")))
         return [Occurrence(o.target, o.cause, step, own.then(o.count)) for _ in range(times) for o in inner]

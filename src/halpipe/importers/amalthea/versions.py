@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from halpipe.core.durations import seconds
+from halpipe.core.durations import ZERO, seconds
 from halpipe.importers.amalthea import codes
 from halpipe.importers.amalthea.hardware import Pu
 from halpipe.importers.amalthea.memory import length_of, placed
 from halpipe.importers.amalthea.names import legal
-from halpipe.models import WHOLE, Version
+from halpipe.models import WHOLE, Access, AccessKind, Version
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,12 +18,13 @@ if TYPE_CHECKING:
 
     from halpipe.core.durations import Duration
     from halpipe.importers.amalthea.graph import Amount, Evaluator
+    from halpipe.importers.amalthea.locks import Locks
     from halpipe.importers.amalthea.memory import Memories
     from halpipe.importers.amalthea.modes import SystemMode
-    from halpipe.importers.amalthea.parts import Draft
+    from halpipe.importers.amalthea.parts import Draft, Trigger
     from halpipe.importers.amalthea.splitting import Splitter
     from halpipe.importers.amalthea.xmi import Forest, Item
-    from halpipe.models import Access, Split
+    from halpipe.models import Split
 
 UNIT = "core0"
 VERSION = "default"
@@ -50,6 +51,7 @@ class VersionMaker:
         modes: Sequence[SystemMode],
         memory: str,
         splitter: Splitter,
+        locks: Locks,
     ) -> None:
         self._forest = forest
         self._evaluator = evaluator
@@ -58,11 +60,14 @@ class VersionMaker:
         self._modes = modes
         self._memory = memory
         self._splitter = splitter
+        self._locks = locks
         self.too_long: dict[Item, None] = {}
         self.impossible: dict[Item, None] = {}
+        self.candidates: dict[Draft, Sequence[Pu]] = {}
 
     def make(self, draft: Draft, candidates: Sequence[Pu]) -> Versions:
         """Return the versions of a draft on the units that may run it."""
+        self.candidates[draft] = candidates
         modes = [mode for mode in self._modes if mode.name in draft.modes]
         result = Versions(by_mode={mode.name: [] for mode in modes})
         works = []
@@ -126,10 +131,30 @@ class VersionMaker:
             self.too_long[draft.task] = None
         wcet = stated + accesses if self._memory == "added" else max(stated, accesses)
         laid = placed(phases, wcet)
-        return wcet, laid, self._splitter.split(draft, mode, unit, phases, laid, wcet)
+        reads = length_of(p for p in phases if p.kind is AccessKind.READ) if self._memory == "added" else ZERO
+        held = [
+            Access(
+                resource=self._locks.name(lock.semaphore),
+                start=reads + seconds(lock.begin / unit.frequency),
+                end=reads + seconds(lock.end / unit.frequency),
+            )
+            for lock in self._locks.held(draft, mode, unit)
+        ]
+        return wcet, (*laid, *held), self._splitter.split(draft, mode, unit, phases, laid, wcet)
+
+    def earliest(self, trigger: Trigger) -> Duration:
+        """Return the least execution time of a source before the step that triggers, over modes and units."""
+        before = trigger.source.part.steps[: trigger.source.part.steps.index(trigger.top)] if trigger.top else []
+        times = [ZERO] if not self._units or not before else []
+        for unit in self.candidates.get(trigger.source, ()) if before else ():
+            for mode in self._modes:
+                amount = self._evaluator.amount(before, mode, unit)
+                times.append(seconds(amount.cycles / unit.frequency) if unit.frequency and amount.is_known else ZERO)
+        return min(times, default=ZERO)
 
     def report(self) -> None:
         """Report what concerns all tasks."""
+        self._locks.report()
         help = "state where it may be interrupted in an overlay, or the longest piece with --pieces"
         cut = list(self._splitter.cut)
         self._forest.report_each(codes.CUT_RUNNABLES, "preemptive tasks are cut within runnables", cut, help)

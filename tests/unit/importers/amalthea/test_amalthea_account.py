@@ -34,6 +34,8 @@ PLACES = {
     "EventConfig": "configModel/eventsToTrace",
     "MeasurementModel": "measurementModel",
     "LocalModeLabelAssignment": "swModel/runnables/activityGraph/items",
+    "Semaphore": "osModel/semaphores",
+    "SemaphoreAccess": "swModel/runnables/activityGraph/items",
     "PhysicalSectionMapping": "mappingModel/physicalSectionMapping",
     "VariableRateStimulus": "stimuliModel/stimuli",
 }
@@ -84,7 +86,7 @@ def elements(root, kind):
 def plain(tmp_path_factory):
     root = wide()
     for kind in PLACES:
-        if kind != "Channel":
+        if kind not in ("Channel", "SemaphoreAccess"):
             place(root, kind)
     return outcome(tmp_path_factory.mktemp("plain"), wide()), outcome(tmp_path_factory.mktemp("all"), root)
 
@@ -99,13 +101,17 @@ def test_the_model_has_no_warning_and_all_harmless_kinds_change_nothing(plain):
 def test_what_is_harmless_changes_nothing(word, plain, tmp_path):
     kind, _, feature = word.partition(".")
     root = wide()
+    expected = plain[0]
     if not feature:
         place(root, kind)
+    elif kind in PLACES:
+        elements(root, kind)
+        expected = outcome(tmp_path, root)
     for element in list(root.iter("*")) if kind == "*" else elements(root, kind) if feature else []:
         if feature != "name":
             element.set(feature, "7")
             etree.SubElement(element, feature, name="new", value="7")
-    assert outcome(tmp_path, root) == plain[0]
+    assert outcome(tmp_path, root) == expected
 
 
 def test_the_lists_do_not_contradict_each_other():
@@ -130,7 +136,7 @@ def test_an_element_that_is_not_read_warns_with_its_kind_count_and_places(tmp_pa
 @pytest.mark.parametrize(
     ("access", "message"),
     [
-        (ACCESS.format(' implementation="timed"'), 'implementation="timed" of LabelAccess is not imported'),
+        (ACCESS.format(' implementation="later"'), 'implementation="later" of LabelAccess is not imported'),
         (
             ACCESS.format(' dataStability="automaticProtection"'),
             'dataStability="automaticProtection" of LabelAcc',
@@ -161,7 +167,7 @@ def test_what_no_task_reaches_does_not_warn(tmp_path):
 
 
 def test_strict_refuses_what_is_not_read(tmp_path):
-    sw = MAPPED + runnable("R", ticks(5), ACCESS.format(' implementation="timed"'))
+    sw = MAPPED + runnable("R", ticks(5), ACCESS.format(' implementation="later"'))
     failure = refusal(read, tmp_path, sw=sw, strict=True)
     assert failure.exit is Exit.UNSUPPORTED
     assert found(failure.diagnostics, codes.NOT_READ)

@@ -182,7 +182,8 @@ PLACED = stimulus("p4", "PeriodicStimulus", time("recurrence", 4), time("offset"
     ],
 )
 def test_counters_let_every_nth_occurrence_through(tmp_path, step, calls, counter, expected):
-    assert triggered(tmp_path, step, calls, counter) == (expected, [])
+    warnings = ['1 calls with counters work, read and write in each job: RunnableCall in Task "T"']
+    assert triggered(tmp_path, step, calls, counter) == (expected, warnings if "<counter" in calls else [])
 
 
 def test_a_counter_begins_after_its_offset(tmp_path):

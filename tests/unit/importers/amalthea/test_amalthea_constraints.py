@@ -136,7 +136,7 @@ def latency(type, value, scope="c"):
 
 
 def chains(imported):
-    return {c.name: (c.tasks, str(c.max_reaction), str(c.max_age)) for c in imported.model.chains}
+    return {c.name: (c.tasks, str(c.max_latency), str(c.max_age)) for c in imported.model.chains}
 
 
 def test_event_chains_and_their_limits(tmp_path):
@@ -221,7 +221,7 @@ def test_chains_of_processes_with_an_end_to_end_limit(tmp_path):
     sw = SW + '<processChains name="p" processes="T?type=Task V?type=Task"/>'
     end = limit("EndToEnd", 50).replace("ProcessRequirement", "ProcessChainRequirement")
     end = end.replace('process="T?type=Task"', 'processChain="p?type=ProcessChain"')
-    assert chains(read(tmp_path, sw=sw, constraints=end)) == {"p": (("T", "V"), "None", "50ms")}
+    assert chains(read(tmp_path, sw=sw, constraints=end)) == {"p": (("T", "V"), "50ms", "None")}
 
 
 def test_ages_of_data_are_chains_from_writer_to_reader(tmp_path):

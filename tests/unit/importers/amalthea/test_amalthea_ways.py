@@ -5,7 +5,7 @@ from amalthea_case import call, found, read, runnable, task, ticks, wcets
 
 from halpipe.core.durations import Duration
 from halpipe.importers.amalthea import FORMAT, codes
-from halpipe.importers.common.base import ImportOptions
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
 
 # A tick is 1 us; 8 bytes are one access.
 HARDWARE = """
@@ -127,7 +127,7 @@ def split(tmp_path, *steps, preemption="preemptive"):
     bound += '<taskAllocation task="T?type=Task" scheduler="S0?type=TaskScheduler"/>'
     os = '<operatingSystems name="O"><taskSchedulers name="S0"/></operatingSystems>'
     path = write(tmp_path, document(sw=sw, hw=CORES, stimuli=stimuli, mapping=bound, os=os))
-    imported = FORMAT.read([path], ImportOptions(pieces=Duration.parse("5ms")))
+    imported = FORMAT.read([path], AmaltheaImportOptions(pieces=Duration.parse("5ms")))
     [version] = imported.model.task("T").versions
     return [str(point) for point in version.split.points]
 

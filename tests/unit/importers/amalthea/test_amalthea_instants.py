@@ -1,0 +1,264 @@
+"""Requirements by their instants: responses to triggers, limits from activations, latencies, locks, timed accesses."""
+
+import pytest
+from amalthea_case import PLAIN_STIMULI, call, found, read, runnable, stimulus, task, ticks
+
+from halpipe.importers.amalthea import codes
+
+TRIGGER = '<items xsi:type="am:InterProcessTrigger" stimulus="go?type=InterProcessStimulus"/>'
+GO = stimulus("go", "InterProcessStimulus")
+EVENTS = "".join(
+    f'<events xsi:type="am:ProcessEvent" name="{task}{kind}" eventType="{kind}" entity="{task}?type=Task"/>'
+    for task in "TU"
+    for kind in ("activate", "start", "terminate", "preempt")
+)
+
+
+def response(value, task="U"):
+    return f"""<requirements xsi:type="am:ProcessRequirement" name="q" process="{task}?type=Task">
+<limit xsi:type="am:TimeRequirementLimit" limitType="UpperLimit" metric="ResponseTime">
+<limitValue value="{value}" unit="ms"/></limit></requirements>"""
+
+
+def windows(imported, name):
+    return [
+        (p.task, str(p.anchor), str(p.point), str(p.to), str(p.match), str(p.max))
+        for p in imported.model.task(name).versions[0].precedences
+    ]
+
+
+def triggering(*steps):
+    sw = task("T", *steps) + task("U", ticks(100), stimuli="go?type=InterProcessStimulus")
+    return sw + runnable("R", ticks(300), TRIGGER)
+
+
+# A tick of the units of type A, whose version comes first, is 10 ns; those of type B are twice as fast.
+@pytest.mark.parametrize(
+    ("steps", "anchor", "point"),
+    [
+        ([ticks(500), TRIGGER], "end", "None"),
+        ([TRIGGER, ticks(500)], "start", "None"),
+        ([ticks(200), TRIGGER, ticks(500)], "point", "1us"),
+        ([ticks(200), call("R")], "point", "1us"),
+    ],
+)
+def test_a_response_time_counts_from_the_trigger_to_the_end(tmp_path, steps, anchor, point):
+    imported = read(tmp_path, sw=triggering(*steps), stimuli=PLAIN_STIMULI + GO, constraints=response(5))
+    assert windows(imported, "U") == [
+        ("T", "end", "None", "start", "window", "5ms"),
+        ("T", anchor, point, "end", "cycle", "5ms"),
+    ]
+    assert imported.model.task("U").deadline is None
+
+
+def test_a_response_time_of_every_second_trigger_is_a_window(tmp_path):
+    stimuli = PLAIN_STIMULI + stimulus("go", "InterProcessStimulus", '<counter prescaler="2"/>')
+    imported = read(tmp_path, sw=triggering(ticks(5), TRIGGER), stimuli=stimuli, constraints=response(5))
+    assert windows(imported, "U")[1] == ("T", "end", "None", "end", "window", "5ms")
+
+
+def test_a_response_time_of_a_periodic_task_is_its_deadline(tmp_path):
+    imported = read(tmp_path, sw=triggering(TRIGGER), stimuli=PLAIN_STIMULI + GO, constraints=response(5, "T"))
+    assert str(imported.model.task("T").deadline) == "5ms"
+
+
+def test_a_response_time_of_a_triggered_task_that_waits_is_a_latency_from_the_trigger(tmp_path):
+    wait = '<items xsi:type="am:WaitEvent"><eventMask events="e?type=OsEvent"/></items>'
+    give = '<items xsi:type="am:SetEvent"><eventMask events="e?type=OsEvent"/></items>'
+    sw = task("T", ticks(1), TRIGGER) + task("U", ticks(1), wait, ticks(1), stimuli="go?type=InterProcessStimulus")
+    sw += task("G", ticks(1), give) + '<events name="e"/>'
+    imported = read(tmp_path, sw=sw, stimuli=PLAIN_STIMULI + GO, constraints=response(5))
+    [chain] = imported.model.chains
+    assert (chain.tasks, str(chain.anchor), str(chain.max_latency)) == (("T", "U", "G", "U.2"), "end", "5ms")
+
+
+def limits(imported):
+    def shown(chain):
+        kinds = {"latency": chain.max_latency, "reaction": chain.max_reaction, "age": chain.max_age}
+        return {kind: str(limit) for kind, limit in kinds.items() if limit is not None}
+
+    return [(c.tasks, str(c.anchor), str(c.to), shown(c)) for c in imported.model.chains]
+
+
+def chained(tmp_path, first, last, kind, stimuli=PLAIN_STIMULI, source="p10?type=PeriodicStimulus", **options):
+    constraints = (
+        f'<eventChains name="c" stimulus="{first}?type=ProcessEvent" response="{last}?type=ProcessEvent"/>'
+        '<timingConstraints xsi:type="am:EventChainLatencyConstraint" name="l" scope="c?type=EventChain" '
+        f'type="{kind}"><maximum value="20" unit="ms"/></timingConstraints>'
+    )
+    sw = options.pop("sw", task("T", ticks(5), stimuli=source) + task("U", ticks(5)))
+    return read(tmp_path, sw=sw, stimuli=stimuli, events=EVENTS, constraints=constraints)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "anchor", "to"),
+    [
+        ("Tstart", "Uterminate", "None", "None"),
+        ("Tactivate", "Uterminate", "release", "None"),
+        ("Tterminate", "Uterminate", "end", "None"),
+        ("Tstart", "Ustart", "None", "start"),
+        ("Tterminate", "Uactivate", "end", "start"),
+    ],
+)
+@pytest.mark.parametrize(("kind", "limit"), [("Age", "age"), ("Reaction", "latency")])
+def test_limits_count_between_their_events(tmp_path, first, last, anchor, to, kind, limit):
+    imported = chained(tmp_path, first, last, kind)
+    assert limits(imported) == [(("T", "U"), anchor, to, {limit: "20ms"})]
+
+
+def test_other_events_of_processes_are_not_instants_and_warn(tmp_path):
+    [finding] = found(chained(tmp_path, "Tpreempt", "Uterminate", "Age").diagnostics, codes.NOT_READ)
+    assert 'eventType="preempt" of ProcessEvent is not imported' in finding.message
+
+
+SPORADIC = stimulus(
+    "s", "SporadicStimulus", '<stimulusDeviation><lowerBound value="10" unit="ms"/></stimulusDeviation>'
+)
+
+
+def test_a_latency_from_an_arrival_that_is_polled_for_is_a_reaction_time(tmp_path):
+    options = {"stimuli": PLAIN_STIMULI + SPORADIC, "source": "s?type=SporadicStimulus"}
+    imported = chained(tmp_path, "Tactivate", "Uterminate", "Reaction", **options)
+    assert limits(imported) == [(("T", "U"), "None", "None", {"reaction": "20ms"})]
+    imported = chained(tmp_path, "Tactivate", "Uterminate", "Age", **options)
+    assert limits(imported) == [(("T", "U"), "None", "None", {})]
+    assert len(found(imported.diagnostics, codes.NOT_IMPORTED)) == 1
+
+
+@pytest.mark.parametrize(("steps", "anchor"), [((ticks(5), TRIGGER), "end"), ((TRIGGER, ticks(5)), "None")])
+def test_a_chain_from_the_activation_of_a_triggered_task_begins_at_the_trigger(tmp_path, steps, anchor):
+    sw = task("S", *steps) + task("T", ticks(5), stimuli="go?type=InterProcessStimulus") + task("U", ticks(5))
+    imported = chained(tmp_path, "Tactivate", "Uterminate", "Reaction", stimuli=PLAIN_STIMULI + GO, sw=sw)
+    assert limits(imported) == [(("S", "T", "U"), anchor, "None", {"latency": "20ms"})]
+
+
+def test_a_chain_has_one_path_for_each_activation_of_its_ends(tmp_path):
+    both = PLAIN_STIMULI + PLAIN_STIMULI.replace("p10", "q10")
+    imported = chained(
+        tmp_path,
+        "Tstart",
+        "Uterminate",
+        "Age",
+        stimuli=both,
+        source="p10?type=PeriodicStimulus q10?type=PeriodicStimulus",
+    )
+    assert [tasks for tasks, *_ in limits(imported)] == [("T@p10", "U"), ("T@q10", "U")]
+
+
+def delay(first, last, more=""):
+    return f"""<timingConstraints xsi:type="am:DelayConstraint" name="d" source="{first}?type=ProcessEvent"
+target="{last}?type=ProcessEvent"{more}><upper value="4" unit="ms"/><lower value="1" unit="ms"/></timingConstraints>"""
+
+
+def test_a_delay_may_count_from_an_activation_but_not_to_one(tmp_path):
+    sw = task("T", ticks(5)) + task("U", ticks(5))
+    imported = read(tmp_path, sw=sw, events=EVENTS, constraints=delay("Tactivate", "Ustart"))
+    assert windows(imported, "U") == [("T", "release", "None", "start", "window", "4ms")]
+    imported = read(tmp_path, sw=sw, events=EVENTS, constraints=delay("Tstart", "Uactivate"))
+    assert len(found(imported.diagnostics, codes.BAD_CHAIN)) == 1
+    more = ' mappingType="Reaction"'
+    imported = read(tmp_path, sw=sw, events=EVENTS, constraints=delay("Tactivate", "Ustart", more))
+    assert len(found(imported.diagnostics, codes.REACTION)) == 1
+
+
+def test_a_delay_to_the_end_of_a_preemptive_task_is_a_window_to_the_end(tmp_path):
+    sw = task("T", ticks(5)) + task("U", call("R"), call("R")).replace("<tasks ", '<tasks preemption="cooperative" ')
+    imported = read(tmp_path, sw=sw + runnable("R", ticks(5)), events=EVENTS, constraints=delay("Tstart", "Uterminate"))
+    assert windows(imported, "U") == [("T", "start", "None", "end", "window", "4ms")]
+
+
+# --------------------------------------------------------------------------------------------------- locks
+
+
+def lock(access, name="L"):
+    return f'<items xsi:type="am:SemaphoreAccess" semaphore="{name}?type=Semaphore" access="{access}"/>'
+
+
+def held(tmp_path, *steps, semaphore='<semaphores name="L" maxValue="1"/>', more="", **options):
+    sw = task("T", *steps) + runnable("R", ticks(100), lock("request"), ticks(200), lock("release")) + more
+    imported = read(tmp_path, sw=sw, os=semaphore, **options)
+    [version, *_] = imported.model.task("T").versions
+    kinds = {resource.name: str(resource.kind) for resource in imported.model.resources}
+    spans = [(a.resource, str(a.start), str(a.end)) for a in version.accesses if kinds[a.resource] == "lock"]
+    return spans, [d.message for d in found(imported.diagnostics, codes.NOT_READ)]
+
+
+REQUEST, RELEASE = lock("request"), lock("release")
+
+
+@pytest.mark.parametrize(
+    ("steps", "spans"),
+    [
+        ([REQUEST, ticks(600), RELEASE], [("L", "0ms", "6us")]),
+        ([ticks(100), REQUEST, ticks(600), RELEASE, ticks(300)], [("L", "1us", "7us")]),
+        ([lock("exclusive"), ticks(600), RELEASE], [("L", "0ms", "6us")]),
+        ([call("R"), call("R")], [("L", "1us", "3us"), ("L", "4us", "6us")]),
+        ([REQUEST, ticks(100), RELEASE, REQUEST, ticks(100), RELEASE], [("L", "0ms", "2us")]),
+        ([REQUEST, RELEASE, ticks(100)], []),
+        (['<items xsi:type="am:Group">', REQUEST, ticks(100), RELEASE, "</items>", ticks(100)], [("L", "0ms", "1us")]),
+        (
+            [
+                ticks(100),
+                '<items xsi:type="am:ProbabilitySwitch"><entries>',
+                *(ticks(50), REQUEST, ticks(100), RELEASE),
+                f"</entries><entries>{ticks(300)}</entries></items>",
+                ticks(100),
+            ],
+            [("L", "1us", "4us")],
+        ),
+    ],
+)
+def test_a_semaphore_is_a_lock_from_its_request_to_its_release(tmp_path, steps, spans):
+    assert held(tmp_path, *steps) == (spans, [])
+
+
+def test_requests_without_release_hold_to_the_end_and_warn(tmp_path):
+    spans, warnings = held(tmp_path, ticks(100), REQUEST, ticks(100))
+    assert spans == [("L", "1us", "2us")]
+    assert len(warnings) == 1
+    assert len(held(tmp_path, ticks(100), RELEASE)[1]) == 1
+
+
+def test_a_semaphore_that_several_may_hold_is_no_lock_and_warns(tmp_path):
+    spans, warnings = held(tmp_path, REQUEST, ticks(5), RELEASE, semaphore='<semaphores name="L" maxValue="2"/>')
+    assert spans == []
+    assert warnings == ["1 semaphores may be held several times, so they exclude nothing: L"]
+
+
+def test_points_within_a_lock_stay_and_pieces_too(tmp_path):
+    sw = task("T", REQUEST, call("R"), call("R"), RELEASE).replace("<tasks ", '<tasks preemption="cooperative" ')
+    imported = read(tmp_path, sw=sw + runnable("R", ticks(100)), os='<semaphores name="L"/>')
+    [version, *_] = imported.model.task("T").versions
+    assert [str(p) for p in version.split.points] == ["1us"]
+    assert [(str(a.start), str(a.end)) for a in version.accesses] == [("0ms", "2us")]
+
+
+# ------------------------------------------------------------------------------------------ timed accesses
+
+
+def access(implementation, kind="read"):
+    return f'<items xsi:type="am:LabelAccess" data="L?type=Label" access="{kind}" implementation="{implementation}"/>'
+
+
+@pytest.mark.parametrize(("deadline", "let"), [(None, "10ms"), (8, "8ms"), (12, "10ms")])
+def test_timed_accesses_make_a_logical_execution_time(tmp_path, deadline, let):
+    sw = task("T", ticks(5), access("timed")) + '<labels name="L"/>'
+    imported = read(tmp_path, sw=sw, constraints=response(deadline, "T") if deadline else "")
+    assert str(imported.model.task("T").let) == let
+    assert found(imported.diagnostics, codes.NOT_READ) == []
+
+
+def test_other_accesses_beside_timed_ones_are_a_listed_default(tmp_path):
+    sw = task("T", ticks(5), access("timed"), access("implicit")) + task("U", access("explicit")) + '<labels name="L"/>'
+    imported = read(tmp_path, sw=sw)
+    assert imported.model.task("U").let is None
+    assert [d.what for d in imported.coverage.defaulted_values if d.element == 'task "T"'][-1] != "slack"
+    assert "logical execution time" in [d.what for d in imported.coverage.defaulted_values]
+
+
+def test_timed_accesses_of_a_triggered_task_warn(tmp_path):
+    sw = task("T", ticks(5), TRIGGER) + task("U", access("timed"), stimuli="go?type=InterProcessStimulus")
+    imported = read(tmp_path, sw=sw + '<labels name="L"/>', stimuli=PLAIN_STIMULI + GO)
+    assert imported.model.task("U").let is None
+    [finding] = found(imported.diagnostics, codes.NOT_READ)
+    assert finding.message.startswith("1 timed accesses are made by tasks that wait")
