@@ -553,8 +553,7 @@ class TaskModel(Element):
         return replace(self, modes=kept, transitions=transitions, health=())
 
     def refinements(self) -> Iterator[tuple[str, Location]]:
-        """Yield what the search does not know yet (MODEL 10), by name, with its place."""
-        yield from ((f'lock "{r.name}"', r.at) for r in self.resources if r.kind is ResourceKind.LOCK)
+        """Yield the requirements on instants, cycles, edges and LET (MODEL 10), by name, with their places."""
         yield from ((f'closed edge of mode "{m.name}"', m.at) for m in self.modes if m.edge is Edge.CLOSED)
         for task in self.tasks:
             if task.let is not None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.diagnostics import Exit, HalpipeError, about, error
 from halpipe.core.durations import ZERO, greatest_common_divisor, least_common_multiple
 from halpipe.core.records import record
+from halpipe.models import Anchor, Match, ResourceKind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 NOT_SEARCHED = error(
     "HAL0459",
     "Requirement that the search does not know",
-    "The model format states the requirement, but the search cannot keep it yet. It is refused rather than ignored.",
+    "The model states a requirement that a check of a schedule decides, but that the search cannot keep: one on a "
+    "release that no offset fixes, or one that preemptive jobs or the exact engine would have to keep. It is refused "
+    "rather than ignored.",
 )
 
 
@@ -55,17 +58,28 @@ class ActiveTask:
 
 @dataclass(frozen=True)
 class Expansion:
-    """A mode unrolled over its hyperperiod; `tasks` in model order, `interrupts` those of all units."""
+    """A mode unrolled over its hyperperiod; `tasks` in model order, `interrupts` of all units, `locks` by name."""
 
     mode: Mode
     hyperperiod: Duration
     tasks: tuple[ActiveTask, ...]
     interrupts: tuple[Interrupt, ...] = ()
+    locks: frozenset[str] = frozenset()
 
     @cached_property
     def by_name(self) -> dict[str, ActiveTask]:
         """The active tasks by name."""
         return {active.name: active for active in self.tasks}
+
+    @cached_property
+    def in_first(self) -> frozenset[str]:
+        """The tasks whose phase lies in their first period: those that a LET or a constraint on the cycle names."""
+        named = {active.name for active in self.tasks if active.task.let is not None}
+        for active in self.tasks:
+            rows = (row for version in active.versions for row in version.precedences)
+            before = [row.task for row in rows if row.match is Match.CYCLE]
+            named.update((active.name, *before) if before else ())
+        return frozenset(named)
 
     @property
     def job_count(self) -> int:
@@ -105,13 +119,23 @@ def expand(model: TaskModel, mode: Mode) -> Expansion:
             )
             active[name] = ActiveTask(task, versions, len(demands), demands)
     interrupts = tuple(interrupt for unit in model.units for interrupt in unit.interrupts)
-    return Expansion(mode, hyperperiod, tuple(active[name] for name in running), interrupts)
+    locks = frozenset(resource.name for resource in model.resources if resource.kind is ResourceKind.LOCK)
+    return Expansion(mode, hyperperiod, tuple(active[name] for name in running), interrupts, locks)
 
 
 def refuse_unknown(model: TaskModel) -> None:
-    """Raise `HalpipeError` with every requirement that the search cannot keep."""
-    path, help = about(model=model.name), "remove it, or check a schedule of another tool with halpipe verify"
-    unknown = [NOT_SEARCHED(f"{n} is not supported", at=at, path=path, help=help) for n, at in model.refinements()]
+    """Raise `HalpipeError` with every requirement that the search cannot keep: on releases that no offset fixes."""
+    released = {task.name: task.at for task in model.tasks if task.let is not None}
+    rows = (row for task in model.tasks for version in task.versions for row in version.precedences)
+    released |= {row.task: row.at for row in rows if row.anchor is Anchor.RELEASE}
+    released |= {chain.tasks[0]: chain.at for chain in model.chains if chain.anchor is Anchor.RELEASE}
+    free = {task.name for task in model.tasks if task.offset is None}
+    help = 'state the offset of the task, such as offset="0ms"'
+    unknown = [
+        NOT_SEARCHED("its release counts, but no offset fixes it", at=at, path=about(task=name), help=help)
+        for name, at in released.items()
+        if name in free
+    ]
     if unknown:
         raise HalpipeError(*unknown, exit=Exit.UNSUPPORTED)
 
@@ -148,7 +172,7 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
         yield from (interrupt.distance, interrupt.wcet)
     for active in expansion.tasks:
         task = active.task
-        yield from (d for d in (task.period, task.offset) if d)
+        yield from (d for d in (task.period, task.offset, task.let) if d)
         for version in active.versions:
             if version.wcet:
                 yield version.wcet
@@ -157,4 +181,4 @@ def durations(expansion: Expansion) -> Iterator[Duration]:
             for access in version.accesses:
                 yield from (access.start, access.end)
             for row in version.precedences:
-                yield from (row.min, row.max)
+                yield from (row.min, row.max) if row.point is None else (row.min, row.max, row.point)

@@ -35,6 +35,11 @@ def has_whole_jobs(model: TaskModel) -> bool:
     )
 
 
+def is_exact_model(model: TaskModel) -> bool:
+    """Return whether the exact engine knows all that the model states: whole jobs, and of MODEL 10 only locks."""
+    return has_whole_jobs(model) and not any(True for _ in model.refinements())
+
+
 def service_of(units: Mapping[str, Unit], names: Iterable[str]) -> Service[Duration]:
     """Return the interrupts of all the units named, together: the members of a gang wait for each other."""
     return tuple((i.distance, i.wcet) for name in dict.fromkeys(names) for i in units[name].interrupts)
@@ -121,15 +126,31 @@ def parts_of(job: Job, version: Version) -> tuple[Part, ...]:
 
 
 def phase_instants(
-    access: Access, parts: Sequence[Part], resume: Duration, service: Service[Duration]
+    access: Access, parts: Sequence[Part], resume: Duration, service: Service[Duration], *, is_lock: bool = False
 ) -> tuple[Duration, Duration]:
     """Return when an access phase of a job is in force: it lies in one of the job's `parts`.
 
     From s_k + (o_k + p - a_k) to s_k + L(o_k + q - a_k), with o_k the time lost at the part's start (MODEL 8.2). Raise
-    ``ValueError`` if a gap of the job lies inside the phase.
+    ``ValueError`` if a gap of the job lies inside the phase, but for a lock, which is held through gaps.
     """
+    if is_lock and len(parts) > 1:
+        return _held(access, parts, resume, service)
     for number, part in enumerate(parts):
         if len(parts) == 1 or (part.executed_from <= access.start and access.end <= part.executed_to):
             lost = (resume if number else ZERO) - part.executed_from
             return part.start + lost + access.start, part.start + reserved_length(lost + access.end, service)
     raise ValueError("a gap of the job lies inside the phase")
+
+
+def _held(
+    access: Access, parts: Sequence[Part], resume: Duration, service: Service[Duration]
+) -> tuple[Duration, Duration]:
+    """Return when a lock is held: from the instant at which its access begins to that at which it is over."""
+    begin = end = parts[0].start
+    for number, part in enumerate(parts):
+        lost = (resume if number else ZERO) - part.executed_from
+        if part.executed_from <= access.start < part.executed_to:
+            begin = part.start + lost + access.start
+        if part.executed_from < access.end <= part.executed_to:
+            end = part.start + reserved_length(lost + access.end, service)
+    return begin, end

@@ -130,8 +130,8 @@ def test_a_coarse_tick_rounds_outward_and_inward():
     built = build(system, tick=1)
     assert built.arrays.option_wcet.tolist() == [2, 2, 2]
     assert column(built, "rect") == [(0, 0, 2, 1), (1, 0, 1, 1), (1, 1, 1, 1)]
-    assert column(built, "row", 1) == [(0, 2, 2, 0), (0, 2, 1, 1)]
-    assert column(built, "row", 2) == [(1, 2, 2, 1)]
+    assert column(built, "row", 1) == [(0, 2, 2, 0, 0, 0, 0), (0, 2, 1, 1, 0, 0, 0)]
+    assert column(built, "row", 2) == [(1, 2, 2, 1, 0, 0, 0)]
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_an_offset_beyond_the_period_is_taken_modulo():
 
 def test_a_window_as_wide_as_the_hyperperiod_is_met_anywhere():
     system = model(task("a", 10, version()), task("b", 10, version("v", 1, "u1", after("a", 3, 70))))
-    assert column(build(system), "row", 1) == [(0, 3, 9, 0)]
+    assert column(build(system), "row", 1) == [(0, 3, 9, 0, 0, 0, 0)]
 
 
 # ------------------------------------------------------------------------------------------------ options

@@ -15,7 +15,7 @@ from halpipe.core.records import record
 from halpipe.models import ModeSchedule, Schedule, Status
 from halpipe.pipeline.explain import codes
 from halpipe.pipeline.jobs import ActiveTask, Demand, Expansion, demands_for, expand
-from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.exact import Answer, Effort, is_installed, is_small, solve_expansion
 from halpipe.pipeline.validate.context import place, quoted
 
@@ -57,9 +57,10 @@ class Conflict:
 def find_conflict(model: TaskModel, mode: Mode, go_on: Callable[[], bool]) -> Conflict:
     """Return the conflicting set of a mode; `Answer.UNKNOWN` where it is too large or the effort is spent.
 
-    And where jobs are split, bound or interrupted, or serve arrivals: the exact engine places whole jobs (MODEL 3).
+    And where jobs are split, bound or interrupted, or serve arrivals, or where requirements refer to cycles, edges,
+    LET or further instants: the exact engine places whole jobs (MODEL 3).
     """
-    if not has_whole_jobs(model):
+    if not is_exact_model(model):
         return Conflict(Answer.UNKNOWN)
     expansion = expand(model, mode)
     if not is_installed() or expansion.job_count > MAX_JOBS:

@@ -13,6 +13,7 @@ from halpipe.core.records import record
 from halpipe.pipeline.explain.blocking import blockings
 from halpipe.pipeline.explain.facts import mode_facts
 from halpipe.pipeline.explain.groups_meet import crowds
+from halpipe.pipeline.explain.relaxed import relaxed
 from halpipe.pipeline.explain.sharing import Witness, prune, resources_met, units_met
 from halpipe.pipeline.explain.windows import contradictions
 from halpipe.pipeline.validate.context import Context
@@ -53,7 +54,7 @@ def find_witnesses(model: TaskModel, modes: Collection[str] = ()) -> tuple[Hopel
 
     Sound: what has a valid schedule is never called hopeless. Not complete: most conflicts need a search.
     """
-    context = Context(model)
+    context = Context(relaxed(model))
     found = (_judge(context, mode) for mode in context.active if not modes or mode.mode.name in modes)
     return tuple(hopeless for hopeless in found if hopeless is not None)
 

@@ -11,17 +11,18 @@ import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from halpipe.models import Anchor, CostTerms
+from halpipe.models import Anchor, CostTerms, Edge, Match
 from halpipe.pipeline.jobs import demands_for
 from halpipe.pipeline.measure.circle import Instants, Interval, sweep
-from halpipe.pipeline.measure.latency import worst_age, worst_reaction
-from halpipe.pipeline.measure.splitting import latest_phase, splitting_cost
+from halpipe.pipeline.measure.latency import members_of, worst_age, worst_latency, worst_reaction
+from halpipe.pipeline.measure.splitting import splitting_cost
 from halpipe.pipeline.parts import interrupt_load
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.models import TaskModel
+    from halpipe.core.durations import Duration
+    from halpipe.models import Precedence, TaskModel
     from halpipe.pipeline.jobs import ActiveTask
     from halpipe.pipeline.measure.circle import Step
     from halpipe.pipeline.measure.placement import PlacedJob, Placement
@@ -36,7 +37,7 @@ def cost_terms(model: TaskModel, placement: Placement) -> CostTerms:
     overlap = _overlap(placement)
     access = _access_excess(placement)
     precedence = _window_distances(placement) + _missing_demands(placement) + _chain_excess(model, placement)
-    precedence += splitting_cost(placement)
+    precedence += splitting_cost(placement) + _edge_excess(placement)
     unit = _wrong_units(placement)
     occupancy = _empty_units(model, placement)
     timeliness = _timeliness(placement)
@@ -78,25 +79,50 @@ def _window_distances(placement: Placement) -> int:
 
     Where a predecessor on demand has no job at all, its missing demands count instead.
     """
-    anchors: dict[tuple[str, Anchor], Instants] = {}
+    anchors: dict[tuple[str, Anchor, Duration | None], Instants] = {}
     total = 0
     for job in placement.jobs:
         for constraint in job.version.precedences:
-            key = (constraint.task, constraint.anchor)
+            if constraint.match is Match.CYCLE:
+                total += _cycle_distance(placement, job, constraint)
+                continue
+            key = (constraint.task, constraint.anchor, constraint.point)
             if key not in anchors:
                 anchors[key] = _anchor_instants(placement, *key)
             before = placement.expansion.by_name.get(constraint.task)
             if not anchors[key].times and before is not None and before.task.period is None:
                 continue
             low, high = constraint.min // placement.tick, constraint.max // placement.tick
-            total += _distance(anchors[key], job.start, low, high, placement.hyperperiod)
+            reached = job.end if constraint.to is Anchor.END else job.start
+            total += _distance(anchors[key], reached, low, high, placement.hyperperiod)
     return total
 
 
-def _anchor_instants(placement: Placement, task: str, anchor: Anchor) -> Instants:
+def _anchor_instants(placement: Placement, task: str, anchor: Anchor, point: Duration | None) -> Instants:
     jobs = placement.by_task.get(task, [])
-    instants = ((job.end if anchor is Anchor.END else job.start, n) for n, job in enumerate(jobs))
+    instants = ((placement.instant(job, anchor, point), n) for n, job in enumerate(jobs))
     return Instants.of(instants, placement.hyperperiod)
+
+
+def _cycle_distance(placement: Placement, job: PlacedJob, row: Precedence) -> int:
+    """Return how far the time from the job of the same cycle lies outside its window (MODEL 10.3)."""
+    before, period = placement.expansion.by_name.get(row.task), job.active.task.period
+    if before is None or before.task.period is None or period is None:
+        return placement.hyperperiod
+    index = period * job.index // before.task.period
+    others = [other for other in placement.by_task[row.task] if other.index == index]
+    low, high = row.min // placement.tick, row.max // placement.tick
+    own = (job.end if row.to is Anchor.END else job.start) + placement.lap(job)
+    gaps = [own - placement.instant(o, row.anchor, row.point) - placement.lap(o) for o in others]
+    return min((max(0, low - gap, gap - high) for gap in gaps), default=placement.hyperperiod)
+
+
+def _edge_excess(placement: Placement) -> int:
+    """Return by how much jobs pass the end of a table with a closed edge, and phases of tasks their first period."""
+    total = 0
+    if placement.expansion.mode.edge is Edge.CLOSED:
+        total += sum(max(0, job.end - placement.hyperperiod) for job in placement.jobs)
+    return total
 
 
 def _distance(anchors: Instants, start: int, low: int, high: int, hyperperiod: int) -> int:
@@ -127,11 +153,14 @@ def _chain_excess(model: TaskModel, placement: Placement) -> int:
     """Return the part of p_pr from chains: by how much their latencies pass their limits; if endless, one mean WCET."""
     total = 0
     for chain in model.chains:
-        if not all(name in placement.by_task for name in chain.tasks):
-            continue
-        members = [placement.by_task[name] for name in chain.tasks]
-        for limit, measure in ((chain.max_reaction, worst_reaction), (chain.max_age, worst_age)):
-            if limit is not None:
+        limits = (
+            (chain.max_reaction, worst_reaction),
+            (chain.max_age, worst_age),
+            (chain.max_latency, worst_latency),
+        )
+        members = members_of(placement, chain) if any(limit is not None for limit, _ in limits) else None
+        for limit, measure in limits:
+            if limit is not None and members is not None:
                 latency = measure(members, placement.hyperperiod)
                 over = placement.mean_wcet if latency is None else latency - limit // placement.tick
                 total += max(0, over)
@@ -176,12 +205,7 @@ def _task_timeliness(active: ActiveTask, placement: Placement) -> Fraction:
     if period is None or not jobs:
         return Fraction(0)
     slack = period * active.task.slack / placement.tick
-    hyperperiod = placement.hyperperiod
-    offsets = sorted((job.start - job.index * (period // placement.tick)) % hyperperiod for job in jobs)
-    phase = latest_phase(offsets, hyperperiod)
-    if active.task.offset is not None:
-        phase = active.task.offset % period // placement.tick
-    late = ((offset - phase) % hyperperiod for offset in offsets)
+    late = map(placement.delay, jobs)
     if not slack:
         return Fraction(sum(delta == 0 for delta in late))
     scores = (max(0, slack.numerator - delta * slack.denominator) for delta in late)

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from halpipe.core.durations import ZERO, Duration, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.models import Part
+from halpipe.models import Anchor, Part
 from halpipe.pipeline.jobs import natural_tick
 from halpipe.pipeline.measure.circle import Interval, sweep
 from halpipe.pipeline.parts import parts_of, phase_instants, reserved_length, service_of
@@ -95,6 +96,57 @@ class Placement:
         """The hyperperiod in ticks."""
         return self.expansion.hyperperiod // self.tick
 
+    @cached_property
+    def phases(self) -> dict[str, int]:
+        """The phase of every periodic task that has jobs: its offset, or the latest that delays some job not at all."""
+        found = {}
+        for active in self.expansion.tasks:
+            jobs, task = self.by_task[active.name], active.task
+            if task.period is None or not jobs:
+                continue
+            period = task.period // self.tick
+            offsets = sorted((job.start - job.index * period) % self.hyperperiod for job in jobs)
+            phase = None if task.offset is None else task.offset % task.period // self.tick
+            found[active.name] = latest_phase(offsets, self.hyperperiod) if phase is None else phase
+        return found
+
+    def delay(self, job: PlacedJob) -> int:
+        """Return the time since the release of a job; 0 for one on demand."""
+        period = job.active.task.period
+        if period is None:
+            return 0
+        return (job.start - job.index * (period // self.tick) - self.phases[job.active.name]) % self.hyperperiod
+
+    def lap(self, job: PlacedJob) -> int:
+        """Return the hyperperiod for a job that belongs to the cycle before (MODEL 10.1), else 0."""
+        task = job.active.task
+        if task.period is None:
+            return 0
+        offset = ZERO if task.offset is None else task.offset % task.period
+        return self.hyperperiod if job.start < (task.period * job.index + offset) // self.tick else 0
+
+    def instant(self, job: PlacedJob, anchor: Anchor, point: Duration | None = None) -> int:
+        """Return an instant of a job (MODEL 10.1)."""
+        if anchor is Anchor.RELEASE:
+            return job.start - self.delay(job)
+        if anchor is not Anchor.POINT or point is None:
+            return job.end if anchor is Anchor.END else job.start
+        parts = job.parts or (PlacedPart(0, job.length, 0, (job.version.wcet or ZERO) // self.tick),)
+        executed = point // self.tick
+        for number, part in enumerate(parts):
+            if part.begun <= executed <= part.done:
+                work = point - self.tick * part.begun + (job.version.split.resume if number else ZERO)
+                return job.start + part.start + reserved(work, job.service) // self.tick
+        return job.end
+
+    def data(self, job: PlacedJob) -> tuple[int, int]:
+        """Return when a job reads and when it writes its data (MODEL 10.6)."""
+        let = job.active.task.let
+        if let is None:
+            return job.start, job.end
+        release = job.start - self.delay(job)
+        return release, release + let // self.tick
+
     @property
     def mean_wcet(self) -> int:
         """The mean WCET of the mode in ticks, at least one: what the cost takes for what has no distance."""
@@ -125,6 +177,18 @@ class Placement:
         return {name: sweep(intervals, self.hyperperiod) for name, intervals in phases.items()}
 
 
+def latest_phase(offsets: list[int], circle: int) -> int:
+    """Return the phase that leaves all jobs the least delay: where the widest gap of the circle ends.
+
+    Of two jobs half a circle apart, the first: for every checker there is one answer.
+    """
+    if len(offsets) == 2 and 2 * (offsets[1] - offsets[0]) == circle:
+        return offsets[0]
+    gaps = [(later - earlier, later) for earlier, later in pairwise(offsets)]
+    gaps.append((offsets[0] + circle - offsets[-1], offsets[0]))
+    return max(gaps)[1] if len(offsets) > 1 else offsets[0]
+
+
 def grid_of(expansion: Expansion, jobs: Iterable[Job]) -> Duration:
     """Return the largest duration that divides every duration of the mode, and every instant of its jobs."""
     instants = (d for job in jobs for d in (job.start, *_part_times(job)))
@@ -142,6 +206,7 @@ class Placing:
     def __init__(self, expansion: Expansion, units: Iterable[Unit], tick: Duration) -> None:
         self.tick = tick
         self._by_name = expansion.by_name
+        self._locks = expansion.locks
         self._interrupted = {unit.name: unit for unit in units if unit.interrupts}
         self._whole: dict[tuple[str, str, Service[Duration]], tuple[int, tuple[PlacedPhase, ...]]] = {}
 
@@ -186,7 +251,9 @@ class Placing:
     ) -> Iterator[PlacedPhase]:
         for access in version.accesses:
             try:
-                begin, end = phase_instants(access, parts, version.split.resume, service)
+                begin, end = phase_instants(
+                    access, parts, version.split.resume, service, is_lock=access.resource in self._locks
+                )
             except ValueError:  # a gap lies inside, or interrupts fill the unit: other terms of the cost tell
                 continue
             yield PlacedPhase(access, (begin - start) // self.tick, (end - start) // self.tick)

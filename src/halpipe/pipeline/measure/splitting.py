@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
 from halpipe.models import Binding
-from halpipe.pipeline.measure.placement import reserved
+from halpipe.pipeline.measure.placement import latest_phase, reserved
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -36,6 +36,7 @@ def splitting_cost(placement: Placement) -> int:
             cost += _binding_cost(placement, active)
         if active.task.distance is not None:
             cost += _arrival_cost(placement, active)
+            cost += _deadline_cost(placement, active) if active.task.let is not None else 0
         elif active.task.period is not None and _may_be_longer(placement.by_task[active.name]):
             cost += _deadline_cost(placement, active)
     return cost
@@ -189,7 +190,8 @@ def _deadline_cost(placement: Placement, active: ActiveTask) -> int:
     """Return by how much the jobs of a periodic task end after their deadlines, at the phase that is best for them."""
     task, circle = active.task, placement.hyperperiod
     period = (task.period or ZERO) // placement.tick
-    deadline = (task.deadline or task.period or ZERO) / placement.tick
+    due = task.let if task.distance is not None else min(d for d in (task.deadline or task.period, task.let) if d)
+    deadline = (due or ZERO) / placement.tick
     jobs = placement.by_task[active.name]
     offsets = sorted(((job.start - job.index * period) % circle, job.length) for job in jobs)
     if not offsets:
@@ -198,13 +200,6 @@ def _deadline_cost(placement: Placement, active: ActiveTask) -> int:
     if task.offset is not None:
         phase = task.offset % (task.period or ZERO) // placement.tick
     return sum(max(0, ceil((offset - phase) % circle + length - deadline)) for offset, length in offsets)
-
-
-def latest_phase(offsets: list[int], circle: int) -> int:
-    """Return the phase that leaves all jobs the least delay: where the widest gap of the circle ends."""
-    gaps = [(later - earlier, later) for earlier, later in pairwise(offsets)]
-    gaps.append((offsets[0] + circle - offsets[-1], offsets[0]))
-    return max(gaps)[1] if len(offsets) > 1 else offsets[0]
 
 
 def _arrival_cost(placement: Placement, active: ActiveTask) -> int:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.records import record
 from halpipe.pipeline.jobs import Expansion
 from halpipe.pipeline.measure.objectives import NEVER, whole_weights
-from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.bounds import chain_bounds
 from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
 from halpipe.pipeline.solve.workers import watched
@@ -56,7 +56,7 @@ def shortest_chains(
     It is that of each chain, then of pairs, then of all together, where what is known of the former helps.
     """
     least = {chain: sum(times, Fraction(0)) for chain, times in chain_bounds(model, expansion)}
-    is_asked = is_installed() and has_whole_jobs(model) and expansion.job_count <= JOBS and is_small(expansion)
+    is_asked = is_installed() and is_exact_model(model) and expansion.job_count <= JOBS and is_small(expansion)
     if not is_asked or now >= NEVER:  # a chain that nothing gets through has no latency in ticks
         return Shortest(_sum(least))
     for chain in least:

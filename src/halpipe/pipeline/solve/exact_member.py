@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from halpipe.core.diagnostics import Exit, HalpipeError, about
-from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.codes import (
     EXACT_INFEASIBLE,
     EXACT_TICK,
@@ -26,7 +26,7 @@ def solve_alone(model: TaskModel, expansion: Expansion, tick: Duration | None, e
     """Let the exact engine decide; without a schedule there is no placement to go on from, so that this stops all."""
     mode = expansion.mode
     path = about(mode=mode.name)
-    if not has_whole_jobs(model):
+    if not is_exact_model(model):
         raise HalpipeError(EXACT_WHOLE("cannot schedule this model", at=mode.at, path=path, help="use --engine anneal"))
     if tick is not None:
         raise HalpipeError(EXACT_TICK("cannot compute with a tick of its own", path=path, help="leave --tick away"))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, greatest_common_divisor
 from halpipe.core.records import record
-from halpipe.pipeline.parts import has_whole_jobs
+from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.exact import MAX_PARTS, Effort, is_installed, is_small, solver_for
 from halpipe.pipeline.solve.workers import watched
 
@@ -39,7 +39,7 @@ def fewest_moved(
     model: TaskModel, expansion: Expansion, earlier: Jobs, held: Jobs, known: tuple[Job, ...], effort: Effort
 ) -> Fewest:
     """Look for a schedule in which fewer jobs have moved than in the `known` one, where the `held` jobs stay."""
-    if not (is_installed() and has_whole_jobs(model) and is_small(expansion) and expansion.job_count <= MAX_JOBS):
+    if not (is_installed() and is_exact_model(model) and is_small(expansion) and expansion.job_count <= MAX_JOBS):
         return Fewest()
     if not all(_is_numbered(expansion, job) for job in (*earlier.values(), *held.values(), *known)):
         return Fewest()

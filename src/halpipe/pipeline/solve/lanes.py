@@ -140,8 +140,9 @@ class Lanes:
         if task.period is None or version.wcet is None:
             return 0
         slack, due = task.period * task.slack, task.period if task.deadline is None else task.deadline
+        due = due if task.let is None else min(due, task.let)
         if task.distance is not None:
-            due = (task.distance if task.deadline is None else task.deadline) - task.period
+            due = min(task.let or task.distance, (task.deadline or task.distance) - task.period)
             slack = min(slack, task.distance - task.period)
         room = due - reserved_length(version.wcet, service)
         # No job slips a whole period: of two jobs that start together, only their names would say which is the first.

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.durations import ZERO, Duration
 from halpipe.core.records import record
-from halpipe.models import Anchor, Binding
+from halpipe.models import Anchor, Binding, Edge, Match
 from halpipe.pipeline.jobs import Expansion, demands_for
 from halpipe.pipeline.parts import reserved_length
 from halpipe.pipeline.solve.construction import construction_order
@@ -21,7 +22,7 @@ from halpipe.pipeline.solve.integers import Table, ints
 from halpipe.pipeline.solve.lanes import Lanes
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from halpipe.models import Chain, Precedence, Task, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask
@@ -35,10 +36,15 @@ Columns = dict[str, Any]
 NO_TICK = -1
 
 CHAIN_COLUMNS = (
-    "chain_first", "chain_task", "chain_limit", "task_chain_first", "task_chain", "task_coupled",
-    "partner_first", "partner",
+    "chain_first", "chain_task", "chain_limit", "chain_latency", "chain_event",
+    "task_chain_first", "task_chain", "task_coupled", "partner_first", "partner",
 )  # fmt: skip
 """What in `Arrays` depends on which chains count."""
+
+START, END, RELEASE, POINT, DATA = range(5)
+"""The instants of jobs as the kernel knows them; `DATA` of a chain: where jobs read, or write."""
+
+INSTANT = {Anchor.START: START, Anchor.END: END, Anchor.RELEASE: RELEASE, Anchor.POINT: POINT, None: DATA}
 
 ANY_SET = -1
 """Stands for the unit set of an option that goes with every other."""
@@ -65,6 +71,8 @@ class Arrays:
     task_option: Ints  # first option of every task
     task_coupled: Ints  # 1: has windows, demands or limited chains in common with others
     task_sets: Ints  # of a task whose jobs keep to one set of units: how many it may choose from; 1 for others
+    task_let: Ints  # logical execution time, or NO_TICK
+    task_first: Ints  # 1: its phase lies in its first period
     job_task: Ints
     job_entry: Ints
     entry_job: Ints  # first job of every entry; an entry is what moves as one: a periodic task or one demand job
@@ -77,7 +85,8 @@ class Arrays:
     rect_first: Ints  # per option
     rect: Table  # lane, offset, length, height
     row_first: Ints  # per option
-    row: Table  # predecessor task, min, max - min, 1 if from the predecessor's end
+    row: Table  # predecessor task, min, max - min, origin, 1 if to the end, 1 if of the same cycle, first of event_at
+    event_at: Ints  # for every point that a row counts from, per option of the task: how long after the start it lies
     consumer_first: Ints  # per task: tasks whose options have rows that name it
     consumer: Ints
     partner_first: Ints  # per task: windows to aim at
@@ -89,11 +98,14 @@ class Arrays:
     chain_first: Ints  # limited chains only
     chain_task: Ints
     chain_limit: Table  # reaction, age; NO_TICK where unlimited
+    chain_latency: Ints  # NO_TICK where unlimited
+    chain_event: Table  # from and to which instant of a job they count
     task_chain_first: Ints
     task_chain: Ints
     construction: Ints  # entries, in the order in which they are placed first
     unit_weight: int  # cost of one tick of distance from a window or beyond a limit
     missing_cost: int  # cost of a demand not met, or of a chain that never gets through
+    is_closed: int  # 1: no job may be in progress at the end of the hyperperiod
 
 
 @record
@@ -145,7 +157,7 @@ def build_problem(
     it every unit has its own, as it does where tasks are bound to units. Of `chains` those count that have a limit
     (with `every_chain`: all) and only active tasks. `pinned` tasks stay on the units named.
     """
-    counted = [c for c in chains if every_chain or c.max_reaction is not None or c.max_age is not None]
+    counted = [c for c in chains if every_chain or (c.max_latency, c.max_reaction, c.max_age) != (None,) * 3]
     grouped = grouped and not any(map(is_bound, expansion.tasks))
     return _Builder(expansion, units, resources, counted, tick, grouped, pinned or {}).build()
 
@@ -179,10 +191,12 @@ class _Builder:
         self.task_index = {active.name: index for index, active in enumerate(expansion.tasks)}
         self.chains = [chain for chain in chains if all(name in self.task_index for name in chain.tasks)]
         self.options: list[Option] = []
+        self.points: dict[tuple[int, Duration], int] = {}
 
     def build(self) -> Problem:
         capacities, weight = self.lanes.capacities, self.lanes.unit_weight
         option = self._options()
+        option["event_at"] = ints(self._events(option["task_option"]))
         jobs = self._jobs()
         windows = self._windows()
         chains = self._chains()
@@ -201,6 +215,7 @@ class _Builder:
             construction=self._construction(windows),
             unit_weight=WINDOW_WEIGHT * weight,
             missing_cost=WINDOW_WEIGHT * weight * mean,
+            is_closed=int(self.expansion.mode.edge is Edge.CLOSED),
         )
         lanes, options = self.lanes, tuple(self.options)
         return Problem(self.expansion, lanes.tick, lanes.groups, options, arrays, mean, lanes.services)
@@ -210,13 +225,13 @@ class _Builder:
     def _options(self) -> Columns:
         wcet, late, present, sets, task_sets, task_option = [], [], [], [], [], [0]
         rects: list[list[tuple[int, int, int, int]]] = []
-        rows: list[list[tuple[int, int, int, int]]] = []
+        rows: list[list[tuple[int, ...]]] = []
         for active in self.expansion.tasks:
             numbers: dict[Choice, int] = {}
             chooses_once = is_bound(active)
             for version in active.versions:
                 constraints = [self._row(row) for row in version.precedences]
-                if any(predecessor < 0 or width < 0 for predecessor, _, width, _ in constraints):
+                if any(predecessor < 0 or width < 0 for predecessor, _, width, *_ in constraints):
                     continue
                 phases: dict[Service[Duration], list[tuple[int, int, int, int]]] = {}
                 for choice in self.lanes.choices(active, version):
@@ -244,7 +259,7 @@ class _Builder:
                 sets.append(ANY_SET)
             task_option.append(len(wcet))
         rect_first, rect = _table(rects, 4)
-        row_first, row = _table(rows, 4)
+        row_first, row = _table(rows, 7)
         return {
             "task_option": ints(task_option),
             "option_wcet": ints(wcet),
@@ -276,13 +291,48 @@ class _Builder:
         wcet = option.version.wcet if option.version else None
         return reserved_length(wcet, self.lanes.service(option.groups)) if wcet else ZERO
 
-    def _row(self, row: Precedence) -> tuple[int, int, int, int]:
-        """Return predecessor, min, width and anchor of a window; a width below zero can never be met."""
+    def _row(self, row: Precedence) -> tuple[int, ...]:
+        """Return a window as the kernel has it; a width below zero can never be met."""
         predecessor = self.task_index.get(row.task, -1)
         low, high = self.lanes.ticks_up(row.min), self.lanes.ticks(row.max)
-        if row.anchor is Anchor.END and self._rounds_up(predecessor):
-            high -= 1  # the predecessor really ends up to one tick before the end that the grid shows
-        return predecessor, low, min(high - low, self.hyperperiod - 1), int(row.anchor is Anchor.END)
+        # On the grid, jobs end up to one tick later than they do.
+        if (row.anchor is Anchor.END and self._rounds_up(predecessor)) or (row.point and row.point % self.lanes.tick):
+            high -= 1
+        if row.to is Anchor.END and self.has_rounded:
+            low += 1
+        is_cycle = row.match is Match.CYCLE
+        width = high - low if is_cycle else min(high - low, self.hyperperiod - 1)
+        event = self._event(predecessor, row.point) if row.anchor is Anchor.POINT and row.point is not None else 0
+        return predecessor, low, width, INSTANT[row.anchor], int(row.to is Anchor.END), int(is_cycle), event
+
+    @cached_property
+    def has_rounded(self) -> bool:
+        """Whether some WCET is no multiple of the tick."""
+        return any(self._rounds_up(task) for task in range(len(self.expansion.tasks)))
+
+    def _event(self, task: int, point: Duration) -> int:
+        """Return where the instants of a point of a task begin, one for each of its options."""
+        if task < 0:
+            return 0
+        if (task, point) not in self.points:
+            self.points[task, point] = sum(self._count(self.expansion.tasks[other]) for other, _ in self.points)
+        return self.points[task, point]
+
+    def _count(self, active: ActiveTask) -> int:
+        """Return at least as many as a task has options."""
+        return 1 + sum(len(self.lanes.choices(active, version)) for version in active.versions)
+
+    def _events(self, first: Ints) -> Iterator[int]:
+        """Yield how long after the start of a job a point lies, under each option of its task."""
+        for task, point in self.points:
+            active = self.expansion.tasks[task]
+            own = self.options[first[task] : first[task + 1]]
+            times = [reserved_length(point, self.lanes.service(option.groups)) for option in own]
+            yield from self._padded([self.lanes.ticks_up(time) for time in times], self._count(active))
+
+    @staticmethod
+    def _padded(times: list[int], count: int) -> list[int]:
+        return times[:count] + [0] * (count - len(times))
 
     def _rounds_up(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()
@@ -327,6 +377,7 @@ class _Builder:
         task_job, entry_job = [0], [0]
         entry_offset: list[int] = []
         job_task, job_entry, period, cyclic, reach = [], [], [], [], []
+        in_first = self.expansion.in_first
         for index, active in enumerate(self.expansion.tasks):
             task = active.task
             job_task += [index] * active.jobs
@@ -347,6 +398,10 @@ class _Builder:
             "task_job": ints(task_job),
             "task_period": ints(period),
             "task_cyclic": ints(cyclic),
+            "task_let": ints(
+                NO_TICK if a.task.let is None else self.lanes.ticks(a.task.let) for a in self.expansion.tasks
+            ),
+            "task_first": ints(int(a.jobs > 1 and a.name in in_first) for a in self.expansion.tasks),
             "task_reach": ints(reach),
             "job_task": ints(job_task),
             "job_entry": ints(job_entry),
@@ -388,11 +443,15 @@ class _Builder:
         for index, active in enumerate(self.expansion.tasks):
             for version in active.versions:
                 for constraint in version.precedences:
-                    other, low, width, from_end = self._row(constraint)
+                    other, low, width, origin, to_end, *_ = self._row(constraint)
                     if other < 0:
                         continue
                     if (index,) not in consumers[other]:
                         consumers[other].append((index,))
+                    # Places to aim at only: of a window to an end, as if the job took its first version.
+                    low -= self.lanes.length(version) if to_end else 0
+                    low += self.lanes.ticks(constraint.point) if constraint.point is not None else 0
+                    width, from_end = min(width, self.hyperperiod - 1), int(origin == END)
                     partners[index][(other, low, max(0, width), 1, from_end)] = None
                     partners[other][(index, low, max(0, width), -1, from_end)] = None
         near = max(1, self.hyperperiod // 64)
@@ -413,6 +472,8 @@ class _Builder:
     def _coupled(self, windows: Columns, chains: Columns) -> Ints:
         """Mark the tasks that have anything to do with others; demands always come with windows."""
         steps = (itertools.pairwise(first) for first in (windows["partner_first"], chains["task_chain_first"]))
+        if self.expansion.mode.edge is Edge.CLOSED:
+            return ints(1 for _ in self.expansion.tasks)
         return ints(int(a < b or c < d) for (a, b), (c, d) in zip(*steps, strict=True))
 
     def _demands(self) -> Columns:
@@ -449,18 +510,26 @@ class _Builder:
             indices = [self.task_index[name] for name in chain.tasks]
             members.append([(index,) for index in indices])
             bounds = (chain.max_reaction, chain.max_age)
-            limits.append([NO_TICK if bound is None else self.lanes.ticks(bound) for bound in bounds])
+            limits.append([NO_TICK if bound is None else self._within(chain, bound) for bound in bounds])
             for index in dict.fromkeys(indices):
                 touching[index].append((number,))
+        latencies = [NO_TICK if c.max_latency is None else self._within(c, c.max_latency) for c in self.chains]
+        events = [[(INSTANT[chain.anchor], INSTANT[chain.to])] for chain in self.chains]
         chain_first, chain_task = _table(members, 1)
         task_chain_first, task_chain = _table(touching, 1)
         return {
             "chain_first": chain_first,
             "chain_task": chain_task.flat,
             "chain_limit": Table.of(limits, 2),
+            "chain_latency": ints(latencies),
+            "chain_event": _table(events, 2)[1],
             "task_chain_first": task_chain_first,
             "task_chain": task_chain.flat,
         }
+
+    def _within(self, chain: Chain, bound: Duration) -> int:
+        """Return a limit in ticks; where it counts from an end, less what the end lacks of the grid."""
+        return self.lanes.ticks(bound) - int(chain.anchor is Anchor.END and self.has_rounded)
 
 
 def _links(windows: Columns) -> list[dict[int, int]]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from halpipe.core.durations import Duration, greatest_common_divisor
 from halpipe.models import Anchor
 from halpipe.pipeline.jobs import expand
-from halpipe.pipeline.measure.latency import worst_age, worst_reaction
+from halpipe.pipeline.measure.latency import members_of, worst_age, worst_latency, worst_reaction
 from halpipe.pipeline.measure.placement import PlacedJob, Placement
 from halpipe.pipeline.whatif.changed import time_limit
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from halpipe.models import Chain, ModeSchedule, Precedence, Schedule, Task, TaskModel
+    from halpipe.pipeline.measure.latency import Measure
 
 
 class Limit(NamedTuple):
@@ -187,29 +188,32 @@ class FixedStarts:
         for chain in self.model.chains:
             if growing[0].active.name not in chain.tasks or not all(name in by_task for name in chain.tasks):
                 continue
-            for what, limit in (("reaction time", chain.max_reaction), ("data age", chain.max_age)):
+            stated = (
+                ("latency", chain.max_latency, worst_latency),
+                ("reaction time", chain.max_reaction, worst_reaction),
+                ("data age", chain.max_age, worst_age),
+            )
+            for what, limit, measure in stated:
                 if limit is not None:
-                    most = self._chain_reach(chain, what, limit // self.placement.tick, growing, cap)
+                    most = self._chain_reach(chain, measure, limit // self.placement.tick, growing, cap)
                     if most < cap:
                         cap = most
                         yield Limit(most, f'chain "{chain.name}": {what} {limit}')
 
-    def _chain_reach(self, chain: Chain, what: str, limit: int, growing: list[PlacedJob], cap: int) -> int:
+    def _chain_reach(self, chain: Chain, measure: Measure, limit: int, growing: list[PlacedJob], cap: int) -> int:
         """Return the largest growth up to `cap` within the limit, by bisection: latencies grow with it."""
         name, version = growing[0].active.name, growing[0].version.name
-        measure = worst_reaction if what == "reaction time" else worst_age
 
         def keeps(growth: int) -> bool:
-            members = [
-                [
-                    replace(job, length=job.length + growth)
-                    if (job.active.name, job.version.name) == (name, version)
-                    else job
-                    for job in self.placement.by_task[member]
-                ]
-                for member in chain.tasks
-            ]
-            latency = measure(members, self._circle)
+            jobs = tuple(
+                replace(job, length=job.length + growth)
+                if (job.active.name, job.version.name) == (name, version)
+                else job
+                for job in self.placement.jobs
+                if job.active.name in chain.tasks
+            )
+            members = members_of(replace(self.placement, jobs=jobs), chain)
+            latency = None if members is None else measure(members, self._circle)
             return latency is not None and latency <= limit
 
         if keeps(cap):

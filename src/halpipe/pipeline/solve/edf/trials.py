@@ -59,6 +59,7 @@ class Trials:
         self.placed = 0
         self.stopped = False
         self._simulator = Simulator(mode)
+        self._is_refined = bool(mode.expansion.locks) or any(True for _ in model.refinements())
         self._times = ChainTimes(mode, model.chains)
         self.limited = [chain for chain in model.chains if chain.max_reaction is not None or chain.max_age is not None]
         self._limits = ChainTimes(mode, self.limited)
@@ -99,8 +100,8 @@ class Trials:
             raise HalpipeError(TOO_MANY_PARTS(text, at=mode.at, path=f'mode "{mode.name}"', help=help))
 
     def _beside_fixed(self, plan: Plan, table: Table) -> int:
-        """Return what a table still costs with the jobs that stay: those may break rules by themselves."""
-        if not self.mode.fixed.jobs:
+        """Return what a table still costs: with jobs that stay, or by rules that no simulation keeps (MODEL 10)."""
+        if not self.mode.fixed.jobs and not self._is_refined:
             return 0
         placement = Placement.of(self.mode.expansion, named(self.mode, plan, table), self.mode.platform)
         return max(0, math.ceil(cost_terms(self.model, placement).total))

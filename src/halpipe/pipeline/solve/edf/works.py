@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import field
+from dataclasses import field, replace
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Task, TaskModel, Unit, Version
+    from halpipe.models import Access, Precedence, Task, TaskModel, Unit, Version
     from halpipe.pipeline.jobs import ActiveTask, Expansion
 
 MAX_UNIT_SETS = 256
@@ -177,6 +177,8 @@ class _Builder:
             # From the start of a job to the end of the next, whatever the slips of both: enough, not necessary.
             deadline = self.down((task.deadline or task.distance) - period)
             latest = min(latest, self.down(task.distance - period))
+        if task.let is not None:
+            deadline = min(deadline, self.down(task.let))
         return Work(
             active=active,
             period=self.down(period),
@@ -229,7 +231,7 @@ class _Builder:
 
     def _phases(self, version: Version, bounds: Sequence[Duration], ends: Sequence[int]) -> Iterable[Phase]:
         """Yield the phases in grid time: inside a piece, they count from where the piece begins on the grid."""
-        for access in version.accesses:
+        for access in itertools.chain.from_iterable(self._within_pieces(a, bounds) for a in version.accesses):
             number = self.resource_index[access.resource]
             height = math.ceil(access.bound * self.capacity[number])
             piece = next(n for n in range(len(ends)) if access.end <= bounds[n + 1])
@@ -238,13 +240,36 @@ class _Builder:
             if height:
                 yield Phase(number, begin, max(end, begin + 1), height)
 
+    def _within_pieces(self, access: Access, bounds: Sequence[Duration]) -> Iterable[Access]:
+        """Cut an access to a lock at the split points; what holds it in the gaps is seen by the cost of a table."""
+        if access.resource not in self.expansion.locks:
+            return (access,)
+        cuts = [access.start, *(b for b in bounds if access.start < b < access.end), access.end]
+        return (replace(access, start=begin, end=end) for begin, end in itertools.pairwise(cuts))
+
     def _windows(self, version: Version) -> Iterable[Window]:
         for row in version.precedences:
             task = self.task_index.get(row.task, -1)
+            if row.anchor not in (Anchor.START, Anchor.END) or row.to is Anchor.END:
+                yield self._aim(row, task, version)
+                continue
             most = self.down(row.max)
             if row.anchor is Anchor.END and self._ends_early(task):
                 most -= 1  # the predecessor really ends up to one tick before the end that the grid shows
             yield Window(task, self.up(row.min), most, row.anchor is Anchor.END)
+
+    def _aim(self, row: Precedence, task: int, version: Version) -> Window:
+        """Return a window between starts or ends in which another one is likely to hold; the cost of a table decides.
+
+        Any window at all where none is likely.
+        """
+        before = self.expansion.tasks[task].task
+        late = self.up((before.period or ZERO) * before.slack) if row.anchor is Anchor.RELEASE else 0
+        lag = self.up(row.point or ZERO) - (self.up(version.wcet or ZERO) if row.to is Anchor.END else 0)
+        least, most = max(0, self.up(row.min) + lag), self.down(row.max) + lag - late
+        if task < 0 or most < least:
+            return Window(task, 0, self.down(self.expansion.hyperperiod), False)
+        return Window(task, least, most, row.anchor is Anchor.END)
 
     def _ends_early(self, task: int) -> bool:
         versions = self.expansion.tasks[task].versions if task >= 0 else ()

@@ -68,14 +68,14 @@ def removing(arrays: Arrays, state: State) -> Callable[..., object]:
     return bound("remove", arrays, state)
 
 
-def worst_reaction(arrays: Arrays, state: State, begin: int, end: int) -> int:
-    """Return the worst reaction time, in the best placement, of the chain in ``chain_task[begin:end]``, or NEVER."""
-    return ask("worst_reaction", arrays, state, begin, end)
+def worst_reaction(arrays: Arrays, state: State, chain: int) -> int:
+    """Return the worst reaction time, in the best placement, of a chain by number, or NEVER."""
+    return ask("worst_reaction", arrays, state, chain)
 
 
-def worst_age(arrays: Arrays, state: State, begin: int, end: int) -> int:
-    """Return the worst data age, in the best placement, of the chain in ``chain_task[begin:end]``, or NEVER."""
-    return ask("worst_age", arrays, state, begin, end)
+def worst_age(arrays: Arrays, state: State, chain: int) -> int:
+    """Return the worst data age, in the best placement, of a chain by number, or NEVER."""
+    return ask("worst_age", arrays, state, chain)
 
 
 def gather_cluster(arrays: Arrays, state: State, task: int) -> int:

@@ -347,8 +347,8 @@ def _latencies(best: _Best) -> list[list[int]]:
     """Return reaction time and data age of every chain, in ticks."""
     arrays, state = best.arrays, best.state
     return [
-        [measure(arrays, state, first, last) for measure in (worst_reaction, worst_age)]
-        for first, last in pairwise(arrays.chain_first)
+        [measure(arrays, state, chain) for measure in (worst_reaction, worst_age)]
+        for chain in range(len(arrays.chain_limit))
     ]
 
 

@@ -20,9 +20,10 @@ _Static_assert(sizeof(void *) == 8, "the loader fills in words of 64 bits");
 _Static_assert((-1 >> 1) == -1, "right shifts round down, as in Python");
 
 typedef struct { int64_t lane, offset, length, height; } Rect;
-typedef struct { int64_t task, least, room, from_end; } Row;
+typedef struct { int64_t task, least, room, origin, to_end, is_cycle, event; } Row;
 typedef struct { int64_t task, lag, room, is_after, from_end; } Partner;
 typedef struct { int64_t reaction, age; } Limits;
+typedef struct { int64_t from, to; } Events;
 typedef struct { int64_t begin, level; } Step; /* of a profile; it ends where the next one begins */
 typedef struct { int64_t begin, length, mark; } Owner; /* mark: job * max_rects + number of the rectangle */
 typedef struct { int64_t start, option, phase; } Spot;
@@ -42,6 +43,8 @@ typedef struct {
     const int64_t *task_option;
     const int64_t *task_coupled;
     const int64_t *task_sets;
+    const int64_t *task_let;
+    const int64_t *task_first;
     const int64_t *job_task;
     const int64_t *job_entry;
     const int64_t *entry_job;
@@ -55,6 +58,7 @@ typedef struct {
     const Rect *rect;
     const int64_t *row_first;
     const Row *row;
+    const int64_t *event_at;
     const int64_t *consumer_first;
     const int64_t *consumer;
     const int64_t *partner_first;
@@ -66,11 +70,14 @@ typedef struct {
     const int64_t *chain_first;
     const int64_t *chain_task;
     const Limits *chain_limit;
+    const int64_t *chain_latency;
+    const Events *chain_event;
     const int64_t *task_chain_first;
     const int64_t *task_chain;
     const int64_t *construction;
     int64_t unit_weight;
     int64_t missing_cost;
+    int64_t is_closed;
     /* The lengths that are not in some `_first`; the loader adds them. */
     int64_t lanes;
     int64_t jobs;
@@ -144,6 +151,9 @@ typedef enum {
 } Part;
 
 static inline bool is_on(const State *s, Part part) { return (s->enabled & part) != 0; }
+
+/* Instants of a job (MODEL 10.1): Row.origin and, for chains, Events. */
+typedef enum { AT_START, AT_END, AT_RELEASE, AT_POINT, AT_DATA } Instant;
 
 /* Option of a task that may choose for each job, or of a job that is absent (Arrays.option_set). */
 #define ANY_SET (-1)

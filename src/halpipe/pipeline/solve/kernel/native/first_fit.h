@@ -75,7 +75,7 @@ static int64_t widest_miss(const Arrays *p, Placing x, int64_t job, int64_t only
         const Row *row = &p->row[index];
         if (only >= 0 && row->task != only)
             continue;
-        int64_t distance = window_distance(p, x, row, x.start[job]);
+        int64_t distance = row_distance(p, x, row, job);
         if (distance < NEVER)
             widest = most(widest, distance);
     }

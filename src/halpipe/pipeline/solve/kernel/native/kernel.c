@@ -147,12 +147,12 @@ EXPORTED void halpipe_remove(const Arrays *p, State *s, int64_t entry) {
 
 EXPORTED void halpipe_put(const Arrays *p, State *s, int64_t job) { put(p, s, job); }
 
-EXPORTED int64_t halpipe_worst_reaction(const Arrays *p, const State *s, int64_t begin, int64_t end) {
-    return worst_reaction(p, best_placing(s), begin, end);
+EXPORTED int64_t halpipe_worst_reaction(const Arrays *p, const State *s, int64_t chain) {
+    return worst_forward(p, best_placing(s), chain, true);
 }
 
-EXPORTED int64_t halpipe_worst_age(const Arrays *p, const State *s, int64_t begin, int64_t end) {
-    return worst_age(p, best_placing(s), begin, end);
+EXPORTED int64_t halpipe_worst_age(const Arrays *p, const State *s, int64_t chain) {
+    return worst_age(p, best_placing(s), chain);
 }
 
 /* Parts of the above, for the tests. */

@@ -28,7 +28,7 @@ static bool is_listed(const State *s, int64_t size, int64_t task) {
 /* Whether all jobs of a task may go anywhere together, and windows are all that couples it with others. */
 static bool may_shift(const Arrays *p, const State *s, int64_t task) {
     int64_t begin = p->task_job[task], end = p->task_job[task + 1];
-    if (begin == end || p->task_cyclic[task] == 0)
+    if (begin == end || p->task_cyclic[task] == 0 || p->task_first[task] == 1)
         return false;
     if (p->task_chain_first[task + 1] > p->task_chain_first[task])
         return false;

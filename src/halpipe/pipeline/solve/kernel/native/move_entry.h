@@ -116,6 +116,10 @@ static int64_t try_job(const Arrays *p, State *s, const int64_t *noise, int64_t 
             }
         }
     }
+    if (p->task_first[task] == 1) { /* some phase in [0, D) suits all jobs */
+        earliest = most(earliest, 0);
+        latest = least(latest, p->task_period[task] - 1);
+    }
     int64_t late = 0;
     for (int64_t option = p->task_option[task]; option < p->task_option[task + 1]; option++)
         late = most(late, p->option_late[option]);

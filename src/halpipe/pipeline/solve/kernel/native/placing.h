@@ -22,6 +22,36 @@ static inline bool is_running(const Arrays *p, Placing x, int64_t job) {
 
 static inline int64_t jobs_of(const Arrays *p, int64_t task) { return p->task_job[task + 1] - p->task_job[task]; }
 
+static inline int64_t number_of(const Arrays *p, int64_t job) { return job - p->task_job[p->job_task[job]]; }
+
+/* The release of a job whose task has a fixed phase, not reduced. */
+static inline int64_t release_of(const Arrays *p, int64_t job) {
+    return p->entry_offset[p->job_entry[job]] + number_of(p, job) * p->task_period[p->job_task[job]];
+}
+
+/* The start of a periodic job where it belongs: a hyperperiod later if that lies before its release (MODEL 10.1). */
+static inline int64_t unreduced(const Arrays *p, Placing x, int64_t job) {
+    int64_t first = number_of(p, job) * p->task_period[p->job_task[job]] + most(0, p->entry_offset[p->job_entry[job]]);
+    return x.start[job] + (x.start[job] < first ? p->hyperperiod : 0);
+}
+
+/* From its start on, the instant of a job at which a window begins; `event` is that of a point, for its first option. */
+static inline int64_t lag_of(const Arrays *p, Placing x, int64_t job, int64_t origin, int64_t event) {
+    if (origin == AT_END)
+        return p->option_wcet[x.option[job]];
+    return origin == AT_POINT ? p->event_at[event + x.option[job] - p->task_option[p->job_task[job]]] : 0;
+}
+
+/* When a job reads its data, and how long after that it writes: at start and end, or at its release and LET later. */
+static inline int64_t read_of(const Arrays *p, Placing x, int64_t job) {
+    return p->task_let[p->job_task[job]] < 0 ? x.start[job] : release_of(p, job);
+}
+
+static inline int64_t held_for(const Arrays *p, Placing x, int64_t job) {
+    int64_t let = p->task_let[p->job_task[job]];
+    return let < 0 ? p->option_wcet[x.option[job]] : let;
+}
+
 /* The range of job numbers of `task` that holds those which start or end nearest to `time`.
  *
  * Jobs of a periodic task are found by division; tasks on demand, and periodic ones with few jobs, are scanned. */

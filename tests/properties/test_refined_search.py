@@ -1,0 +1,134 @@
+"""The search keeps the requirements of MODEL 10: kernel, reference cost and verify agree on every placement."""
+
+import random
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scheduler_systems import random_model
+from test_kernel_cost import dealt_jobs, is_complete, reference_cost, walk
+
+from halpipe.core.diagnostics import HalpipeError
+from halpipe.core.durations import Duration, milliseconds
+from halpipe.models import Anchor, Edge, Match, ModeSchedule, ResourceKind, Schedule, Status
+from halpipe.pipeline.checked import schedule_model, validate_model
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve.kernel.kernel import total_cost
+from halpipe.pipeline.solve.kernel.state import COST
+from halpipe.pipeline.solve.limits import stated_problem
+from halpipe.pipeline.solve.schedule import SearchOptions
+from halpipe.pipeline.verify import verify
+from profiles import examples
+
+SEEDS = st.integers(0, 2**32)
+
+
+def refined(seed, grain=1):
+    """A random model with requirements on instants, cycles, locks, edges and LET, schedulable or not."""
+    rng = random.Random(seed)
+    system = random_model(seed, grain)
+    lock = rng.choice((None, "r"))
+    tasks = {t.name: t for t in system.tasks}
+
+    def offset(task):
+        return task if task.offset is not None or task.period is None else replace(task, offset=milliseconds(0))
+
+    def window(task, row):
+        before = tasks[row.task]
+        anchor = rng.choice((Anchor.START, Anchor.END, Anchor.POINT, *([Anchor.RELEASE] if before.period else [])))
+        shortest = min(v.wcet for v in before.versions)
+        point = shortest * Fraction(rng.randrange(5), 4) if anchor is Anchor.POINT else None
+        has_cycle = task.period is not None and before.period is not None and rng.random() < 0.5
+        match = Match.CYCLE if has_cycle else Match.WINDOW
+        return replace(row, anchor=anchor, point=point, to=rng.choice((Anchor.START, Anchor.END)), match=match)
+
+    def change(task):
+        versions = []
+        for v in task.versions:
+            accesses = [replace(a, bound=Fraction(1)) if a.resource == lock else a for a in v.accesses]
+            rows = [window(task, p) for p in v.precedences]
+            versions.append(replace(v, accesses=tuple(accesses), precedences=tuple(rows)))
+        deadline = task.deadline or task.period
+        let = deadline if task.period is not None and rng.random() < 0.3 else None
+        return replace(task, versions=tuple(versions), let=let)
+
+    changed = [change(t) for t in system.tasks]
+    chains = []
+    for c in system.chains:
+        anchors = [None, Anchor.START, Anchor.END, *([Anchor.RELEASE] if tasks[c.tasks[0]].period else [])]
+        latency = c.max_reaction if rng.random() < 0.5 else None
+        found = replace(
+            c, anchor=rng.choice(anchors), to=rng.choice((None, Anchor.START, Anchor.END)), max_latency=latency
+        )
+        chains.append(found)
+    released = {p.task for t in changed for v in t.versions for p in v.precedences if p.anchor is Anchor.RELEASE}
+    released |= {t.name for t in changed if t.let} | {c.tasks[0] for c in chains if c.anchor is Anchor.RELEASE}
+    resources = [replace(r, kind=ResourceKind.LOCK) if r.name == lock else r for r in system.resources]
+    modes = [replace(m, edge=rng.choice((Edge.OPEN, Edge.OPEN, Edge.CLOSED))) for m in system.modes]
+    return replace(
+        system,
+        tasks=tuple(offset(t) if t.name in released else t for t in changed),
+        chains=tuple(chains),
+        resources=tuple(resources),
+        modes=tuple(modes),
+    )
+
+
+def usable(seed, grain=1):
+    system = refined(seed, grain)
+    assume(not any(d.is_error for d in validate_model(system)))
+    return system
+
+
+@examples(150)
+@given(SEEDS)
+def test_kernel_reference_and_verify_agree_on_every_placement(seed):
+    system = usable(seed)
+    expansion = expand(system, system.modes[0])
+    try:
+        problem = stated_problem(system, expansion, None, grouped=False, pinned={})
+    except HalpipeError:
+        assume(False)
+    for number, state in enumerate(walk(problem, seed, 60)):
+        assert state.register[COST] == total_cost(problem.arrays, state)
+        if is_complete(problem, state) and number % 8 == 0:
+            expected, terms = reference_cost(system, problem, state.start, state.option)
+            assert state.register[COST] == expected
+            assert (state.register[COST] == 0) == (terms.total <= 0)
+            jobs = tuple(dealt_jobs(problem, state.start, state.option))
+            table = ModeSchedule(name="one", hyperperiod=expansion.hyperperiod, status=Status.VALID, jobs=jobs)
+            found = verify(system, Schedule(model=system.name, modes=(table,)))
+            assert (state.register[COST] == 0) == (not any(d.is_error for d in found)), found
+
+
+def outcome(system, options):
+    """The first code of a refusal; "" for a schedule, which verify has accepted, or none."""
+    try:
+        found = schedule_model(system, options, lambda *_: True)
+    except HalpipeError as failure:
+        return failure.diagnostics[0].code
+    errors = [d for d in verify(system, found.schedule) if d.is_error]
+    return "HAL0903" if errors and found.is_complete else ""
+
+
+@examples(60)
+@given(SEEDS, st.sampled_from([1, 4]), st.sampled_from([None, "1ms"]))
+def test_what_the_search_calls_valid_verifies(seed, grain, tick):
+    system = usable(seed, grain)
+    options = SearchOptions(budget=100, tick=None if tick is None else Duration.parse(tick))
+    assert outcome(system, options) != "HAL0903"
+
+
+@pytest.mark.parametrize("let", [None, milliseconds(5)])
+def test_a_release_needs_an_offset(let):
+    system = random_model(3)
+    free = replace(system.tasks[-1], offset=None, let=let)
+    system = replace(system, tasks=(*system.tasks[:-1], free))
+    if let is None:
+        assert expand(system, system.modes[0]).job_count
+        return
+    with pytest.raises(HalpipeError) as refused:
+        expand(system, system.modes[0])
+    assert {d.code for d in refused.value.diagnostics} == {"HAL0459"}
