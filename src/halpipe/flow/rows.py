@@ -31,7 +31,7 @@ def job_rows(schedule: Schedule) -> list[Row]:
 
 def _tables(schedule: Schedule) -> Iterator[tuple[str, Sequence[Job]]]:
     yield from ((mode.name, mode.jobs) for mode in schedule.modes)
-    yield from ((f"{table.source}->{table.target}", table.jobs) for table in schedule.transitions)
+    yield from ((table.name, table.jobs) for table in schedule.transitions)
 
 
 def _rows_of(table: str, job: Job) -> Iterator[Row]:

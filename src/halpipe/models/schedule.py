@@ -152,6 +152,11 @@ class TransitionTable:
     jobs: tuple[Job, ...] = ()
     at: Location = field(default=NOWHERE, compare=False, repr=False)
 
+    @property
+    def name(self) -> str:
+        """The name in traces, bundles and messages."""
+        return f"{self.source}->{self.target}"
+
 
 @record(kw_only=True)
 class Reaction:

@@ -111,10 +111,9 @@ class _Judge:
         }
         self.after: Mapping[str, set[str]] = {mode.name: {mode.name} for mode in schedule.modes}
         for table in schedule.transitions:
-            name = f"{table.source}->{table.target}"
-            self.tables[name] = {(job.task, job.index): job for job in table.jobs}
-            self.after[table.source].add(name)
-            self.after = {**self.after, name: {table.target}}
+            self.tables[table.name] = {(job.task, job.index): job for job in table.jobs}
+            self.after[table.source].add(table.name)
+            self.after = {**self.after, table.name: {table.target}}
         self.faults: dict[tuple[str, str], list[str]] = defaultdict(list)
         self.kinds: dict[str, Code] = {}
 

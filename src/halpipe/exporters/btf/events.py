@@ -76,10 +76,10 @@ def tour(schedule: Schedule, cycles: int) -> tuple[list[Piece], list[str]]:
                 pieces.append(Piece(played, now, modes[played].jobs))
                 now += modes[played].hyperperiod
         else:
-            pieces.append(Piece(f"{played.source}->{played.target}", now, played.jobs))
+            pieces.append(Piece(played.name, now, played.jobs))
             now += played.length
     seen = {piece.name for piece in pieces}
-    names = [*modes, *(f"{source}->{target}" for source, target in switches)]
+    names = [*modes, *(table.name for table in schedule.transitions)]
     return pieces, [name for name in names if name not in seen]
 
 

@@ -152,7 +152,7 @@ def _frame(schedule: Schedule) -> Tables:
     wholes = [divmod(int(length.fraction * parts), parts) for length in lengths]
     ends = [(i, i) for i in range(len(names))]
     ends += [(names.index(t.source), names.index(t.target)) for t in schedule.transitions]
-    titles = names + [f"{t.source}->{t.target}" for t in schedule.transitions]
+    titles = names + [t.name for t in schedule.transitions]
     tables = [Table(title, whole, rest, *pair) for title, (whole, rest), pair in zip(titles, wholes, ends, strict=True)]
     switches = [-1] * len(names) ** 2
     for number, table in enumerate(tables[len(names) :], len(names)):

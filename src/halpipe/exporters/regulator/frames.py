@@ -139,7 +139,7 @@ class Framer:
         cycles = _cycles(foreign, own, length, cycle)
         after = [_moved(phase, number * cycle) for number in range(cycles) for phase in own]
         return Frame(
-            name=f"{table.source}->{table.target}",
+            name=table.name,
             kind=TRANSITION,
             source=table.source,
             target=table.target,

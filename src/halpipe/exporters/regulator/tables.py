@@ -319,7 +319,7 @@ class TableBuilder:
         """Return for every table those after which it may begin."""
         before = [{n for n, successor in enumerate(successors) if successor == number} for number in index.values()]
         for t in self.schedule.transitions:
-            request = index.get(f"{t.source}->{t.target}", index[t.target])
+            request = index.get(t.name, index[t.target])
             before[request].add(index[t.source])
         return before
 
@@ -356,10 +356,7 @@ class TableBuilder:
 
     def _switches(self, tables: tuple[Table, ...]) -> tuple[Switch, ...]:
         index = {table.name: table.index for table in tables}
-        return tuple(
-            Switch(t.source, t.target, index.get(f"{t.source}->{t.target}", index[t.target]))
-            for t in self.schedule.transitions
-        )
+        return tuple(Switch(t.source, t.target, index.get(t.name, index[t.target])) for t in self.schedule.transitions)
 
 
 @dataclass(slots=True)

@@ -24,7 +24,7 @@ MAX_WINDOWS = 2**20
 def check_windows(schedule: Schedule, platform: Platform) -> list[Diagnostic]:
     """Return a finding for every hyperperiod and transition that is not a whole number of windows."""
     spans = [(about(mode=m.name), "hyperperiod", m.hyperperiod, m.at) for m in schedule.modes]
-    spans += [(about(transition=f"{t.source}->{t.target}"), "length", t.length, t.at) for t in schedule.transitions]
+    spans += [(about(transition=t.name), "length", t.length, t.at) for t in schedule.transitions]
     window = platform.window
     found = []
     for path, what, span, at in spans:

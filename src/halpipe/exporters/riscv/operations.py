@@ -113,7 +113,7 @@ class Operations:
             for m in schedule.modes
         ]
         for t in schedule.transitions:
-            name = f"{t.source}->{t.target}"
+            name = t.name
             jobs = self._releases(t.jobs)
             found.append(Table(name, index[t.source], index[t.target], self.clock.up(t.length), jobs))
         return found

@@ -107,7 +107,7 @@ class _TraceWriter:
         self._process(f"switch {table.source} to {table.target}")
         self._instant(f"switch from {table.source}", ZERO - window.start)
         self._instant(f"start of {table.target}", table.length - window.start)
-        self._slices(placements, window, f"{table.source}->{table.target}")
+        self._slices(placements, window, table.name)
         self._counters(placements, window)
 
     def _process(self, name: str) -> None:

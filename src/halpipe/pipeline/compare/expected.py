@@ -39,14 +39,9 @@ class Played:
     start: Duration
 
 
-def switch_name(source: str, target: str) -> str:
-    """Return the name of the table between two modes, as traces have it."""
-    return f"{source}->{target}"
-
-
 def tables_of(schedule: Schedule) -> dict[str, Table]:
     """Return the tables of a schedule by name."""
-    switches = {switch_name(t.source, t.target): t for t in schedule.transitions}
+    switches = {t.name: t for t in schedule.transitions}
     found = {}
     for mode in schedule.modes:
         after = {name for name, table in switches.items() if table.source == mode.name}

@@ -28,7 +28,7 @@ from halpipe.deploy.riscv.run.cosimulation import CoSimulation, load_program, re
 from halpipe.deploy.riscv.run.drivers import REQUEST, read_drivers
 from halpipe.deploy.riscv.run.expectation import Expectation
 from halpipe.deploy.riscv.run.injection import Injection, Saboteur
-from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours, transition_name
+from halpipe.deploy.riscv.run.sequence import Played, Tour, played_tables, tables_named, tours
 from halpipe.deploy.riscv.target import read_site
 
 if TYPE_CHECKING:
@@ -347,7 +347,7 @@ def refuse_disagreement(target: Target, site: Site) -> None:
     """Raise `HalpipeError` unless target.json has the tables and the units of the schedule."""
     findings = Findings()
     modes = [(mode.name, mode.hyperperiod) for mode in target.schedule.modes]
-    modes += [(transition_name(t.source, t.target), t.length) for t in target.schedule.transitions]
+    modes += [(t.name, t.length) for t in target.schedule.transitions]
     stated = [(table.name, site.tick * table.length) for table in site.tables]
     at = target.bundle.at("target.json")
     if stated != modes:

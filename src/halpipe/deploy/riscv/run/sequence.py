@@ -65,11 +65,6 @@ class Tour:
     tables: int
 
 
-def transition_name(source: str, target: str) -> str:
-    """Return how the table between two modes is called."""
-    return f"{source}->{target}"
-
-
 def played_tables(
     schedule: Schedule,
     first: str,
@@ -101,8 +96,7 @@ def played_tables(
         wanted = healthy if healthy != mode else wanted
         switch = switches.get((mode, wanted))
         if switch is not None and len(found) < tables and (stop is None or now < stop):
-            name = transition_name(mode, wanted)
-            found.append(Played(len(found), name, now, switch.length, switch.jobs, source=mode))
+            found.append(Played(len(found), switch.name, now, switch.length, switch.jobs, source=mode))
             now += switch.length
         if switch is not None:
             mode = wanted
@@ -112,7 +106,7 @@ def played_tables(
 def tables_named(schedule: Schedule, names: Sequence[str]) -> list[Played]:
     """Return the tables with these names one after the other, leaving out what the schedule does not have."""
     modes = {mode.name: mode for mode in schedule.modes}
-    switches = {transition_name(t.source, t.target): t for t in schedule.transitions}
+    switches = {t.name: t for t in schedule.transitions}
     found: list[Played] = []
     for name in names:
         now = found[-1].start + found[-1].length if found else ZERO
