@@ -44,6 +44,13 @@ STILL_BROKEN = warning(
     "What verify finds in the best placement of a search that failed: where the conflict is.",
 )
 
+GROUP_NOT_FOUND = warning(
+    "HAL0408",
+    "Independent group of tasks has no schedule yet",
+    "A large mode falls into groups that share no unit, resource, window or chain. Each is searched alone; the search "
+    "of this one spent its budget, while others succeeded.",
+)
+
 # ---------------------------------------------------------------------------- the exact engine
 
 EXACT_MISSING = error(

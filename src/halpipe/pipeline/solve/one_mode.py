@@ -16,6 +16,7 @@ from halpipe.pipeline.measure.objectives import Objective
 from halpipe.pipeline.parts import is_exact_model
 from halpipe.pipeline.solve.codes import CANNOT_STAY, EXACT_ABSENT, EXACT_KEEPS_NOTHING, OTHER_ANSWERED, TOO_LARGE
 from halpipe.pipeline.solve.goals import POLISH_BUDGET, Finished, Goals, polish_of
+from halpipe.pipeline.solve.groups import independent_groups, search_groups
 from halpipe.pipeline.solve.limits import check_tick, cut_options, refuse_stuck, stated_problem
 
 if TYPE_CHECKING:
@@ -80,7 +81,15 @@ def schedule_mode(
         of_mode = _Exact
     elif any(version.split.is_allowed for active in expansion.tasks for version in active.versions):
         of_mode = _SplitJobs
-    return of_mode(model, expansion, options, number, on_progress, earlier).found()
+    is_whole = options.engine == EXACT or options.optimise
+    groups = [expansion] if is_whole else independent_groups(model, expansion)
+
+    def search(part: Expansion, chosen: SearchOptions, key: str, tell: OnProgress) -> Found:
+        return of_mode(model, part, chosen, number, tell, earlier, key).found()
+
+    if len(groups) == 1:
+        return search(expansion, options, "", on_progress)
+    return search_groups(model, expansion, groups, options, on_progress, search)
 
 
 @dataclass(frozen=True)
@@ -93,6 +102,8 @@ class _Search:
     number: int
     on_progress: OnProgress
     earlier: Earlier
+    part: str = ""
+    """Of a mode that is searched in groups, which of them this is."""
 
     def found(self) -> Found:
         """Search."""
@@ -136,7 +147,7 @@ class _Search:
         """Return the name under which a keeper has this search."""
         from halpipe.pipeline.solve.kernel.run_in_slices import Kept
 
-        return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}")
+        return None if keeper is None else Kept(keeper, f"{self.options.attempt}/{self.number}{self.part}")
 
     def finished(self, jobs: tuple[Job, ...], seed: int, go_on: Callable[[], bool], *, is_free: bool) -> Finished:
         """Return valid jobs with what they reach of the objectives, or better ones; see `optimise.finish`."""

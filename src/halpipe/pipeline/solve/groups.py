@@ -1,0 +1,170 @@
+"""Independent groups of tasks of a large mode, each searched alone, so that a hard one does not hold up the others.
+
+Tasks are of one group that share a unit, a resource, a window, a demand or a chain with a limit. Every group first gets
+a few moves, then those without a schedule the whole budget. What a group gets depends on the group alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from halpipe.core.diagnostics import about
+from halpipe.models import Status
+from halpipe.pipeline.measure.metrics import mode_report
+from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from halpipe.core.diagnostics import Diagnostic
+    from halpipe.models import Chain, TaskModel
+    from halpipe.pipeline.jobs import ActiveTask, Expansion
+    from halpipe.pipeline.solve.one_mode import Found
+    from halpipe.pipeline.solve.schedule import OnProgress, SearchOptions
+
+    Search = Callable[[Expansion, SearchOptions, str, OnProgress], Found]
+
+FEW_TASKS = 200
+"""Tasks of a mode up to which all groups are searched together: a few moves more."""
+
+FIRST_BUDGET = 2000
+"""Moves per task that each group gets at first."""
+
+MOST_NAMED = 8
+"""Tasks and units of a group that are named."""
+
+
+def independent_groups(model: TaskModel, expansion: Expansion) -> list[Expansion]:
+    """Return the groups of a large mode as modes of their own, by their first tasks; a small mode as it is."""
+    if len(expansion.tasks) <= FEW_TASKS:
+        return [expansion]
+    groups = _Groups()
+    owner: dict[tuple[str, str], str] = {}
+    for active in expansion.tasks:
+        for shared in _shared(active):
+            groups.join(active.name, owner.setdefault(shared, active.name))
+        for other in _linked(active, expansion):
+            groups.join(active.name, other)
+    for chain in filter(_is_limited, model.chains):
+        if all(name in expansion.by_name for name in chain.tasks):
+            for name in chain.tasks:
+                groups.join(name, chain.tasks[0])
+    members: dict[str, list[ActiveTask]] = {}
+    for active in expansion.tasks:
+        members.setdefault(groups.root(active.name), []).append(active)
+    return [replace(expansion, tasks=tuple(tasks)) for tasks in members.values()]
+
+
+class _Groups:
+    """Groups of names, which are joined pair by pair."""
+
+    def __init__(self) -> None:
+        self._parent: dict[str, str] = {}
+
+    def root(self, name: str) -> str:
+        """Return the name that stands for a group."""
+        while (parent := self._parent.get(name, name)) != name:
+            self._parent[name] = self._parent.get(parent, parent)
+            name = parent
+        return name
+
+    def join(self, one: str, other: str) -> None:
+        """Make one group of those of two names."""
+        self._parent[self.root(other)] = self.root(one)
+
+
+def _shared(active: ActiveTask) -> Iterator[tuple[str, str]]:
+    for version in active.versions:
+        yield from (("unit", name) for name in version.units)
+        yield from (("resource", access.resource) for access in version.accesses)
+
+
+def _linked(active: ActiveTask, expansion: Expansion) -> Iterator[str]:
+    for version in active.versions:
+        yield from (row.task for row in version.precedences if row.task in expansion.by_name)
+    yield from (demand.task for demand in active.demands)
+
+
+def _is_limited(chain: Chain) -> bool:
+    return chain.max_reaction is not None or chain.max_age is not None
+
+
+def search_groups(
+    model: TaskModel,
+    expansion: Expansion,
+    groups: list[Expansion],
+    options: SearchOptions,
+    on_progress: OnProgress,
+    search: Search,
+) -> Found:
+    """Search every group and put the tables together; name the groups without a schedule."""
+    progress = _Progress(on_progress, [options.moves(len(group.tasks)) for group in groups])
+    few = replace(options, budget=min(FIRST_BUDGET, options.budget or FIRST_BUDGET))
+    found: list[Found] = []
+    for key, chosen in (("first", few), ("group", options)):
+        numbers = [n for n in range(len(groups)) if not found or found[n].table.status is not Status.VALID]
+        searched = partial(_search_one, groups, chosen, key, progress, search)
+        for number, each in zip(numbers, options.workers.each(searched, numbers), strict=True):
+            before = found[number].moves if len(found) == len(groups) else 0
+            found[number : number + 1] = [replace(each, moves=each.moves + before)]
+        if progress.is_stopped:
+            break
+    return _together(model, expansion, groups, found)
+
+
+def _search_one(
+    groups: list[Expansion], options: SearchOptions, key: str, progress: _Progress, search: Search, number: int
+) -> Found:
+    on_progress = partial(progress.report, number)
+    return search(groups[number], options, f"{key}{number}", on_progress)
+
+
+class _Progress:
+    """Reports of all groups as those of one search; what one of them is answered, all are."""
+
+    def __init__(self, on_progress: OnProgress, allowed: list[int]) -> None:
+        self._tell = on_progress
+        self._allowed = sum(allowed)
+        self._made = [0] * len(allowed)
+        self._costs = [-1] * len(allowed)
+        self.is_stopped = False
+
+    def report(self, number: int, mode: str, moves: int, _allowed: int, cost: int) -> bool:
+        """Pass on the moves of all groups, and their cost once every group has one."""
+        self._made[number], self._costs[number] = moves, cost
+        if not self.is_stopped:
+            whole = -1 if min(self._costs) < 0 else sum(self._costs)
+            self.is_stopped = not self._tell(mode, sum(self._made), self._allowed, whole)
+        return not self.is_stopped
+
+
+def _together(model: TaskModel, expansion: Expansion, groups: list[Expansion], found: list[Found]) -> Found:
+    failed = [group for group, each in zip(groups, found, strict=True) if each.table.status is not Status.VALID]
+    jobs = tuple(job for each in found for job in each.table.jobs)
+    notes = list({str(each): each for part in found for each in part.diagnostics}.values())
+    stopped = any(each.stopped for each in found)
+    notes += [] if len(failed) == len(groups) else [_named(expansion, group, len(groups)) for group in failed]
+    return replace(
+        found[0],
+        table=mode_report(model, expansion, jobs, Status.NOT_FOUND if failed else Status.VALID),
+        diagnostics=notes,
+        moves=sum(each.moves for each in found),
+        stopped=stopped,
+        engine=", ".join(sorted({each.engine for each in found})),
+    )
+
+
+def _named(expansion: Expansion, group: Expansion, count: int) -> Diagnostic:
+    """Name the tasks and units of a group without a schedule."""
+    units = dict.fromkeys(unit for active in group.tasks for version in active.versions for unit in version.units)
+    tasks = [active.name for active in group.tasks]
+    text = f"one of {count} independent groups has no schedule yet: {_list('task', tasks)} on {_list('unit', [*units])}"
+    help = "ask `halpipe explain`, or relax these tasks; all other groups have a schedule or are named, too"
+    return GROUP_NOT_FOUND(text, at=group.tasks[0].task.at, path=about(mode=expansion.mode.name), help=help)
+
+
+def _list(kind: str, names: list[str]) -> str:
+    shown = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+    return f"{kind}{'s' if len(names) > 1 else ''} {shown}"

@@ -1,0 +1,90 @@
+"""Independent groups of a large mode: what binds them, the same bytes for any number of threads, failures named."""
+
+from __future__ import annotations
+
+import pytest
+
+from halpipe.models import Status
+from halpipe.pipeline.jobs import expand
+from halpipe.pipeline.solve import groups
+from halpipe.pipeline.solve.codes import GROUP_NOT_FOUND
+from halpipe.pipeline.solve.groups import independent_groups
+from halpipe.pipeline.solve.schedule import SearchOptions, schedule_model
+from halpipe.pipeline.solve.workers import Workers
+from halpipe.pipeline.verify import verify
+from support import access, after, chain, model, task, version
+
+
+@pytest.fixture(autouse=True)
+def small_modes_are_cut(monkeypatch):
+    monkeypatch.setattr(groups, "FEW_TASKS", 1)
+
+
+def names(*tasks, **parts):
+    system = model(*tasks, units="u1 u2 u3 u4", **parts)
+    found = independent_groups(system, expand(system, system.modes[0]))
+    return ["".join(active.name for active in group.tasks) for group in found]
+
+
+def alone(name, unit, *parts):
+    return task(name, 10, version("v", 1, unit, *parts))
+
+
+def test_tasks_with_nothing_in_common_are_groups_of_their_own():
+    assert names(alone("a", "u1"), alone("b", "u2"), alone("c", "u1")) == ["ac", "b"]
+
+
+def test_a_version_binds_all_units_that_it_may_run_on():
+    assert names(alone("a", "u1 u2"), alone("b", "u2 u3"), alone("c", "u3"), alone("d", "u4")) == ["abc", "d"]
+
+
+def test_resources_windows_chains_and_demands_bind():
+    bus = access("bus", 0, 1, "1/4")
+    assert names(alone("a", "u1", bus), alone("b", "u2", bus), alone("c", "u3"), resources="bus") == ["ab", "c"]
+    assert names(alone("a", "u1"), alone("b", "u2", after("a", 0, 5)), alone("c", "u3")) == ["ab", "c"]
+    served = task("s", None, version("v", 1, "u2"))
+    assert names(alone("a", "u1", after("s", 1, 5)), served, alone("c", "u3")) == ["as", "c"]
+    limited, free = chain("l", "a b", age=40), chain("f", "b c")
+    assert names(alone("a", "u1"), alone("b", "u2"), alone("c", "u3"), chains=[limited, free]) == ["ab", "c"]
+
+
+def test_a_small_mode_is_not_cut(monkeypatch):
+    monkeypatch.setattr(groups, "FEW_TASKS", 2)
+    assert names(alone("a", "u1"), alone("b", "u2")) == ["ab"]
+    assert names(alone("a", "u1"), alone("b", "u2"), alone("c", "u3")) == ["a", "b", "c"]
+
+
+def corners(hard):
+    """Three groups, of which the second one has three tasks that share two units of which each holds one only."""
+    easy = [task(f"{name}{n}", 10, version("v", 2, unit)) for name, unit in (("a", "u1"), ("d", "u4")) for n in (1, 2)]
+    wcets = ("7ms", "7ms", "6ms" if hard else "2ms")
+    return model(
+        *easy, *(task(f"h{n}", 10, version("v", wcet, "u2 u3")) for n, wcet in enumerate(wcets)), units="u1 u2 u3 u4"
+    )
+
+
+def found(system, **options):
+    return schedule_model(system, SearchOptions(**options), lambda *_: True)
+
+
+@pytest.mark.parametrize("count", [2, 8])
+def test_the_same_schedule_for_any_number_of_threads(count):
+    system = corners(hard=False)
+    first = found(system, workers=Workers(1))
+    assert [d.message for d in verify(system, first.schedule) if d.is_error] == []
+    assert found(system, workers=Workers(count)).schedule == first.schedule
+
+
+def test_a_group_without_a_schedule_is_named_and_the_others_have_one():
+    result = found(corners(hard=True), budget=500)
+    assert result.schedule.modes[0].status is Status.NOT_FOUND
+    [named] = [d for d in result.diagnostics if d.code == GROUP_NOT_FOUND.id]
+    assert "one of 3 independent groups" in named.message
+    assert "tasks h0, h1, h2 on units u2, u3" in named.message
+    assert len(result.schedule.modes[0].jobs) == 7
+
+
+def test_a_stop_reaches_all_groups():
+    result = schedule_model(corners(hard=True), SearchOptions(), lambda *_: False)
+    assert result.stopped
+    assert len(result.schedule.modes[0].jobs) == 7
