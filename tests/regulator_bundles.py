@@ -20,11 +20,12 @@ WINDOW = "0.64us"
 PLATFORM = """halpipe-regulator: 1
 name: tiny
 resource: mem
-clock: 100MHz
+clock: {clock}
 bus: 64bit
 burst: 64B
 window: {window}
 guaranteed: 800MB/s
+capacity: {capacity}
 backend: table
 units:
 {units}"""
@@ -101,11 +102,11 @@ def _switch(source, target, length, jobs):
     )
 
 
-def export(folder, m, s, *, window="64", rounding="auto", backend="", units=3):
+def export(folder, m, s, *, window="64", rounding="auto", backend="", units=3, clock="100MHz", capacity="800MB/s"):
     """The files of the bundle, as the exporter writes them; the managers are in another order than the units."""
     path = folder / "platform.yaml"
     managers = "".join(f"  u{n + 1}: {{manager: {(n - 1) % units}}}\n" for n in range(units))
-    path.write_text(PLATFORM.format(window=window, units=managers))
+    path.write_text(PLATFORM.format(window=window, units=managers, clock=clock, capacity=capacity))
     options = RegulatorOptions(platform=str(path), rounding=rounding, backend=backend)
     return RegulatorExporter().write(m, s, options)
 

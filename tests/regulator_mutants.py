@@ -77,9 +77,11 @@ MUTANTS = {
     "status bits are swapped": ("unit", "6'd0, pending, running", "6'd0, running, pending"),
     # ------------------------------------------------------------------------------------------------ frame
     "go is ignored": ("frame", "go <= 1'b0;", "go <= 1'b1;"),
-    "windows are a cycle longer": ("frame", "cycles - 32'd1 : cycle", "cycles : cycle"),
+    "windows are a cycle longer": ("frame", "cycles - {31'd0, ~stretch} :", "cycles :"),
     "the first window is a cycle shorter": ("frame", "(cycle == 32'd0)", "(cycle == 32'd1)"),
     "windows may be too short": ("frame", "(reg_wdata < 32'd4) ? 32'd4 : reg_wdata", "reg_wdata"),
+    "windows have no further cycle": ("frame", "{31'd0, ~stretch}", "32'd1"),
+    "what is left of a cycle is lost": ("frame", "stretch ? over :", "stretch ? 32'd0 :"),
     "windows are counted twice": ("frame", "window <= window + 32'd1", "window <= window + 32'd2"),
     "one unit hears of requests": ("frame", ".all_req_valid(req_valid)", ".all_req_valid(req_valid & (i == 0))"),
     "one unit hears of GO": ("frame", ".all_go(go)", ".all_go(go & (i == 0))"),
@@ -104,6 +106,8 @@ UNSEEN = {
     "status bits are swapped",
     "reads and writes come together",
     "answers are not waited for",
+    "windows have no further cycle",
+    "what is left of a cycle is lost",
 }
 """Those that no run of the tests shows, so that the proof has to."""
 

@@ -132,6 +132,9 @@ PARTS = (
         {
             "counter": ("dut.cycle",),
             "length": ("dut.cycles",),
+            "rest": ("dut.rest",),
+            "extra": ("dut.extra",),
+            "of": ("dut.of",),
             "number": ("dut.window",),
             "go": ("dut.go",),
         },

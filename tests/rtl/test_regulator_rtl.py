@@ -91,6 +91,26 @@ def test_bursts_are_carried_over_where_the_memory_hesitates(files, tables, playe
     assert verdict(files, tables, player, plan(tables, TRAFFIC[2], 1, windows=230)).carried > 0
 
 
+@icarus
+@pytest.mark.parametrize("clock", sometimes_slow(["102999000Hz", "109999999Hz", "104999001Hz"], 1))
+def test_windows_of_a_clock_that_does_not_divide_them_keep_to_the_schedule(tmp_path, clock):
+    """Tables are switched at the cycles at which exact windows of 640 ns end, rounded down: nothing drifts."""
+    odd = bundles.export(tmp_path, *bundles.system("100ns"), window="640ns", clock=clock, capacity="820MB/s")
+    tables = read_tables(bundles.target(odd).bundle)
+    assert tables.window_ns == 640
+    assert tables.platform.window_extra > 0
+    built = Icarus().build(design_of(bundles.target(odd).bundle, tables), str(tmp_path))
+    for traffic in (TRAFFIC[0], TRAFFIC[2]):
+        run = plan(tables, traffic, 2, windows=230)
+        result = verdict(odd, tables, built, run)
+        assert result.findings == []
+        assert result.windows > 150
+    name = "table/rtl/halpipe_regulator.v"
+    slow = {**odd, name: with_fault(odd[name].decode(), "{31'd0, ~stretch}", "32'd1").encode()}
+    drifting = Icarus().build(design_of(bundles.target(slow).bundle, tables), str(tmp_path))
+    assert codes.PLAYED_WRONG.id in {f.code for f in verdict(slow, tables, drifting, run).findings}
+
+
 # ------------------------------------------------------------------------------------------------ faulty tables
 
 

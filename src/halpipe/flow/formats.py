@@ -140,7 +140,7 @@ def burst_grid(platform_file: str) -> BurstGrid:
     return BurstGrid(
         name=platform.name,
         window=platform.window,
-        cycle=platform.window / platform.cycles,
+        cycle=platform.cycle,
         resource=platform.resource,
         promise=platform.promise,
         capacity=platform.window_capacity,

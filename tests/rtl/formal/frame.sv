@@ -18,19 +18,23 @@ module formal_frame (
   (* keep *) wire [@units@-1:0] u_tick, u_go, u_req_valid, u_write, u_arvalid, u_arready, u_awvalid, u_awready, u_wvalid, u_wready, u_wlast;
   (* keep *) wire [@units@-1:0] u_m_arvalid, u_m_arready, u_m_awvalid, u_m_awready, u_m_wvalid, u_m_wready;
   (* keep *) wire [8*@units@-1:0] u_req_table, u_arlen, u_awlen;
-  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number; (* keep *) wire go;
+  (* keep *) wire [20*@units@-1:0] u_addr; (* keep *) wire [32*@units@-1:0] u_wdata, u_rdata; (* keep *) wire [31:0] counter, length, number, rest, extra, of; (* keep *) wire go;
   reg first = 1;
   always @(posedge clk) first <= 0;
   always @* assume (rst_n == !first);
 
   wire here = reg_addr[25:20] == 0;
-  reg m_go = 0; reg [31:0] m_cycles = 9, m_left = 8, m_window = 0;
+  reg m_go = 0; reg [31:0] m_cycles = 9, m_left = 8, m_window = 0, m_extra = 0, m_of = 1, m_rest = 0;
+  wire m_long = {1'b0, m_rest} + m_extra >= {1'b0, m_of};
   always @(posedge clk)
-    if (!rst_n) begin m_go <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; end
+    if (!rst_n) begin m_go <= 0; m_cycles <= 9; m_left <= 8; m_window <= 0; m_extra <= 0; m_of <= 1; m_rest <= 0; end
     else begin
       if (reg_write & here & reg_addr[19:0] == 20'h008) m_go <= reg_wdata[0];
       if (reg_write & here & reg_addr[19:0] == 20'h018) m_cycles <= reg_wdata < 4 ? 4 : reg_wdata;
-      m_left <= m_left == 0 ? m_cycles - 1 : m_left - 1;
+      if (reg_write & here & reg_addr[19:0] == 20'h020) m_extra <= reg_wdata;
+      if (reg_write & here & reg_addr[19:0] == 20'h024) m_of <= reg_wdata == 0 ? 1 : reg_wdata;
+      m_left <= m_left == 0 ? (m_long ? m_cycles : m_cycles - 1) : m_left - 1;
+      if (m_left == 0) m_rest <= m_long ? m_rest + m_extra - m_of : m_rest + m_extra;
       if (m_left == 0) m_window <= m_window + 1;
     end
   wire asks = reg_write & here & reg_addr[19:0] == 20'h01c;
@@ -41,7 +45,8 @@ module formal_frame (
     assign reads_wrong[i] = reg_addr[25:20] == i + 1 & reg_rdata != u_rdata[32*i +: 32];
   end endgenerate
   always @* if (!first) begin
-    least:    assert (m_cycles >= 4);
+    least:    assert (m_cycles >= 4 & m_of >= 1);
+    spread:   assert (rest == m_rest & extra == m_extra & of == m_of);
     counts:   assert (counter == m_left & length == m_cycles & number == m_window & go == m_go);
     windows:  assert (tick == (m_left == 0) & u_tick == {@units@{tick}});
     together: assert (u_go == {@units@{m_go}} & u_req_valid == {@units@{asks}} & (!asks | u_req_table == {@units@{reg_wdata[7:0]}}));
@@ -54,6 +59,8 @@ module formal_frame (
       20'h008: ctrl:   assert (reg_rdata == {31'd0, m_go});
       20'h010: window: assert (reg_rdata == m_window);
       20'h018: cycles: assert (reg_rdata == m_cycles);
+      20'h020: more:   assert (reg_rdata == m_extra);
+      20'h024: parts:  assert (reg_rdata == m_of);
       default: ;
     endcase
     ports_in:  assert ({u_arvalid, u_awvalid, u_wvalid, u_wlast, u_m_arready, u_m_awready, u_m_wready}

@@ -51,6 +51,7 @@ class Facts:
     bus: int
     burst: int
     cycles: int
+    extra: Fraction
     guaranteed: int
     capacity: int
     peak: int | None
@@ -64,7 +65,7 @@ class Facts:
     @property
     def seconds(self) -> Fraction:
         """The length of a window."""
-        return Fraction(self.cycles, self.clock)
+        return (self.cycles + self.extra) / self.clock
 
     def number(self, backend: str, key: str) -> int:
         """Return a setting that is a whole number."""
@@ -87,15 +88,14 @@ def _facts(document: Any) -> Facts:
     clock = _frequency(document["clock"])
     window = document["window"].strip()
     cycles = Fraction(int(window)) if window.isdigit() else Duration.parse(window).in_unit("s") * clock
-    if cycles.denominator != 1:
-        raise ValueError(f"the window {window} is not whole cycles")
     bus = document["bus"].strip()
     guaranteed = parse_bandwidth(document["guaranteed"])
     return Facts(
         clock=clock,
         bus=int(parse_rational(bus.removesuffix("bit")) / 8) if bus.endswith("bit") else parse_size(bus),
         burst=parse_size(document["burst"]),
-        cycles=cycles.numerator,
+        cycles=int(cycles),
+        extra=cycles - int(cycles),
         guaranteed=guaranteed,
         capacity=parse_bandwidth(document["capacity"]) if "capacity" in document else guaranteed,
         peak=parse_bandwidth(document["peak"]) if "peak" in document else None,
@@ -131,6 +131,7 @@ def compare_facts(bundle: Bundle, tables: Tables, facts: Facts) -> Iterator[Diag
         ("bus_bytes", p.bus_bytes, facts.bus),
         ("burst_bytes", p.burst_bytes, facts.burst),
         ("window_cycles", p.window_cycles, facts.cycles),
+        ("window_extra", p.window_extra, facts.extra),
         ("guaranteed", p.guaranteed, facts.guaranteed),
         ("capacity", p.capacity, facts.capacity),
         ("unspecified", p.unspecified, facts.unspecified),

@@ -102,8 +102,8 @@ def _binary(bundle: Bundle, tables: Tables) -> Iterator[Diagnostic]:
     if stated != struct.pack("<I", zlib.crc32(body)):
         text = f"its CRC-32 is {zlib.crc32(body):08x}, it states {stated[::-1].hex()}"
         yield FORMS_DIFFER(text, at=at, help=_AGAIN)
-    if body[28:60].hex() != tables.schedule_sha256:
-        text = f"is of the schedule {body[28:60].hex()[:16]}..., tables.json of {tables.schedule_sha256[:16]}..."
+    if body[36:68].hex() != tables.schedule_sha256:
+        text = f"is of the schedule {body[36:68].hex()[:16]}..., tables.json of {tables.schedule_sha256[:16]}..."
         yield OTHER_SCHEDULE(text, at=at, help=_AGAIN)
     offset = 0
     for what, value in _fields(tables):
@@ -123,6 +123,8 @@ def _fields(tables: Tables) -> Iterator[tuple[str, bytes]]:
     yield "version and counts", struct.pack("<HHHH", 1, len(tables.units), len(tables.tables), 0)
     for name, value in (
         ("window_cycles", platform.window_cycles),
+        ("window_extra", platform.window_extra.numerator),
+        ("window_of", platform.window_extra.denominator),
         ("clock_hz", platform.clock_hz),
         ("burst_bytes", platform.burst_bytes),
         ("capacity_bytes", tables.capacity_bytes),
@@ -174,6 +176,8 @@ def _definitions(tables: Tables) -> dict[str, str]:
     platform = tables.platform
     return {
         "BW_WINDOW_CYCLES": str(platform.window_cycles),
+        "BW_WINDOW_EXTRA": str(platform.window_extra.numerator),
+        "BW_WINDOW_OF": str(platform.window_extra.denominator),
         "BW_CLOCK_HZ": str(platform.clock_hz),
         "BW_BUS_BYTES": str(platform.bus_bytes),
         "BW_BURST_BYTES": str(platform.burst_bytes),

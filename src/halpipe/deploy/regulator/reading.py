@@ -32,6 +32,7 @@ class Platform:
     bus_bytes: int
     burst_bytes: int
     window_cycles: int
+    window_extra: Fraction
     guaranteed: Fraction
     capacity: Fraction
     unspecified: str
@@ -40,16 +41,16 @@ class Platform:
     @property
     def window_ns(self) -> Fraction:
         """The length of a window in nanoseconds, exact."""
-        return Fraction(self.window_cycles * 10**9, self.clock_hz)
+        return (self.window_cycles + self.window_extra) * 10**9 / self.clock_hz
 
     @property
     def promise_bytes(self) -> Fraction:
         """What a bound of 1 promises in one window, in bytes."""
-        return self.guaranteed * self.window_cycles / self.clock_hz
+        return self.guaranteed * (self.window_cycles + self.window_extra) / self.clock_hz
 
     @property
     def capacity_bytes(self) -> int:
-        """What all units together may get in one window, in whole bytes."""
+        """What all units together may get in one window, the shorter where they differ, in whole bytes."""
         return int(self.capacity * self.window_cycles / self.clock_hz)
 
 
@@ -197,11 +198,19 @@ def _platform(data: _Object) -> Platform:
         bus_bytes=data.whole("bus_bytes", 1),
         burst_bytes=data.whole("burst_bytes", 1),
         window_cycles=data.whole("window_cycles", 1),
+        window_extra=_part(data),
         guaranteed=data.number("guaranteed"),
         capacity=data.number("capacity"),
         unspecified=unspecified,
         table_depth=data.whole("table_depth", 1),
     )
+
+
+def _part(data: _Object) -> Fraction:
+    extra = data.number("window_extra")
+    if not 0 <= extra < 1 or extra.denominator > MAX_WORD:
+        raise ValueError(f'{data.path}: "window_extra" must be a part of a cycle, below 1')
+    return extra
 
 
 def _unit(data: _Object) -> Unit:

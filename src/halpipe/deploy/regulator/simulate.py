@@ -115,6 +115,8 @@ def _arguments(tables: Tables, run: Run) -> list[str]:
     # The memory takes what is shown within a window; so it is with one that serves its capacity, and is assumed.
     settings = {
         "cycles": run.cycles,
+        "extra": run.extra.numerator,
+        "of": run.extra.denominator,
         "windows": len(run.expected),
         "seed": run.seed % 2**32,
         "hold": len(run.expected) * run.cycles * 3 // 4 if run.traffic.is_owing else 0,

@@ -6,6 +6,8 @@ Nothing is drawn but from SHA-256 of the seed, so that a run can be repeated on 
 from __future__ import annotations
 
 import hashlib
+from fractions import Fraction
+from itertools import count as counting
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 GREEDY = 1
 LENGTHS, GAPS, CLUSTERS = 2, 4, 8
 FRAME_ID, FRAME_GO, FRAME_WINDOW, FRAME_CYCLES, FRAME_REQUEST = 0x000, 0x008, 0x010, 0x018, 0x01C
+FRAME_EXTRA, FRAME_OF = 0x020, 0x024
 PARAMS, VERSION = 0x004, 1 << 24
 UNIT_WINDOW, UNIT_DEF_READ, UNIT_DEF_WRITE, UNIT_REQUEST = 0x010, 0x014, 0x018, 0x01C
 UNIT_HEADERS, UNIT_ENTRIES = 0x800, 0x1000
@@ -142,6 +145,7 @@ class Run:
     traffic: Traffic
     seed: int
     cycles: int
+    extra: Fraction
     kinds: tuple[int, ...]
     script: tuple[tuple[int, str, int, int], ...]
     expected: tuple[Expected, ...]
@@ -161,7 +165,8 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
     table that they aim at, a quarter replace one made before.
     """
     draw = Draw(seed, traffic.name)
-    writer = _Software(tables, draw, traffic.cycles or tables.platform.window_cycles)
+    extra = Fraction(0) if traffic.cycles else tables.platform.window_extra
+    writer = _Software(tables, draw, traffic.cycles or tables.platform.window_cycles, extra)
     writer.start(by_software=traffic.by_software)
     writer.tour(windows, repeats, tables_only=traffic.is_silent)
     writer.ask_for_nothing()
@@ -170,6 +175,7 @@ def plan(tables: Tables, traffic: Traffic, seed: int, *, windows: int, repeats: 
         traffic=traffic,
         seed=seed,
         cycles=traffic.cycles or tables.platform.window_cycles,
+        extra=extra,
         kinds=tuple(traffic.kinds(tables, draw)),
         script=tuple(script),
         expected=tuple(writer.expected[:windows]),
@@ -184,9 +190,9 @@ _CALM = Expected(table=0, window=NOT_RUNNING, is_calm=True)
 class _Software:
     """Makes the script, and follows what the regulators must make of it."""
 
-    def __init__(self, tables: Tables, draw: Draw, cycles: int) -> None:
+    def __init__(self, tables: Tables, draw: Draw, cycles: int, extra: Fraction) -> None:
         self._tables, self._draw = tables, draw
-        self._cycles = cycles
+        self._cycles, self._extra = cycles, extra
         self._first = first_window(len(tables.units))
         self._entries, self._headers = sizes(tables)
         self._now = 0
@@ -202,7 +208,9 @@ class _Software:
         """
         cycle = self._write(0, FRAME_CYCLES, self._cycles if self._cycles > LEAST_CYCLES else LEAST_CYCLES - 1)
         self._read(cycle, FRAME_CYCLES, self._cycles)
-        cycle = self._write_beyond(cycle + 1)
+        cycle = self._write(cycle + 1, FRAME_EXTRA, self._extra.numerator)
+        cycle = self._write(cycle, FRAME_OF, self._extra.denominator if self._extra else 0)
+        cycle = self._write_beyond(cycle)
         for unit in self._tables.units:
             cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_READ), unit.default["read"])
             cycle = self._write(cycle, unit_address(unit.index, UNIT_DEF_WRITE), unit.default["write"])
@@ -214,9 +222,9 @@ class _Software:
         cycle = max(cycle + LITE_CYCLES, self._first + self._draw.below(2 * self._cycles))
         self._write_lite(cycle - LITE_CYCLES, FRAME_CYCLES, self._cycles + 1, strobes=1 + self._draw.below(WHOLE - 1))
         self._write_lite(cycle, FRAME_GO, 1)
-        waiting = (cycle - self._first) // self._cycles + 1 if cycle >= self._first else 0
-        if cycle == self._tick(waiting):  # written in the last cycle of a window: one window later
-            waiting += 1
+        waiting = next(
+            n for n in counting() if self._tick(n) > cycle
+        )  # in the last cycle of a window: one window later
         self.expected = [*[Expected(table=0, window=NOT_RUNNING)] * waiting, _CALM]
 
     def _write_beyond(self, cycle: int) -> int:
@@ -288,8 +296,9 @@ class _Software:
         """Stop in the first window of `table`; one window later go on with the first of `begin`."""
         start = self._tick(len(self.expected)) + 1
         self._write(start + self._draw.below(self._cycles - 2), FRAME_GO, 0)
-        self._write(start + self._cycles, FRAME_REQUEST, begin)
-        self._write(start + self._cycles + 1 + self._draw.below(self._cycles - 2), FRAME_GO, 1)
+        again = self._tick(len(self.expected) + 1) + 1
+        self._write(again, FRAME_REQUEST, begin)
+        self._write(again + 1 + self._draw.below(self._cycles - 2), FRAME_GO, 1)
         self.expected += [Expected(table=table, window=0), Expected(table=0, window=NOT_RUNNING), _CALM]
 
     def ask_for_nothing(self) -> None:
@@ -350,7 +359,7 @@ class _Software:
 
     def _tick(self, window: int) -> int:
         """Return the last cycle before a window begins."""
-        return self._first + window * self._cycles - 1
+        return self._first + window * self._cycles + int(window * self._extra) - 1
 
     def _write_lite(self, cycle: int, address: int, value: int, *, strobes: int = WHOLE) -> None:
         """Write through AXI4-Lite: all of a word, or part of it, which must change nothing."""
@@ -371,7 +380,7 @@ class _Software:
             self._disturb(self._draw.below(played))
         for count in range(READS):
             number = self._draw.below(played)
-            cycle = self._first + number * self._cycles + self._draw.below(self._cycles)
+            cycle = self._tick(number) + 1 + self._draw.below(self._cycles)
             self._read(cycle, *self._look(number), order="a" if count < THROUGH_LITE else "r")
         return [(cycle, *self._orders[cycle]) for cycle in sorted(self._orders)], sorted(self._reads)
 
@@ -385,6 +394,8 @@ class _Software:
             (PARAMS, VERSION | beat_size(self._tables) << 8 | len(self._tables.units)),
             (FRAME_WINDOW, number + 1),
             (FRAME_CYCLES, self._cycles),
+            (FRAME_EXTRA, self._extra.numerator),
+            (FRAME_OF, self._extra.denominator),
         ]
         window = unit_address(unit.index, UNIT_WINDOW), self.expected[number].window
         return window if self._draw.below(2) else known[self._draw.below(len(known))]
@@ -393,7 +404,7 @@ class _Software:
         """Give an order in a window that must change nothing, since a table is played or there is no such table."""
         if not all(expected.running for expected in self.expected[number : number + 2]):
             return
-        cycle = self._first + number * self._cycles + self._draw.below(self._cycles)
+        cycle = self._tick(number) + 1 + self._draw.below(self._cycles)
         unit = self._draw.below(len(self._tables.units))
         table = self._draw.below(len(self._tables.tables))
         beyond = self._headers + self._draw.below(MOST_TABLES - self._headers or 1)

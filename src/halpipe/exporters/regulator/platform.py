@@ -90,6 +90,8 @@ class UnitPort:
 class Platform:
     """A platform file: clock in Hz, window in cycles of it, sizes in bytes, bandwidths in bytes per second.
 
+    A window has `cycles`, and one more so often that they are `extra` more on average: 0 where the clock divides it.
+
     `guaranteed` is what a bound of 1 promises; `capacity` is what memory surely serves, of which the rest is room for
     `overshoot`: bytes per window that a regulator lets pass above a budget (None: what the back-end is known for).
     `stated_peak` is the device's own maximum, of which resctrl takes parts (None: not stated).
@@ -101,6 +103,7 @@ class Platform:
     bus: int
     burst: int
     cycles: int
+    extra: Fraction
     guaranteed: int
     capacity: int
     stated_peak: int | None
@@ -125,16 +128,31 @@ class Platform:
     @property
     def window(self) -> Duration:
         """The length of a window."""
-        return seconds(Fraction(self.cycles, self.clock))
+        return seconds((self.cycles + self.extra) / self.clock)
+
+    @property
+    def cycle(self) -> Duration:
+        """The length of a cycle."""
+        return seconds(Fraction(1, self.clock))
+
+    @property
+    def cycles_text(self) -> str:
+        """The cycles of a window for people: ``1000 cycles``, ``1999 or 2000 cycles``."""
+        return f"{self.cycles} or {self.cycles + 1} cycles" if self.extra else f"{self.cycles} cycles"
+
+    @property
+    def least_cycles(self) -> int:
+        """Cycles of the shortest window that a regulator can play and that carries a burst."""
+        return max(LEAST_CYCLES, -(-self.burst * self.clock // self.capacity))
 
     @property
     def promise(self) -> Fraction:
         """Bytes per window that a bound of 1 promises, exact."""
-        return Fraction(self.guaranteed * self.cycles, self.clock)
+        return self.guaranteed * (self.cycles + self.extra) / self.clock
 
     @property
     def window_capacity(self) -> int:
-        """Whole bytes that memory surely serves in a window."""
+        """Whole bytes that memory surely serves in a window, the shorter where their cycles differ."""
         return self.capacity * self.cycles // self.clock
 
     def regulated(self, model: TaskModel) -> str:
@@ -190,7 +208,8 @@ class _Reader:
         guaranteed = top.value("guaranteed", _positive_bandwidth, 0)
         capacity = top.value("capacity", _positive_bandwidth, guaranteed)
         least = max(LEAST_CYCLES, -(-burst * clock // capacity)) if capacity else LEAST_CYCLES  # carry a burst
-        cycles = top.value("window", lambda text: _window(text, clock, least), 0)
+        window = top.value("window", lambda text: _window(text, clock, least), Fraction(0))
+        cycles = int(window)
         settings = {name: self._settings(name) for name in BACKENDS}
         backend = top.value("backend", Words(*BACKENDS), BACKENDS[0])
         units = self._units(int(settings[backend].get("managers", _MOST + 1)))
@@ -201,6 +220,7 @@ class _Reader:
             bus=bus,
             burst=burst,
             cycles=cycles,
+            extra=window - cycles,
             guaranteed=guaranteed,
             capacity=capacity,
             stated_peak=top.value("peak", _positive_bandwidth, None),
@@ -298,19 +318,19 @@ def read_frequency(text: str) -> int:
     return hertz.numerator
 
 
-def _window(text: str, clock: int, least: int) -> int:
-    """Read cycles, or a duration that is whole cycles; what is named instead has `least` cycles or more."""
+def _window(text: str, clock: int, least: int) -> Fraction:
+    """Read cycles, or a duration, which need not be whole cycles; a cycle named instead is `least` or more."""
     if text.strip().isascii() and text.strip().isdigit():
         cycles = Fraction(int(text.strip()[:20]))
     else:
         cycles = Duration.parse(text).in_unit("s") * clock
     if not clock:
-        return 0
-    if cycles.denominator != 1 or cycles <= 0:
-        below = max(least, cycles.numerator // cycles.denominator)
-        near = " or ".join(f"{n} cycles ({seconds(Fraction(n, clock))})" for n in (below, below + 1))
-        raise ValueError(f"{quoted(text)} is not a whole number of cycles above zero; use {near}")
-    return cycles.numerator
+        return Fraction(0)
+    if cycles < 1 or cycles.denominator >= 2**32:
+        near = max(least, round(cycles))
+        text = f"{quoted(text)} is no cycle, or too fine a part of one"
+        raise ValueError(f"{text}; use {near} cycles ({seconds(Fraction(near, clock))})")
+    return cycles
 
 
 def _bus(text: str) -> int:

@@ -60,6 +60,7 @@ def describe_tables(tables: Tables, schedule_digest: str, model_digest: str) -> 
             "bus_bytes": p.bus,
             "burst_bytes": p.burst,
             "window_cycles": p.cycles,
+            "window_extra": format_rational(p.extra),
             "guaranteed": p.guaranteed,
             "capacity": p.capacity,
             "unspecified": p.unspecified,
@@ -219,7 +220,8 @@ def summarise(tables: Tables, backend: Backend, digest: str) -> str:
     used = {row.unit for row in tables.rows}
     head = [
         f"regulator tables of {tables.model} for {p.name}, back-end {backend.name}",
-        f"window {p.cycles} cycles = {p.window}, burst {p.burst} B, guaranteed {format_bandwidth(p.guaranteed)}",
+        f"window {p.cycles_text} = {p.window}, burst {p.burst} B, guaranteed {format_bandwidth(p.guaranteed)}",
+        f"windows end within a cycle of exact ones; a clock off by 1 ppm slips one window in {p.window * 10**6}",
         f"capacity {p.window_capacity} B per window (what memory surely sustains, not the peak of its pins)",
         f"reserved for overshoot: {tables.reserve} B; room for {tables.room} bursts per window",
         f"units: {', '.join(u.name if u.name in used else u.name + ' (no access)' for u in tables.units)}",

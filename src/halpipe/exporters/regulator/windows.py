@@ -29,7 +29,7 @@ def check_windows(schedule: Schedule, platform: Platform) -> list[Diagnostic]:
     found = []
     for path, what, span, at in spans:
         ratio = span / window
-        stated = f"window of {platform.cycles} cycles ({window})"
+        stated = f"window of {platform.cycles_text} ({window})"
         if ratio.denominator != 1:
             message = f"{what} {span} is {_shown(ratio)} windows; the {stated} does not divide it"
             help = nearest_help(platform, [length for _, _, length, _ in spans])
@@ -71,11 +71,11 @@ def nearest_help(platform: Platform, spans: Iterable[Duration]) -> str:
         named = " or ".join(f"{cycles} cycles ({seconds(Fraction(cycles, platform.clock))})" for cycles in near)
         return f"the nearest windows that divide every hyperperiod and transition are {named}"
     common = greatest_common_divisor(lengths)
-    cycles = common.in_unit("s") * platform.clock
-    return (
-        f"all are multiples of {common}, which is {cycles} cycles at {platform.clock} Hz and has no divisor that "
-        "carries a burst; choose another clock, period or transition length"
-    )
+    parts = min(round(common / platform.window) or 1, int(common / platform.cycle) // platform.least_cycles)
+    if not parts:
+        return "no window that divides them carries a burst; choose another clock, period or transition length"
+    exact = f'state "window: {common / parts}", which divides all of them'
+    return f"{exact} and need not be whole cycles with the back-end table"
 
 
 def nearest_windows(platform: Platform, spans: Iterable[Duration]) -> list[int]:

@@ -210,7 +210,8 @@ def _near(grid: BurstGrid, values: list[Duration]) -> str:
     fitting = divisors(common, grid.cycle)
     near = [w for w in fitting if w < grid.window][-1:] + [w for w in fitting if w > grid.window][:1]
     if not near:
-        return f"all periods and offsets are multiples of {common}, which is not whole cycles; change the clock"
+        exact = common / (round(common / grid.window) or 1)
+        return f'state "window: {exact}", which divides all periods and offsets and need not be whole cycles'
     named = " or ".join(f"{w / grid.cycle} cycles ({w})" for w in near)
     return f"the nearest windows that divide all periods and offsets are {named}"
 

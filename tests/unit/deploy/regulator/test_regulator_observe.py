@@ -1,5 +1,7 @@
 """The verdict on a trace: traces made by hand, at the limit and one beyond it."""
 
+from fractions import Fraction
+
 import pytest
 
 import regulator_bundles as bundles
@@ -24,6 +26,7 @@ def run_of(windows, *, greedy=True, reads=()):
         traffic=Traffic(name="t", greedy=greedy),
         seed=7,
         cycles=64,
+        extra=Fraction(0),
         kinds=(0x11, 0x11, 0x11),
         script=((0, "w", 0, 0),),
         expected=tuple(Expected(table=0, window=20 + n) for n in range(windows)),
@@ -87,6 +90,7 @@ def test_a_burst_carried_into_a_window_without_budget_passes_alone(tables):
         traffic=Traffic(name="t", greedy=True),
         seed=7,
         cycles=64,
+        extra=Fraction(0),
         kinds=(0x11, 0x11, 0x11),
         script=(),
         expected=(Expected(table=0, window=25), Expected(table=0, window=26)),

@@ -7,6 +7,7 @@ import struct
 import subprocess
 import zlib
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -154,16 +155,16 @@ def test_the_binary_has_everything_and_a_checksum(tmp_path):
     tables, _ = made(tmp_path, "table")
     data = backend("table").write(tables, DIGEST)["bw_tables.bin"]
     assert zlib.crc32(data[:-4]) == int.from_bytes(data[-4:], "little")
-    head = struct.unpack_from("<4s4H4I32s", data)
-    assert head == (b"HBWT", 1, 2, 4, 0, 1000, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
-    units = [struct.unpack_from("<4I", data, 60 + 16 * n) for n in range(2)]
+    head = struct.unpack_from("<4s4H6I32s", data)
+    assert head == (b"HBWT", 1, 2, 4, 0, 1000, 0, 1, 1_000_000, 64, 7400, bytes.fromhex(DIGEST))
+    units = [struct.unpack_from("<4I", data, 68 + 16 * n) for n in range(2)]
     assert [u[0] for u in units] == [0, 2]
-    heads = struct.unpack_from("<16I", data, 60 + 32)
+    heads = struct.unpack_from("<16I", data, 68 + 32)
     assert heads[0::2][:4] == (10, 5, 6, 10)
     assert [word >> 24 for word in heads[1::2]] == [0, 1, 1, 0] * 2
     total = sum(u[3] for u in units)
-    assert len(data) == 60 + 32 + 64 + 12 * total + 4
-    first = struct.unpack_from("<3I", data, 60 + 32 + 64 + 12 * (heads[1] & 0xFFFFFF))
+    assert len(data) == 68 + 32 + 64 + 12 * total + 4
+    first = struct.unpack_from("<3I", data, 68 + 32 + 64 + 12 * (heads[1] & 0xFFFFFF))
     assert first == (0, tables.tables[0].row(Row("u1", "read"))[0] * 64, 0)
 
 
@@ -270,6 +271,17 @@ def test_reads_and_writes_of_one_manager_are_reported(tmp_path):
         (codes.SHORT_BURSTS.id, "platform axi-realm"),
     ]
     assert "both its reads and its writes" in found[0].message
+
+
+def test_windows_of_parts_of_a_cycle_are_for_the_table_alone(tmp_path):
+    """A period register holds whole cycles."""
+    changes = {"clock": "999999Hz", "window": "1ms", "guaranteed": "6.4MB/s", "capacity": "7.6MB/s"}
+    tables, found = made(tmp_path, "axi-realm", **changes)
+    (refused,) = [d for d in found if d.is_error]
+    assert (refused.code, refused.path) == (codes.DOES_NOT_FIT.id, "platform window")
+    assert "999 or 1000 cycles" in refused.message
+    assert tables.platform.extra == Fraction(999, 1000)
+    assert [d for d in made(tmp_path, "table", **changes)[1] if d.is_error] == []
 
 
 def test_budgets_below_what_may_be_pending_are_reported(tmp_path):

@@ -70,8 +70,11 @@ def test_defaults(tmp_path):
 
 def test_a_window_may_be_a_duration(tmp_path):
     assert platform(tmp_path, window="2ms").cycles == 2000
-    (found,) = refusal(platform_file(tmp_path, window="1.5us"))
-    assert "10 cycles (10us) or 11 cycles (11us)" in found.help
+    found = platform(tmp_path, window="100.5us")  # of two windows one has a cycle more
+    assert (found.cycles, found.extra, str(found.window)) == (100, Fraction(1, 2), "100.5us")
+    assert (found.promise, found.window_capacity) == (Fraction(6_432, 10), 640)
+    (refused,) = refusal(platform_file(tmp_path, window="0.5us"))
+    assert "use 10 cycles (10us)" in refused.help
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,7 @@ def test_the_summary_has_a_line_for_every_table(tmp_path):
     text = summarise(tables, backend("table"), "ab" * 32)
     assert "window 1000 cycles = 1ms, burst 64 B, guaranteed 6.4MB/s" in text
     assert "room for 103 bursts per window" in text
-    assert text.splitlines()[7].split() == ["all", "10", "all", "whole", "96.96", "%", "29.09", "%", "0", "4"]
+    assert text.splitlines()[8].split() == ["all", "10", "all", "whole", "96.96", "%", "29.09", "%", "0", "4"]
 
 
 # ------------------------------------------------------------------------------------------------------- pictures

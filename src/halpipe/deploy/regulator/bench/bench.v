@@ -18,12 +18,14 @@ module bench #(
   // ---------------------------------------------------------------------------------------------- set-up
   integer script, trace, fields;
   // verilator lint_off UNUSEDSIGNAL
-  reg [31:0] cycles, windows, seed, latency, hold, depth, longest;
+  reg [31:0] cycles, extra, of, windows, seed, latency, hold, depth, longest;
   // verilator lint_on UNUSEDSIGNAL
   reg [8*UNITS-1:0] kinds;             // of each unit: reads in the low half, writes in the high half
   initial begin
-    cycles = 1024; windows = 10; seed = 1; latency = 20; hold = 0; depth = 64; longest = 16; kinds = 0;
+    cycles = 1024; extra = 0; of = 1; windows = 10; seed = 1; latency = 20; hold = 0; depth = 64; longest = 16; kinds = 0;
     if (!$value$plusargs("cycles=%d", cycles)) $display("cycles: default");
+    if (!$value$plusargs("extra=%d", extra)) $display("extra: default");
+    if (!$value$plusargs("of=%d", of)) $display("of: default");
     if (!$value$plusargs("windows=%d", windows)) $display("windows: default");
     if (!$value$plusargs("seed=%d", seed)) $display("seed: default");
     if (!$value$plusargs("latency=%d", latency)) $display("latency: default");
@@ -88,12 +90,15 @@ module bench #(
   wire is_lite = lite_writes | lite_reads;
 
   // ---------------------------------------------------------------------------------------------- windows of the bench
-  reg [31:0] left, number;
+  reg [31:0] left, number; reg [63:0] owing;   // extra cycles that were due so far, in parts of `of`
+  wire [63:0] due_now = owing + {32'd0, extra};
+  wire [63:0] longer = due_now / {32'd0, of} - owing / {32'd0, of};
   wire ends = (left == 0);
   always @(posedge clk)
-    if (!rst_n) begin left <= FIRST - 1; number <= 32'hffffffff; end
+    if (!rst_n) begin left <= FIRST - 1; number <= 32'hffffffff; owing <= 0; end
     else begin
-      left <= ends ? cycles - 1 : left - 1;
+      left <= ends ? cycles - 1 + longer[31:0] : left - 1;
+      if (ends) owing <= due_now;
       if (ends) number <= number + 1;
     end
 

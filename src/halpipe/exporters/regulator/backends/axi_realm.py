@@ -78,6 +78,7 @@ class AxiRealm:
         """Return what the register file or the handler cannot do, and where promises depend on each other."""
         return [
             *_check_managers(tables),
+            *_check_window(tables.platform),
             *_check_directions(tables),
             *_check_short(tables.platform),
             *_check_handler(tables),
@@ -255,6 +256,17 @@ def _check_managers(tables: Tables) -> list[Diagnostic]:
         for unit in tables.units
         if unit.manager >= managers
     ]
+
+
+def _check_window(platform: Platform) -> list[Diagnostic]:
+    """Return a finding if windows are not whole cycles, which is all that a period register holds."""
+    if not platform.extra:
+        return []
+    message = (
+        f"a window of {platform.window} has {platform.cycles_text} at {platform.clock} Hz; a period has whole ones"
+    )
+    help = "use a clock that divides the window, or the back-end table, whose windows may differ by a cycle"
+    return [DOES_NOT_FIT(message, at=platform.at, path="platform window", help=help)]
 
 
 def _check_directions(tables: Tables) -> list[Diagnostic]:

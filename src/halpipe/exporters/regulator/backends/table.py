@@ -132,7 +132,8 @@ def _binary(tables: Tables, units: list[_UnitWords], digest: str) -> bytes:
     """Return the binary: little-endian, with a CRC-32 of everything before it at the end; see regulator-unit.md."""
     p = tables.platform
     counts = (FORMAT_VERSION, len(units), len(tables.tables), 0)
-    head = struct.pack("<4s4H4I", MAGIC, *counts, p.cycles, p.clock, p.burst, p.window_capacity) + bytes.fromhex(digest)
+    head = struct.pack("<4s4H3I", MAGIC, *counts, p.cycles, p.extra.numerator, p.extra.denominator)
+    head += struct.pack("<3I", p.clock, p.burst, p.window_capacity) + bytes.fromhex(digest)
     parts = [head]
     for words in units:
         default = words.unit.default

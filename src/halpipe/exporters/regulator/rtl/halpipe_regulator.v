@@ -6,6 +6,8 @@
 //   0x008 CTRL         rw  bit 0 GO: all units play tables from the next window on
 //   0x010 WINDOW       ro  windows since reset
 //   0x018 CYCLES       rw  cycles of a window, 4 at least; counts from the next window on
+//   0x020 EXTRA        rw  of OF windows so many have one cycle more, spread evenly; below OF
+//   0x024 OF           rw  at least 1; both count from the next window on
 //   0x01c REQ_TABLE    wo  table[7:0]: the request of every unit, in the same cycle
 // Modes are switched here and not unit by unit: a table that ended between two writes would leave the units in two modes.
 `default_nettype none
@@ -35,16 +37,23 @@ module halpipe_regulator #(
 );
   wire        here = (reg_addr[25:20] == 6'd0);
   reg         go;
-  reg  [31:0] cycles, cycle, window;
+  reg  [31:0] cycles, cycle, window, extra, of, rest;
+  // A clock that does not divide the windows: their ends are those of the exact ones, rounded down to cycles.
+  wire [32:0] sum = {1'b0, rest} + {1'b0, extra};
+  wire        stretch = (sum >= {1'b0, of});
+  wire [31:0] over = sum[31:0] - of;   // below OF where it is used
   wire        req_valid = reg_write & here & (reg_addr[19:0] == 20'h0001c);
   assign tick = (cycle == 32'd0);
   always @(posedge clk or negedge rst_n)
     if (!rst_n) begin
-      go <= 1'b0; cycles <= CYCLES; cycle <= CYCLES - 32'd1; window <= 0;
+      go <= 1'b0; cycles <= CYCLES; cycle <= CYCLES - 32'd1; window <= 0; extra <= 0; of <= 32'd1; rest <= 0;
     end else begin
       if (reg_write & here & (reg_addr[19:0] == 20'h00008)) go <= reg_wdata[0];
       if (reg_write & here & (reg_addr[19:0] == 20'h00018)) cycles <= (reg_wdata < 32'd4) ? 32'd4 : reg_wdata;
-      cycle <= tick ? cycles - 32'd1 : cycle - 32'd1;
+      if (reg_write & here & (reg_addr[19:0] == 20'h00020)) extra <= reg_wdata;
+      if (reg_write & here & (reg_addr[19:0] == 20'h00024)) of <= (reg_wdata == 32'd0) ? 32'd1 : reg_wdata;
+      cycle <= tick ? cycles - {31'd0, ~stretch} : cycle - 32'd1;
+      if (tick) rest <= stretch ? over : sum[31:0];
       if (tick) window <= window + 32'd1;
     end
 
@@ -56,6 +65,8 @@ module halpipe_regulator #(
     20'h00008: mine = {31'd0, go};
     20'h00010: mine = window;
     20'h00018: mine = cycles;
+    20'h00020: mine = extra;
+    20'h00024: mine = of;
     default:   mine = 32'd0;
   endcase
   assign data[0] = mine;
