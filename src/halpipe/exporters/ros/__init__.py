@@ -131,11 +131,11 @@ class RosExporter(PlainExporter):
     ) -> list[Diagnostic]:
         """Return what the target leaves open; see `halpipe.exporters.common.base.Exporter`."""
         from halpipe.exporters.common.selection import select
-        from halpipe.exporters.ros.unrealised import unrealised
+        from halpipe.exporters.ros.unrealised import package_remarks, unrealised
 
         chosen = specific(RosOptions, options)
         if chosen.package:
-            return []
+            return package_remarks(model, select(model, schedule, options.mode, self.name))
         return unrealised(model, select(model, schedule, options.mode, self.name), chosen)
 
 

@@ -222,9 +222,27 @@ def _refuse_old_messages(model: TaskModel, options: RosOptions, findings: Findin
             findings.add(OLD_MESSAGES(text, at=chain.at, path=about(chain=chain.name), help=help))
 
 
-def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
-    """Yield what the package leaves open, and what to do about it."""
+def specific_sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
+    """Yield what the package leaves open of this very schedule."""
     jobs = list(jobs_of(schedule))
+    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
+        names = ", ".join(f'"{name}"' for name in left)
+        yield (
+            f"health rules are not followed, but for switches after one overrun or exception: {names}",
+            "let a node that reads /diagnostics ask for the mode that is meant",
+        )
+    if any(model.task(job.task).version(job.version).accesses for job in jobs):
+        yield (
+            "bounds of access phases are not enforced; callbacks of one group are kept apart by their instants",
+            "let no callback run longer than its WCET",
+        )
+    if len({(job.task, job.version) for job in jobs}) > len({job.task for job in jobs}):
+        yield ("all versions of a task are its one callback", "choose the version by a parameter of the node")
+
+
+def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]:
+    """Yield what every package leaves open, and what this one does, with what to do about it."""
+    yield from specific_sentences(model, schedule)
     yield (
         "what no row runs (services, parameters, other callbacks) runs at normal priority in a lane of its own",
         "state its CPUs with background_cpus in config/components.yaml",
@@ -249,16 +267,3 @@ def sentences(model: TaskModel, schedule: Schedule) -> Iterator[tuple[str, str]]
         "tables are played in real time, also where nodes use simulated time",
         "let the simulation keep pace, or do without the tables",
     )
-    if left := dict.fromkeys(rule.task for rule in model.health if not is_followed(rule, catches_faults=True)):
-        names = ", ".join(f'"{name}"' for name in left)
-        yield (
-            f"health rules are not followed, but for switches after one overrun or exception: {names}",
-            "let a node that reads /diagnostics ask for the mode that is meant",
-        )
-    if any(model.task(job.task).version(job.version).accesses for job in jobs):
-        yield (
-            "bounds of access phases are not enforced; callbacks of one group are kept apart by their instants",
-            "let no callback run longer than its WCET",
-        )
-    if len({(job.task, job.version) for job in jobs}) > len({job.task for job in jobs}):
-        yield ("all versions of a task are its one callback", "choose the version by a parameter of the node")

@@ -1,4 +1,4 @@
-"""What a schedule says that executors and timers on Linux cannot do, in sentences for the file and for its user."""
+"""Sentences about what executors and timers on Linux cannot do of a schedule, for the file and for its user."""
 
 from __future__ import annotations
 
@@ -22,6 +22,14 @@ def unrealised(model: TaskModel, schedule: Schedule, options: RosOptions) -> lis
     """Return one warning for each kind of thing that the exported file cannot make happen."""
     path = about(model=model.name)
     return [UNREALISED(text, path=path, help=help) for text, help in _sentences(model, schedule, options)]
+
+
+def package_remarks(model: TaskModel, schedule: Schedule) -> list[Diagnostic]:
+    """Return one warning for each thing of the schedule that the package leaves open."""
+    from halpipe.exporters.ros.packaging import specific_sentences
+
+    path = about(model=model.name)
+    return [UNREALISED(text, path=path, help=help) for text, help in specific_sentences(model, schedule)]
 
 
 def _sentences(model: TaskModel, schedule: Schedule, options: RosOptions) -> Iterator[tuple[str, str]]:
