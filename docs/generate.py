@@ -294,6 +294,7 @@ def cli_page() -> str:
 
 def options_page() -> str:
     """Every option of formats and verbs, from the fields that state them."""
+    from halpipe.deploy.base import CheckOptions
     from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, formats, importer
     from halpipe.pipeline.compare import CompareOptions
     from halpipe.pipeline.explain.explanation import ExplainOptions
@@ -301,6 +302,7 @@ def options_page() -> str:
 
     kinds = {f"import {name}": importer(name).options for name in formats(IMPORTERS)}
     kinds |= {"schedule": SearchOptions, "explain": ExplainOptions, "compare": CompareOptions}
+    kinds |= {"deploy check": CheckOptions}
     kinds |= {f"export {name}": exporter(name).options for name in formats(EXPORTERS)}
     return _page(
         "Options",

@@ -12,6 +12,7 @@ go on. What they take and return are the frozen values of `halpipe.models`. See 
 TYPE_CHECKING = False  # as typing has it, which need not be loaded before Ctrl-C is answered
 if TYPE_CHECKING:
     from halpipe.api import (
+        check,
         compare,
         diff,
         explain,
@@ -34,6 +35,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "__version__",
+    "check",
     "compare",
     "diff",
     "explain",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from halpipe.core.diagnostics import Diagnostic
     from halpipe.core.durations import Duration
+    from halpipe.deploy.base import Checked
     from halpipe.importers.common.base import Imported
     from halpipe.models import Schedule, TaskModel
     from halpipe.pipeline.compare import Comparison
@@ -214,6 +215,19 @@ def compare(schedule: Schedule, trace: str, **options: Any) -> list[Comparison]:
 
     chosen = CompareOptions(**from_keywords("compare", CompareOptions, options))
     return [compare_line(schedule, line, chosen) for line in read_traces(trace).traces]
+
+
+def check(bundle: str, **options: Any) -> Checked:
+    """Play a bundle that an export wrote, and compare what runs with its schedule.
+
+    `options` are those of ``halpipe deploy check``: ``engine="cosim"``, ``cycles=3``. The bundle is sound if no finding
+    of ``.diagnostics`` is an error.
+    """
+    from halpipe.core.options import from_keywords
+    from halpipe.deploy.base import CheckOptions
+    from halpipe.flow.formats import check_bundle
+
+    return check_bundle(bundle, CheckOptions(**from_keywords("check", CheckOptions, options)))
 
 
 # ------------------------------------------------------------------------------------------------ plain tables

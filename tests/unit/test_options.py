@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import typer
@@ -12,6 +13,7 @@ from halpipe.core.diagnostics import Exit, HalpipeError
 from halpipe.core.options import Form, from_keywords, names_of, option, options_of, refuse_unused
 from halpipe.core.records import record
 from halpipe.core.settings import Words
+from halpipe.deploy.base import CheckOptions
 from halpipe.exporters.common.base import ExportOptions
 from halpipe.flow import formats
 from halpipe.flow.formats import EXPORTERS, IMPORTERS, exporter, importer
@@ -29,9 +31,13 @@ KINDS = {
     ("schedule", ""): SearchOptions,
     ("explain", ""): ExplainOptions,
     ("compare", ""): CompareOptions,
+    ("deploy", "check"): CheckOptions,
 }
 NAMES = sorted({name for kind in KINDS.values() for name in names_of(kind)})
-OWN = {"output", "report", "coverage", "format", "quiet", "verbose", "share", "cluster", "workers", "resume", "help"}
+OWN = {
+    *("output", "report", "coverage", "trace", "bandwidth", "format", "quiet", "verbose", "help"),
+    *("share", "cluster", "workers", "resume"),
+}
 """Options of commands that say where results go and how they look, not what they are."""
 
 
@@ -68,7 +74,7 @@ def text_of(each):
 
 def stated(each):
     """The same in YAML."""
-    forms = {Form.SWITCH: "true", Form.NAMES: "{core0: 3}", Form.LIST: f"[{text_of(each)}]"}
+    forms = {Form.SWITCH: "true", Form.NAMES: f"{{core0: {text_of(each)}}}", Form.LIST: f"[{text_of(each)}]"}
     return forms.get(each.form, f'"{text_of(each)}"')
 
 
@@ -126,18 +132,19 @@ def call(verb, name, options):
 def test_python_has_the_options_of_its_kind_and_no_others(verb, name):
     kind = KINDS[verb, name]
     needed = {each.keywords[0]: text_of(each) for each in options_of(kind) if each.required}
-    values = {Form.SWITCH: True, Form.NAMES: {"core0": 3}}
     for each in options_of(kind):
+        values = {Form.SWITCH: True, Form.NAMES: {"core0": text_of(each)}, Form.LIST: [text_of(each)]}
         for keyword in each.keywords:
-            given = values.get(each.form, [text_of(each)] if each.form is Form.LIST else text_of(each))
+            given = values.get(each.form, text_of(each))
             made = call(verb, name, needed | {keyword: given})
             assert getattr(made, each.attribute) != each.default or each.default is True
     known = {keyword for each in options_of(kind) for keyword in each.keywords}
     others = {each.keywords[0] for other in KINDS.values() for each in options_of(other)} - known - {"schedule"}
     functions = {"import": halpipe.import_model, "export": halpipe.export, "schedule": halpipe.schedule}
-    functions |= {"explain": halpipe.explain, "compare": halpipe.compare}
+    functions |= {"explain": halpipe.explain, "compare": halpipe.compare, "deploy": halpipe.check}
     system = model(task("a", 10, version("v", 3)))
     arguments = {"import": (name, "a"), "export": (name, system, None), "schedule": (system,), "explain": (system,)}
+    arguments |= {"deploy": ("bundle",)}
     for other in sorted(others):
         with pytest.raises(TypeError, match="has no option"):
             functions[verb](*arguments.get(verb, (system, "a")), **needed, **{other: "1"})
@@ -147,7 +154,7 @@ def test_python_has_the_options_of_its_kind_and_no_others(verb, name):
 def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
     """Whatever is accepted is read somewhere: as an attribute, in the code of its format or verb."""
     places = {"import": f"importers/{name}", "export": f"exporters/{name}", "explain": "pipeline/explain"}
-    places |= {"schedule": "pipeline", "compare": "pipeline/compare"}
+    places |= {"schedule": "pipeline", "compare": "pipeline/compare", "deploy": "deploy"}
     shared = ("flow", "cli", "exporters/common")
     files = [file for place in (places[verb], *shared) for file in (SOURCE / place).rglob("*.py")]
     text = "\n".join(file.read_text() for file in files)
@@ -163,7 +170,7 @@ def test_every_option_is_used_in_the_code_of_its_verb(verb, name):
         (exporter("arxml").options(ecu="Body"), "ecu"),
         (exporter("arxml").options(onto="p", mode="m"), "mode"),
         (exporter("arxml").options(part="system", tick=ms(1)), "tick"),
-        (exporter("ros").options(messages="newest"), "messages"),
+        (exporter("ros").options(messages="oldest"), "messages"),
         (exporter("ros").options(graphs=("a.yaml",)), "graph"),
         (SearchOptions(engine="exact", portfolio=2), "portfolio"),
     ],
@@ -177,11 +184,41 @@ def test_what_has_no_effect_beside_the_others_is_refused(options, idle):
 
 
 @pytest.mark.parametrize(
+    ("kind", "options", "idle"),
+    [
+        ("linux", CheckOptions(seed=2), "seed"),
+        ("linux", CheckOptions(inject="all"), "inject"),
+        ("riscv", CheckOptions(seed=2), "seed"),
+        ("regulator", CheckOptions(modelled=True), "modelled"),
+        ("regulator", CheckOptions(cycles=1, seconds=2), "seconds"),
+        ("linux", CheckOptions(seconds=2), ""),
+        ("riscv", CheckOptions(modelled=True, inject="all"), ""),
+        ("regulator", CheckOptions(seed=2), ""),
+    ],
+)
+def test_a_bundle_has_the_options_of_its_kind(kind, options, idle, monkeypatch):
+    class PlayedError(Exception):
+        pass
+
+    def play(target, options):
+        raise PlayedError
+
+    target = SimpleNamespace(bundle=SimpleNamespace(kind=kind), schedule=SimpleNamespace(modes=()))
+    checker = formats.deployment(kind)
+    monkeypatch.setattr(type(checker), "check", lambda self, target, options: play(target, options))
+    monkeypatch.setattr(formats, "open_target", lambda path: target)
+    monkeypatch.setattr(formats, "_cycles", lambda schedule, seconds: 1)
+    with pytest.raises(HalpipeError if idle else PlayedError) as ended:
+        formats.check_bundle("bundle", options)
+    assert f'"{idle}"' in str(ended.value) or not idle
+
+
+@pytest.mark.parametrize(
     "options",
     [
         exporter("arxml").options(onto="p", ecu="Body"),
         exporter("arxml").options(tick=ms(1)),
-        exporter("ros").options(package=True, messages="newest", graphs=("a",)),
+        exporter("ros").options(package=True, messages="oldest", graphs=("a",)),
         ExportOptions(mode="m"),
         ImportOptions(name="n"),
         SearchOptions(engine="exact"),

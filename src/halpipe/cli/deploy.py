@@ -8,9 +8,11 @@ import typer
 
 from halpipe.cli import output
 from halpipe.cli.groups import Group
-from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Seed, Verbose
+from halpipe.cli.options import takes
+from halpipe.cli.parameters import DiagnosticFormat, ModelFile, Output, Quiet, Verbose
 from halpipe.core.diagnostics import Exit
-from halpipe.core.options import DRIVERS, SOURCES
+from halpipe.core.options import DRIVERS, SOURCES, Values
+from halpipe.deploy.base import CheckOptions
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,53 +85,23 @@ def _what(prepared: Prepared) -> str:
     return f"{grown} versions have longer phases now" if grown else "all phases are long enough"
 
 
-@app.command("check")
 def check(
     bundle: Annotated[str, typer.Argument(metavar="BUNDLE", help="Folder that an export wrote.")],
-    engine: Annotated[str, typer.Option(help="What plays the bundle; auto takes the best that is installed.")] = "auto",
-    cycles: Annotated[int, typer.Option(min=0, help="Hyperperiods of every mode; 0: enough.")] = 0,
-    seconds: Annotated[
-        int, typer.Option(min=0, help="Play all modes about so long together, instead of --cycles.")
-    ] = 0,
-    modelled: Annotated[
-        bool, typer.Option("--modelled", help="Let every job take its scheduled time, whatever it computes.")
-    ] = False,
-    inject: Annotated[
-        bool | None,
-        typer.Option(
-            "--inject/--no-inject",
-            help="Let jobs fail on purpose in every way: those of all tables, or none; else of the first mode.",
-            show_default=False,
-        ),
-    ] = None,
-    margin: Annotated[bool, typer.Option("--margin", help="Find out how many cycles an instruction may take.")] = False,
-    seed: Seed = 1,
+    options: Values,
     trace: Annotated[str, typer.Option(metavar="FILE", help="Write the executions that were seen (CSV).")] = "",
     bandwidth: Annotated[
         str, typer.Option(metavar="FILE", help="Write what memory phases are promised, granted and use (CSV).")
     ] = "",
-    format: DiagnosticFormat = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
 ) -> int:
-    """Play a bundle and hold it against its schedule; any deviation is an error."""
+    """Play a bundle and compare what runs with its schedule; any deviation is an error."""
     from halpipe.core.files import refuse_name
-    from halpipe.deploy.base import CheckOptions
     from halpipe.flow.formats import check_bundle
 
-    output.choose(format, quiet=quiet, verbose=verbose)
-    execution = "modelled" if modelled else "real"
-    faults = {None: "some", True: "all", False: "none"}[inject]
     if trace and trace == bandwidth:
         raise typer.BadParameter("give another file than for --trace", param_hint="--bandwidth")
     for file in (trace, bandwidth):
         refuse_name(file, ".csv")
-    if cycles and seconds:
-        raise typer.BadParameter("give one of --cycles and --seconds", param_hint="--seconds")
-    options = CheckOptions(
-        engine=engine, seed=seed, cycles=cycles, seconds=seconds, execution=execution, inject=faults, margin=margin
-    )
-    checked = check_bundle(bundle, options)
+    checked = check_bundle(bundle, CheckOptions(**options))
     for line in checked.lines:
         output.result(line)
     output.report(checked.diagnostics)
@@ -139,6 +111,9 @@ def check(
     if wanted:
         _write(wanted, {trace, bandwidth})
     return Exit.FINDINGS if any(found.is_error for found in checked.diagnostics) else Exit.OK
+
+
+app.command("check")(takes(lambda: CheckOptions)(check).made())
 
 
 @app.command("trace")

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import field
 from typing import TYPE_CHECKING, Protocol
 
+from halpipe.core.options import Form, option
+from halpipe.core.quantities import whole
 from halpipe.core.records import record
+from halpipe.core.settings import Words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,21 +20,28 @@ if TYPE_CHECKING:
 
 @record(kw_only=True)
 class CheckOptions:
-    """What the user may choose: the `engine` that plays the bundle, the `seed` of what it draws, and how long.
+    """Options of the check of a bundle; a kind of bundles `takes` those that it uses."""
 
-    `cycles` is the number of hyperperiods of every mode, 0 for what the engine thinks enough; `seconds` says how long
-    all modes are played together, where that is real time, and 0 leaves it to `cycles`. `execution` is ``real``,
-    or ``modelled``: every job lasts as long as its schedule says, whatever it computes. `inject` says into how many
-    jobs faults are put on purpose: ``none``, ``some`` or ``all``. `margin` asks how much slower the cores may be.
-    """
+    engine: str = option("auto", "What plays the bundle; auto takes the best that is installed.", metavar="NAME")
+    cycles: int = option(0, "Hyperperiods of every mode; 0: enough.", whole(0), metavar="N")
+    seconds: int = option(0, "Play all modes about so many seconds together, instead of cycles.", whole(0), metavar="N")
+    modelled: bool = option(False, "Let every job take its scheduled time, whatever it computes.", form=Form.SWITCH)
+    inject: str = option(
+        "some",
+        "Jobs that fail on purpose in every way: those of the first mode, of all tables, or none.",
+        Words("none", "some", "all"),
+    )
+    margin: bool = option(False, "Find out how many cycles an instruction may take.", form=Form.SWITCH)
+    seed: int = option(1, "Same bundle, options and seed: same simulation.", whole(0), metavar="N")
 
-    engine: str = "auto"
-    seed: int = 1
-    cycles: int = 0
-    seconds: int = 0
-    execution: str = "real"
-    inject: str = "some"
-    margin: bool = False
+    @property
+    def execution(self) -> str:
+        """How long jobs take: ``real``, or ``modelled``."""
+        return "modelled" if self.modelled else "real"
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that have no effect beside the others."""
+        return ("seconds",) if self.cycles else ()
 
 
 @record(kw_only=True)
@@ -57,11 +67,15 @@ class Checked:
 
 
 class Deployment(Protocol):
-    """The door through which a kind of bundle is checked; registered as entry point ``halpipe.deployments``."""
+    """Protocol of the check of a kind of bundle; registered as entry point ``halpipe.deployments``.
+
+    `takes` names the fields of the options that have an effect on this kind.
+    """
 
     name: str
     summary: str
     engines: tuple[str, ...]
+    takes: tuple[str, ...]
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play the bundle and hold it against its schedule; raise `HalpipeError` if that cannot be done here."""

@@ -15,7 +15,7 @@ from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Any
 
 from halpipe.core.diagnostics import Diagnostic, Exit, Findings, HalpipeError, Severity, about, error, warning
-from halpipe.core.options import refuse_unused, specific
+from halpipe.core.options import options_of, refuse_unused, specific
 from halpipe.core.records import record
 from halpipe.core.suggest import did_you_mean
 from halpipe.pipeline.checked import refuse_invalid, validate_model
@@ -256,9 +256,12 @@ def prepare_model(model: TaskModel, options: RiscvOptions, *, dummy: bool) -> Pr
 def check_bundle(path: str, options: CheckOptions) -> Checked:
     """Open a bundle, verify the schedule it carries, play it and compare the run with the schedule."""
     target = open_target(path)
+    checker = deployment(target.bundle.kind)
+    idle = [each.attribute for each in options_of(type(options)) if each.attribute not in checker.takes]
+    refuse_unused(options, f"deploy check of a {target.bundle.kind} bundle", (*idle, *options.unused()))
     if options.seconds and not options.cycles:
         options = replace(options, cycles=_cycles(target.schedule, options.seconds))
-    return deployment(target.bundle.kind).check(target, options)
+    return checker.check(target, options)
 
 
 def _cycles(schedule: Schedule, seconds: int) -> int:

@@ -79,7 +79,7 @@ def test_transfers_pass_the_tables_and_come_late_where_these_grant_too_little(ex
 def test_memory_phases_are_written_as_csv(export, tmp_path):
     bundle = guaranteeing(export, "8MB/s")
     file = tmp_path / "phases.csv"
-    said = run_here(tmp_path, "deploy", "check", bundle.bundle.path, "--no-inject", "--bandwidth", file)
+    said = run_here(tmp_path, "deploy", "check", bundle.bundle.path, "--inject", "none", "--bandwidth", file)
     assert said.returncode == 0
     header, first, *_ = file.read_text().splitlines()
     assert header == "cycle,table,task,job,unit,direction,start,end,promised,granted,used,held"
@@ -88,7 +88,7 @@ def test_memory_phases_are_written_as_csv(export, tmp_path):
 
 def test_without_regulators_there_are_no_phases_to_write(sound, tmp_path):
     said = run_here(
-        tmp_path, "deploy", "check", sound.bundle.path, "--no-inject", "--bandwidth", tmp_path / "phases.csv"
+        tmp_path, "deploy", "check", sound.bundle.path, "--inject", "none", "--bandwidth", tmp_path / "phases.csv"
     )
     assert said.returncode == 2
     assert "export riscv --regulator" in said.stderr

@@ -20,6 +20,7 @@ class Listener:
     name = "listener"
     summary = "takes down what it is asked"
     engines = ("auto",)
+    takes = ("seed", "cycles", "seconds")
 
     def check(self, target, options):
         self.heard = (target, options)

@@ -14,6 +14,7 @@ class LinuxDeployment:
     name = "linux"
     summary = "run of a Linux bundle on this machine: order, exclusion, missing and late jobs, start errors"
     engines = ("native",)
+    takes = ("engine", "cycles", "seconds")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Build, run and judge; see `halpipe.deploy.base.Deployment`."""

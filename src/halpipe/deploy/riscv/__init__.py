@@ -19,6 +19,7 @@ class RiscvDeployment:
     name = "riscv"
     summary = "co-simulation of a RISC-V bundle: every start, end, transfer and fault against the schedule"
     engines = ("cosim", "qemu")
+    takes = ("engine", "cycles", "seconds", "modelled", "inject", "margin")
 
     def check(self, target: Target, options: CheckOptions) -> Checked:
         """Play every mode and every transition; see `halpipe.deploy.base.Deployment`."""
@@ -29,8 +30,10 @@ class RiscvDeployment:
         if engine == "cosim":
             return with_tables(target, check.check_by_simulation(target, options))
         if engine == "qemu":
+            from halpipe.core.options import refuse_unused
             from halpipe.deploy.riscv.judge.qemu import check_by_qemu
 
+            refuse_unused(options, "deploy check with QEMU", ("modelled", "margin"))
             return with_tables(target, check_by_qemu(target, options))
         raise check.unknown_engine(options.engine, ("auto", *self.engines))
 
