@@ -4,8 +4,10 @@ import pytest
 from arxml_case import (
     alarm,
     component,
+    composition,
     configuration,
     container,
+    core,
     counter,
     el,
     event,
@@ -30,7 +32,10 @@ from arxml_case import (
 )
 
 from halpipe.core.diagnostics import Exit
+from halpipe.flow.formats import import_model
 from halpipe.importers.arxml import codes, meaning_codes
+from halpipe.importers.arxml.options import ArxmlImportOptions
+from halpipe.models import ResourceKind
 
 
 def autostart(kind="RELATIVE", value="0"):
@@ -284,3 +289,92 @@ def test_execution_budgets_are_offered_and_taken_when_asked(tmp_path):
     assert [str(t.versions[0].wcet) for t in asked.model.tasks] == ["500us", "None"]
     (told,) = found(asked, meaning_codes.BUDGETS)
     assert (told.code, "Kept" in told.message, "Free" in told.message) == ("HAL0533", True, False)
+
+
+# ------------------------------------------------------------------------------------------------------ locks
+
+
+AREA_REFS = {
+    "runs inside": ("RUNS-INSIDE-EXCLUSIVE-AREA-REFS", "RUNS-INSIDE-EXCLUSIVE-AREA-REF"),
+    "may enter": ("CAN-ENTER-EXCLUSIVE-AREA-REFS", "CAN-ENTER-EXCLUSIVE-AREA-REF"),
+}
+
+
+def sharing(tmp_path, *, way="may enter", cores=("First", "Second"), wcet=True, schedule="NON", second="R1", more=()):
+    """Runnables R0 and R1 of one component that share an area, each in an OsTask of its own."""
+    outer, inner = AREA_REFS[way]
+    refs = el(outer, ref(inner, "/T/Pump/B/Area", "EXCLUSIVE-AREA"))
+    runnables = [
+        named("RUNNABLE-ENTITY", "R0", refs),
+        named("RUNNABLE-ENTITY", second, refs),
+        named("EXCLUSIVE-AREA", "Area"),
+    ]
+    if second != "R1":
+        runnables.insert(1, named("RUNNABLE-ENTITY", "R1"))
+    pump = component("Pump", every("0.01", "E0", "Pump/R0"), every("0.02", "E1", "Pump/R1"), runnables=runnables)
+    maps = rte(mapped("Pump/B/E0", "T0", "1"), mapped("Pump/B/E1", "T1", "1"), prototype="Car/p")
+    kind = "/Vendor/X/Os/OsTask"
+    mode = el("ECUC-TEXTUAL-PARAM-VALUE", ref("DEFINITION-REF", f"{kind}/OsTaskSchedule"), el("VALUE", schedule))
+    tasks = [
+        container("Os/OsTask", f"T{i}", refs=more).replace("<PARAMETER-VALUES>", f"<PARAMETER-VALUES>{mode}")
+        for i in range(2)
+    ]
+    applications = [
+        container(
+            "Os/OsApplication",
+            f"A{i}",
+            refs=[("OsAppTaskRef", f"/E/Os/T{i}"), ("OsApplicationCoreRef", f"/E/EcuC/{core}")],
+        )
+        for i, core in enumerate(cores)
+    ]
+    os = configuration("Os", counter(), container("Os/OsResource", "Res"), *tasks, *applications)
+    ecuc = configuration("EcuC", core("First", "0"), core("Second", "1"))
+    path = write(
+        tmp_path,
+        package("T", pump, composition("Car", "p:Pump")),
+        package("E", os, configuration("Rte", maps), ecuc),
+    )
+    text = 'halpipe-overlay: 1\ntasks:\n  "*": {wcet: 1ms}\n' if wcet else "halpipe-overlay: 1\ntasks: {}\n"
+    (tmp_path / "o.yaml").write_text(text)
+    return path, import_model("arxml", [str(path)], ArxmlImportOptions(overlays=(str(tmp_path / "o.yaml"),)))
+
+
+def held(imported):
+    return [
+        (t.name, a.resource, str(a.start), str(a.end), a.bound)
+        for t in imported.model.tasks
+        for a in t.versions[0].accesses
+    ]
+
+
+@pytest.mark.parametrize("way", AREA_REFS)
+def test_an_exclusive_area_is_a_lock_that_whole_jobs_hold(tmp_path, way):
+    _, imported = sharing(tmp_path, way=way)
+    assert held(imported) == [("p/R0", "p/Area", "0ms", "1ms", 1), ("p/R1", "p/Area", "0ms", "1ms", 1)]
+    (resource,) = imported.model.resources
+    assert (resource.kind, resource.origin.path) == (ResourceKind.LOCK, "/T/Pump/B/Area")
+    (told,) = found(imported, meaning_codes.LOCKS_HELD)
+    assert told.code == "HAL0534"
+    assert len([d for d in imported.coverage.defaulted_values if d.value == "held by whole jobs"]) == 2
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"cores": ("First", "First")}, {"second": "R2"}],
+    ids=["on one core, whole", "entered by one runnable"],
+)
+def test_jobs_that_cannot_overlap_need_no_lock(tmp_path, options):
+    _, imported = sharing(tmp_path, **options)
+    assert (held(imported), imported.model.resources) == ([], ())
+
+
+def test_an_os_resource_is_a_lock_of_its_os_tasks(tmp_path):
+    _, imported = sharing(tmp_path, second="R2", more=[("OsTaskResourceRef", "/E/Os/Res")])
+    assert [resource for _, resource, *_ in held(imported)] == ["Res", "Res"]
+
+
+def test_a_lock_without_wcets_is_told(tmp_path):
+    path, imported = sharing(tmp_path, wcet=False)
+    (told,) = found(imported, meaning_codes.LOCK_LOST)
+    assert (told.code, told.path) == ("HAL0535", 'EXCLUSIVE-AREA "/T/Pump/B/Area"')
+    assert refusal(path, strict=True).exit is Exit.UNSUPPORTED

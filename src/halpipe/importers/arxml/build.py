@@ -23,6 +23,7 @@ from halpipe.importers.arxml.coverage import Ledger, note_activations, note_mapp
 from halpipe.importers.arxml.embedded import find_embedded, read_embedded
 from halpipe.importers.arxml.files.variants import Choice
 from halpipe.importers.arxml.names import legal_name
+from halpipe.importers.arxml.options import BUDGET
 from halpipe.importers.arxml.system.containers import container_kinds
 from halpipe.importers.arxml.system.reading import read_system, read_tree
 from halpipe.importers.arxml.tasks.activation import find_activations
@@ -34,6 +35,7 @@ from halpipe.importers.arxml.tasks.dataflow import find_dataflow
 from halpipe.importers.arxml.tasks.execution_modes import make_modes
 from halpipe.importers.arxml.tasks.grouping import group
 from halpipe.importers.arxml.tasks.interrupts import with_interrupts
+from halpipe.importers.arxml.tasks.locks import Locking, find_locks
 from halpipe.importers.arxml.tasks.periods import decide_periods
 from halpipe.importers.arxml.tasks.platform import Platform
 from halpipe.importers.arxml.tasks.precedence import find_edges
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from halpipe.importers.arxml.options import ArxmlImportOptions
     from halpipe.importers.arxml.system.values import System, Trigger
     from halpipe.importers.arxml.tasks.grouping import Draft
+    from halpipe.importers.arxml.tasks.locks import Lock
     from halpipe.importers.arxml.tasks.precedence import Edge
     from halpipe.importers.arxml.tasks.requirements import Requirements
     from halpipe.importers.arxml.tasks.versions import Variant
@@ -63,7 +66,10 @@ def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
     """
     findings = Findings()
     try:
-        model, coverage = _import(paths, options, findings)
+        imported = _import(paths, options, findings)
+        if options.overlay is None:
+            imported = imported.completed()
+            findings.extend(imported.diagnostics)
         findings.stop_on_errors()
     except HalpipeError as failure:
         found = sort_diagnostics((*findings.items, *failure.diagnostics))
@@ -71,28 +77,31 @@ def import_arxml(paths: Sequence[str], options: ArxmlImportOptions) -> Imported:
     found = sort_diagnostics(findings.items)
     if options.strict and any(diagnostic.severity is Severity.WARNING for diagnostic in found):
         raise HalpipeError(*map(_as_error, found), exit=Exit.UNSUPPORTED)
-    return Imported(model=model, diagnostics=tuple(found), coverage=coverage)
+    return replace(imported, diagnostics=tuple(found))
 
 
-def _import(paths: Sequence[str], options: ArxmlImportOptions, findings: Findings) -> tuple[TaskModel, Coverage]:
+def _import(paths: Sequence[str], options: ArxmlImportOptions, findings: Findings) -> Imported:
     tree = read_tree(paths, findings, Choice(options.variant, options.conditions), on_progress=options.on_progress)
     data = find_embedded(tree)
     embedded = None if data is None else read_embedded(tree, data, options)
     if embedded is not None:
-        return embedded
+        model, coverage = embedded
+        return Imported(model=model, diagnostics=(), coverage=coverage)
     built = assemble(tree, read_system(tree, options.ecu), paths, options)
-    return built.model, built.coverage
+    locking = Locking(built.locks, built.coverage)
+    return Imported(model=built.model, diagnostics=(), coverage=built.coverage, completion=locking.complete)
 
 
 @record
 class Built:
-    """A model with what it was made of: the tasks to be, the units, and what recurs in the OS."""
+    """A model with what it was made of: the tasks to be, the units, what recurs in the OS, and locks to come."""
 
     model: TaskModel
     coverage: Coverage
     drafts: tuple[Draft, ...]
     platform: Platform
     triggers: tuple[Trigger, ...]
+    locks: tuple[Lock, ...]
 
 
 def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImportOptions) -> Built:
@@ -130,6 +139,10 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     note_structure(ledger, system, drafts, dataflow)
     ledger.mapped(*(place for edge in edges for place in (edge.cause, *edge.also)), *used_times(variants))
     ledger.mapped(*required.used)
+    if options.wcet == BUDGET:
+        ledger.mapped(*(draft.os_task.protection for draft in drafts if draft.os_task and draft.os_task.protection))
+    locks = find_locks(system, drafts)
+    ledger.mapped(*(lock.place for lock in locks))
     note_timing(ledger, system, tree)
     coverage = ledger.close(tree, container_kinds(tree))
     for draft in drafts:
@@ -139,7 +152,7 @@ def assemble(tree: Tree, system: System, paths: Sequence[str], options: ArxmlImp
     reports.report_assumptions(model, drafts, platform, paths, findings, coverage)
     report_kinds(variants, Location(paths[0]), findings)
     reports.report_dataflow(system, dataflow, findings)
-    return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers)
+    return Built(model, coverage, tuple(drafts), platform, system.configuration.triggers, locks)
 
 
 def _kept(drafts: list[Draft], options: ArxmlImportOptions) -> list[Draft]:

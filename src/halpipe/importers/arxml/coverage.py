@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from halpipe.core.diagnostics import named
 from halpipe.importers.arxml.files.tree import place
+from halpipe.importers.arxml.harmless import is_harmless
+from halpipe.importers.arxml.meaning_codes import UNUSED_KIND
+from halpipe.importers.arxml.names import listed
 from halpipe.importers.arxml.system.compositions import COMPOSITION
 from halpipe.importers.arxml.system.constraints import is_guarantee
 from halpipe.importers.arxml.system.execution_times import KINDS
@@ -29,6 +33,8 @@ _UNUSED = {
     "OsScheduleTableExpiryPoint": "gives no task its period",
     "OsCounter": "its ticks are not needed",
     "OsApplication": "runs no task of the model",
+    "EXCLUSIVE-AREA": "no two tasks enter it",
+    "OsResource": "no two tasks take it",
     "RUNNABLE-ENTITY": "no event starts it",
     "BSW-SCHEDULABLE-ENTITY": "no event starts it",
     "ASSEMBLY-SW-CONNECTOR": "carries no data between runnables",
@@ -49,6 +55,10 @@ _UNUSED = {
 }
 
 
+_REMEDIES = {
+    "OsSpinlock": "state which tasks take it in the overlay, as accesses to a lock",
+    "OsTaskTimingProtection": "take its execution budgets as WCETs (--wcet budget), or see that WCETs are below them",
+}
 _STARTUP = "STATE-DEPENDENT-STARTUP-CONFIGS/STATE-DEPENDENT-STARTUP-CONFIG"
 _OLD_STARTUP = "MODE-DEPENDENT-STARTUP-CONFIGS/MODE-DEPENDENT-STARTUP-CONFIG"
 # Elements without SHORT-NAME that have a say in timing, by the element that holds them.
@@ -87,7 +97,10 @@ class Ledger:
         self._reasons.setdefault((place.path, place.kind), reason)
 
     def close(self, tree: Tree, kinds: dict[str, str]) -> Coverage:
-        """Account for every node of the tree; `kinds` gives the kinds of configuration containers by path."""
+        """Account for every node of the tree; `kinds` gives the kinds of configuration containers by path.
+
+        Report the kinds that are not used for no known reason, and that are not known to be harmless.
+        """
         coverage = Coverage()
         for tag, count in tree.dropped.items():
             coverage.dropped(tag, count)
@@ -100,13 +113,26 @@ class Ledger:
             for node in tree.nodes()
         ]
         mapped = _with_holders(node for node, kind in nodes if (node.path, kind) in self._mapped)
+        unused: dict[str, list[Node]] = {}
         for node, kind in nodes:
             if node in mapped:
                 coverage.mapped(kind)
             else:
                 reason = self._reasons.get((node.path, kind)) or _default(kind)
+                if reason == _NO_INFLUENCE and not is_harmless(node, kind):
+                    unused.setdefault(kind, []).append(node)
+                    reason = "not used, though it may decide timing"
                 coverage.ignored(kind, node.path, reason, node.at)
             _account_for_nameless(tree, node, node in mapped, coverage)
+        for kind, found in unused.items():
+            tree.findings.add(
+                UNUSED_KIND(
+                    f"{len(found)} {kind} are not used, and may decide timing: {listed([n.path for n in found])}",
+                    at=found[0].at,
+                    path=named(kind, found[0].path),
+                    help=_REMEDIES.get(kind, "state in the overlay what they demand, or that they demand nothing"),
+                )
+            )
         return coverage
 
 

@@ -45,3 +45,21 @@ BUDGETS = note(
     "The timing protection of an OsTask states the longest time that the OS lets it run (OsTaskExecutionBudget). With "
     "`--wcet budget` that is the WCET of tasks without an execution time of their own: a bound, if protection is on.",
 )
+LOCKS_HELD = note(
+    "HAL0534",
+    "Locks are held by whole jobs",
+    "Runnables that may enter one exclusive area, or OsTasks that share an OsResource, exclude each other. It is not "
+    "stated when a job enters and leaves, so that it holds the lock from start to end.",
+)
+LOCK_LOST = warning(
+    "HAL0535",
+    "Exclusive area or OsResource is not kept",
+    "A lock is held for a time, so that it needs the WCETs of its tasks. Without them, two jobs that exclude each "
+    "other may be scheduled at once on two units, or one in a gap of the other.",
+)
+UNUSED_KIND = warning(
+    "HAL0536",
+    "Elements that may decide timing are not used",
+    "The import knows what the kinds of elements mean that it uses, and has a list of those that cannot decide timing. "
+    "Any other kind may: the schedule may not keep what these elements demand.",
+)

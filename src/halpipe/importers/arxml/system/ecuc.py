@@ -14,6 +14,7 @@ from halpipe.importers.arxml.system.values import (
     OsApplication,
     OsIsr,
     OsTask,
+    Place,
     RteInstance,
 )
 
@@ -97,7 +98,9 @@ def _bound_core(containers: Containers, application: Container, cores: dict[str,
 
 def _task(containers: Containers, container: Container, core: str | None) -> OsTask:
     kind = container.value("OsTaskType")
-    budget = next((n for inside in containers.below(container) if (n := inside.number("OsTaskExecutionBudget"))), None)
+    name = "OsTaskExecutionBudget"
+    inside = next((found for found in containers.below(container) if found.value(name)), None)
+    budget = inside.number(name) if inside else None
     return OsTask(
         container.place,
         core,
@@ -105,6 +108,12 @@ def _task(containers: Containers, container: Container, core: str | None) -> OsT
         _schedule(container),
         is_basic=(kind is None or kind.text == "BASIC") and not container.refs("OsTaskEventRef"),
         budget=seconds(budget) if budget else None,
+        protection=inside.place if inside else None,
+        resources=tuple(
+            Place(path, "OsResource", containers.by_path[path].node.at)
+            for path in container.targets("OsTaskResourceRef")
+            if path in containers.by_path
+        ),
     )
 
 

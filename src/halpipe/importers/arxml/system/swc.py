@@ -21,6 +21,12 @@ _READS = (
     "DATA-RECEIVE-POINT-BY-VALUES",
     "READ-LOCAL-VARIABLES",
 )
+_AREA_REFS = (
+    "RUNS-INSIDE-EXCLUSIVE-AREA-REFS/RUNS-INSIDE-EXCLUSIVE-AREA-REF",
+    "CAN-ENTER-EXCLUSIVE-AREA-REFS/CAN-ENTER-EXCLUSIVE-AREA-REF",
+    "RUNS-INSIDES/EXCLUSIVE-AREA-REF-CONDITIONAL/EXCLUSIVE-AREA-REF",
+    "CAN-ENTERS/EXCLUSIVE-AREA-REF-CONDITIONAL/EXCLUSIVE-AREA-REF",
+)
 # How releases before 4 name the variables between runnables, by the list that they stand in since.
 _VARIABLE_REFS = {
     "WRITTEN-LOCAL-VARIABLES": "WRITTEN-VARIABLE-REFS/WRITTEN-VARIABLE-REF",
@@ -140,7 +146,18 @@ def _runnable(tree: Tree, node: Node) -> Runnable:
         writes=tuple(item for role, item in accesses if role in _WRITES),
         reads=tuple(item for role, item in accesses if role in _READS),
         interval=stated(tree.text(node, "MINIMUM-START-INTERVAL")),
+        areas=tuple(_areas(tree, node)),
     )
+
+
+def _areas(tree: Tree, node: Node) -> Iterator[Place]:
+    """Yield the exclusive areas that a runnable may enter, or runs inside of; releases spell that in several ways."""
+    what = f'{node.tag} "{node.path}"'
+    found = {ref.path: ref for path in _AREA_REFS for ref in tree.refs(node, path)}
+    for ref in found.values():
+        area = tree.find(ref, what, ("EXCLUSIVE-AREA",))
+        if area is not None:
+            yield place_of(area)
 
 
 def _symbol(tree: Tree, node: Node) -> str:

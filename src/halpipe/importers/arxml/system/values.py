@@ -59,7 +59,7 @@ class DataItem:
 class Runnable:
     """A RUNNABLE-ENTITY or BSW-SCHEDULABLE-ENTITY with the data it writes and reads; `symbol` is its C function.
 
-    `interval` is the least time between two starts of it.
+    `interval` is the least time between two starts of it, `areas` are the exclusive areas that it enters or runs in.
     """
 
     place: Place
@@ -67,6 +67,7 @@ class Runnable:
     writes: tuple[DataItem, ...] = ()
     reads: tuple[DataItem, ...] = ()
     interval: Stated | None = None
+    areas: tuple[Place, ...] = ()
 
 
 @record(kw_only=True)
@@ -193,7 +194,7 @@ class OsTask:
     """An OsTask; `core` is that of its OsApplication, `period` its own OsTaskPeriod.
 
     `schedule` is OsTaskSchedule: FULL, NON, or empty where it is not stated. `is_basic` tells that it cannot wait for
-    OsEvents, and `budget` is the execution budget of its timing protection.
+    OsEvents, `budget` is the execution budget of its timing `protection`, and `resources` are the OsResources it takes.
     """
 
     place: Place
@@ -202,6 +203,8 @@ class OsTask:
     schedule: str = ""
     is_basic: bool = False
     budget: Duration | None = None
+    resources: tuple[Place, ...] = ()
+    protection: Place | None = None
 
 
 @record
