@@ -12,6 +12,8 @@ from split_oracle import finish, rows_of, whole
 from halpipe.models import Anchor, Match, ResourceKind
 
 EVENTS = (Anchor.START, Anchor.END)
+NOWHERE = -(10**9)
+"""Stands for an instant that a job does not have: no window reaches so far."""
 
 
 def locks(model):
@@ -135,7 +137,7 @@ def theirs(row, a):
         if done_from <= point <= done_to:
             done = finish((a.resume if number else 0) + point - done_from, a.rows)
             return a.start + begin + (0 if done is None else done)
-    return None
+    return NOWHERE
 
 
 def has_same_cycle(tasks, row, a, others):

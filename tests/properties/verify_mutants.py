@@ -273,7 +273,7 @@ def window_opens_one_tick_later(rng, system, plan):
 @operator
 def window_from_the_other_end(rng, system, plan):
     other = {Anchor.START: Anchor.END, Anchor.END: Anchor.START}
-    found = change_windows(rng, system, lambda p: replace(p, anchor=other[p.anchor]))
+    found = change_windows(rng, system, lambda p: replace(p, anchor=other.get(p.anchor, p.anchor)))
     return found and (found, plan)
 
 

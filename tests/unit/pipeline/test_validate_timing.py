@@ -8,9 +8,11 @@ from validate_cases import alone, codes_of, found, the
 
 from halpipe.core.diagnostics import Location, Severity, render_text
 from halpipe.core.durations import Duration
-from halpipe.models import Origin
+from halpipe.models import Mode, Origin, Run, Split
+from halpipe.pipeline.checked import schedule_model
+from halpipe.pipeline.solve.schedule import SearchOptions
 from halpipe.pipeline.validate import codes, validate
-from support import access, after, chain, mode, model, task, version
+from support import access, after, chain, mode, model, ms, task, version
 
 
 def test_zero_period():
@@ -110,3 +112,37 @@ def test_negative_times_of_every_kind():
 def test_findings_point_to_the_source_where_the_model_was_never_a_file():
     imported = replace(version("v", None), origin=Origin("graph.yaml", 7, "/a"))
     assert the(model(task("a", 25, imported)), codes.MISSING_WCET).at == Location("graph.yaml", 7)
+
+
+# ------------------------------------------------------------------------------------------------ versions left out
+
+
+def two_versions(*modes, let=None):
+    owner = replace(task("a", 10, version("slow", 12, "u1"), version("fast", 2, "u2")), let=let)
+    runs = [Mode(name=f"m{k}", runs=(Run(task="a", versions=names),)) for k, names in enumerate(modes)]
+    return model(owner, units="u1 u2", modes=runs)
+
+
+def test_a_version_that_can_never_end_in_time_is_a_warning_where_another_one_can():
+    finding = the(two_versions(("slow", "fast")), codes.WCET_BEYOND_DEADLINE)
+    assert (finding.severity, finding.message.endswith("it is never tried")) == (Severity.WARNING, True)
+
+
+def test_a_mode_without_a_version_that_can_end_in_time_is_an_error():
+    assert the(two_versions(("slow", "fast"), ("slow",)), codes.WCET_BEYOND_DEADLINE).is_error
+
+
+def test_a_logical_execution_time_bounds_a_version_too():
+    assert "12ms" in the(two_versions(("slow", "fast")), codes.WCET_BEYOND_DEADLINE).message
+    short = two_versions(("fast",), let=ms(1))
+    assert "its deadline is 1ms (its LET)" in found(short, codes.WCET_BEYOND_DEADLINE)[-1].message
+
+
+@pytest.mark.parametrize("split", [Split(), Split(points=(ms(1),))])
+def test_a_version_that_never_fits_is_left_out_of_the_search(split):
+    system = two_versions(("slow", "fast"))
+    fast = replace(system.tasks[0].versions[1], split=split)
+    system = replace(system, tasks=(replace(system.tasks[0], versions=(system.tasks[0].versions[0], fast)),))
+    found = schedule_model(system, SearchOptions(), lambda *_: True)
+    assert [job.version for job in found.schedule.modes[0].jobs] == ["fast"]
+    assert [d.code for d in found.diagnostics if d.severity is Severity.WARNING] == ["HAL0231"]

@@ -70,6 +70,8 @@ def _is_too_long(task: Task, length: Duration) -> bool:
     """Tell whether a job takes longer than its deadline allows, which may count from the start of the job before."""
     if task.period is None:
         return False
+    if task.let is not None and length > task.let:
+        return True
     if task.distance is not None:
         return task.period + length > (task.distance if task.deadline is None else task.deadline)
     return length > (task.period if task.deadline is None else task.deadline)

@@ -121,8 +121,9 @@ MISSING_WCET = error(
 WCET_BEYOND_DEADLINE = error(
     "HAL0231",
     "WCET beyond the deadline",
-    "A job of this version can never end in time. The deadline of a task that states none is its period. On units with "
-    "interrupts the time reserved for the WCET counts.",
+    "A job of this version can never end in time. The deadline of a task that states none is its period; a logical "
+    "execution time bounds it, too. On units with interrupts the time reserved for the WCET counts. An error where a "
+    "mode has no other version of the task; else a warning, and the version is not tried.",
 )
 WCET_BEYOND_PERIOD = warning(
     "HAL0232",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from halpipe.core.diagnostics import about
+from halpipe.core.diagnostics import Severity, about
 from halpipe.core.durations import ZERO
 from halpipe.core.quantities import format_rational
 from halpipe.models import Chain, Interrupt, Task, Version
@@ -52,11 +52,11 @@ def _without_period(task: Task) -> Iterator[Diagnostic]:
 
 
 def check_wcet(context: Context) -> Iterator[Diagnostic]:
-    """Every version states a positive WCET that its task's deadline allows."""
+    """Every version states a positive WCET; in every mode, some available version of each task keeps its deadline."""
     for task, version in context.versions_of_tasks:
         wcet = version.wcet
         if wcet is not None and wcet > ZERO:
-            yield from _too_long(task, version, least_length(context.units, version) or wcet)
+            yield from _too_long(context, task, version, least_length(context.units, version) or wcet)
             continue
         at, path = place(version, task), version_path(task, version)
         if wcet is None:
@@ -67,18 +67,45 @@ def check_wcet(context: Context) -> Iterator[Diagnostic]:
             yield codes.ZERO_WCET("has the WCET zero", at=at, path=path, help=help)
 
 
-def _too_long(task: Task, version: Version, wcet: Duration) -> Iterator[Diagnostic]:
+def _due(task: Task) -> tuple[Duration, str] | None:
+    """Return the longest time that a job may take, and where that comes from; None where nothing bounds it."""
     period = task.period
     if period is None or period <= ZERO or (task.distance is not None and task.distance < period):
-        return
+        return None
     deadline, whose = (period, " (its period)") if task.deadline is None else (task.deadline, "")
     if task.distance is not None:  # counted from the arrival, which is after the start of the job before
         deadline = (task.distance if task.deadline is None else task.deadline) - period * (1 - task.slack)
         whose = ", less the least time since the job before"
+    if task.let is not None and ZERO < task.let < deadline:
+        deadline, whose = task.let, " (its LET)"
+    return deadline, whose
+
+
+def _is_late(context: Context, task: Task, version: Version) -> bool:
+    """Tell whether a version can never meet its deadline."""
+    due, length = _due(task), least_length(context.units, version)
+    return due is not None and length is not None and length > due[0]
+
+
+def _is_last(context: Context, task: Task, version: Version) -> bool:
+    """Tell whether some mode that runs a version has none of its task that may meet its deadline."""
+    modes = [mode.tasks[task.name].versions for mode in context.active if task.name in mode.tasks]
+    modes = [versions for versions in modes if version in versions] or ([] if modes else [task.versions])
+    return any(all(_is_late(context, task, other) for other in versions) for versions in modes)
+
+
+def _too_long(context: Context, task: Task, version: Version, wcet: Duration) -> Iterator[Diagnostic]:
+    due, period = _due(task), task.period
+    if due is None or period is None:
+        return
+    deadline, whose = due
     if wcet > deadline:
         text = f'version "{version.name}" needs {wcet}, its deadline is {max(deadline, ZERO)}{whose}'
         help = f"shorten the WCET by at least {wcet - deadline}, raise the deadline, or remove the version"
-        yield codes.WCET_BEYOND_DEADLINE(text, at=place(version, task), path=task_path(task), help=help)
+        severity = None if _is_last(context, task, version) else Severity.WARNING
+        text += "" if severity is None else ", so it is never tried"
+        at, path = place(version, task), task_path(task)
+        yield codes.WCET_BEYOND_DEADLINE(text, at=at, path=path, help=help, severity=severity)
     elif wcet > period:
         text = f'version "{version.name}" needs {wcet}, its period is {period}: successive jobs overlap'
         help = "shorten the WCET or lengthen the period, unless the jobs may run beside each other on different units"
@@ -163,8 +190,8 @@ CHECKS = (
     ),
     Check(
         "wcet",
-        "Every version states a positive WCET, not beyond its task's deadline (the period, where no deadline is "
-        "given); one beyond the period is pointed out.",
+        "Every version states a positive WCET, and in every mode some version of each task keeps its deadline (the "
+        "period, where no deadline is given); versions that never do, or that pass the period, are pointed out.",
         (codes.MISSING_WCET, codes.ZERO_WCET, codes.WCET_BEYOND_DEADLINE, codes.WCET_BEYOND_PERIOD),
         check_wcet,
     ),
