@@ -286,6 +286,7 @@ COLUMNS: dict[str, dict[str, Any]] = {
     "chain": TEXT,
     "reaction_ms": EXACT,
     "age_ms": EXACT,
+    "latency_ms": EXACT,
     "source": TEXT,
     "target": TEXT,
     "length_ms": EXACT,

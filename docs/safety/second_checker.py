@@ -204,7 +204,7 @@ class Model:
         return named
 
     def reserved(self, units: set[str], work: int) -> int | None:  # L(work); None where interrupts leave no room
-        found = [pair for unit in sorted(units) for pair in self.interrupts[unit]]
+        found = [pair for unit in sorted(units) for pair in self.interrupts.get(unit, ())]
         if sum(Fraction(c, distance) for distance, c in found) >= 1:
             return None
         length, shorter = work, -1

@@ -250,8 +250,17 @@ def loads(schedule: Schedule) -> list[dict[str, Any]]:
     return load_rows(schedule)
 
 
-def latencies(schedule: Schedule) -> list[dict[str, Any]]:
-    """Return reaction time and data age of the chains in every mode as plain rows, in exact milliseconds."""
+def latencies(schedule: Schedule, model: TaskModel | None = None) -> list[dict[str, Any]]:
+    """Return reaction time, data age and latency of the chains in every mode as plain rows, in exact milliseconds.
+
+    Without the model, latencies are those that the schedule states: where the model refers to them.
+    """
     from halpipe.flow.rows import latency_rows
 
-    return latency_rows(schedule)
+    if model is None:
+        return latency_rows(schedule)
+    from halpipe.pipeline.checked import refuse_invalid
+    from halpipe.pipeline.measure.metrics import with_latencies
+
+    refuse_invalid(model, schedule)
+    return latency_rows(with_latencies(model, schedule))

@@ -141,6 +141,8 @@ def theirs(row, a):
 
 
 def has_same_cycle(tasks, row, a, others):
+    if row.task not in tasks:
+        return False
     number = a.index * whole(tasks[a.job.task][0].period) // whole(tasks[row.task][0].period)
     low, high = whole(row.min), whole(row.max)
     ages = [own(row, a) + a.lap - theirs(row, b) - b.lap for b in others if b.index == number]

@@ -39,6 +39,9 @@ def show(
     format: Annotated[
         Form, typer.Option(help="text; json: jobs, loads, latencies, switches; csv: a row for each part of a job.")
     ] = Form.TEXT,
+    model: Annotated[
+        str, typer.Option(metavar="FILE", help="Task model of the schedule: latencies of all chains, as well.")
+    ] = "",
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
@@ -49,6 +52,14 @@ def show(
 
     output.choose(output.Format.JSON if format is Form.JSON else None, quiet=quiet, verbose=verbose)
     tables = read_schedule(schedule)
+    if model:
+        from halpipe.importers.native import read_model
+        from halpipe.pipeline.checked import refuse_invalid
+        from halpipe.pipeline.measure.metrics import with_latencies
+
+        system = read_model(model)
+        refuse_invalid(system, tables)
+        tables = with_latencies(system, tables)
     if mode:
         check_name(mode, {m.name for m in tables.modes}, "mode", "--mode")
         tables = tables.alone((tables.mode(mode),))
@@ -90,7 +101,9 @@ def _show_mode(mode: ModeSchedule, letters: dict[str, str], *, every: bool) -> N
     for load in mode.resource_loads:
         output.result(f"  {load.resource}: peak {_percent(load.peak)}, mean {_percent(load.mean)}")
     for chain in mode.chains:
-        output.result(f"  chain {chain.name}: reaction {chain.reaction or 'never'}, age {chain.age or 'never'}")
+        latency = "" if chain.latency is None else f"latency {chain.latency}, "
+        reaction, age = chain.reaction or "never", chain.age or "never"
+        output.result(f"  chain {chain.name}: {latency}reaction {reaction}, age {age}")
     output.result()
 
 

@@ -20,7 +20,7 @@ Row = dict[str, Any]
 
 JOB_COLUMNS = ("table", "task", "job", "version", "units", "part", "start_ms", "end_ms")
 LOAD_COLUMNS = ("table", "kind", "name", "busy_ms", "share", "peak")
-LATENCY_COLUMNS = ("table", "chain", "reaction_ms", "age_ms")
+LATENCY_COLUMNS = ("table", "chain", "reaction_ms", "age_ms", "latency_ms")
 SWITCH_COLUMNS = ("source", "target", "length_ms", "worst_latency_ms", "jobs", "status")
 
 
@@ -52,11 +52,11 @@ def load_rows(schedule: Schedule) -> list[Row]:
 
 
 def latency_rows(schedule: Schedule) -> list[Row]:
-    """Return one row for each chain of each mode; None where no data ever arrives."""
+    """Return one row for each chain of each mode; None where no data ever arrives, or the latency is not stated."""
     return [
-        dict(zip(LATENCY_COLUMNS, (mode.name, chain.name, _ms(chain.reaction), _ms(chain.age)), strict=True))
+        dict(zip(LATENCY_COLUMNS, (mode.name, c.name, _ms(c.reaction), _ms(c.age), _ms(c.latency)), strict=True))
         for mode in schedule.modes
-        for chain in mode.chains
+        for c in mode.chains
     ]
 
 

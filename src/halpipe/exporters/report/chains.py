@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from halpipe.core.durations import Duration
-    from halpipe.models import Chain, Job, ModeSchedule, TaskModel
+    from halpipe.models import Chain, ChainLatency, Job, ModeSchedule, TaskModel
 
 ROW_HEIGHT = 24
 AXIS_HEIGHT = 26
@@ -102,6 +102,26 @@ def worst_reaction(chain: Chain, table: ModeSchedule) -> list[Hop]:
             way.append(ring.next(way[-1].end))
         ways.append(way)
     return max(ways, key=_length, default=[])
+
+
+def worst_latency(chain: Chain, table: ModeSchedule) -> list[Hop]:
+    """Return the way of the data of a job of the first task that takes longest to the last; empty as above."""
+    rings = _rings(chain, table)
+    ways = []
+    for number in range(len(rings[0].jobs) if rings else 0):
+        way = [rings[0].hop(number)]
+        for ring in rings[1:]:
+            way.append(ring.next(way[-1].end))
+        ways.append(way)
+    return max(ways, key=_length, default=[])
+
+
+def latency_of(chain: Chain, table: ModeSchedule, stated: ChainLatency) -> Duration | None:
+    """Return the worst latency: as the schedule states it where the model refers to it, else by the jobs."""
+    if stated.latency is not None or stated.reaction is None:
+        return stated.latency
+    way = worst_latency(chain, table)
+    return way[-1].end - way[0].start if way else None
 
 
 def worst_age(chain: Chain, table: ModeSchedule) -> list[Hop]:

@@ -15,7 +15,7 @@ from halpipe.exporters.common.palette import FILLS, INK, RESOURCES, tone
 from halpipe.exporters.common.timeline import Window, links, shows_context, unroll, unroll_switch
 from halpipe.exporters.regulator.picture import draw_bounds
 from halpipe.exporters.report.account import build_account
-from halpipe.exporters.report.chains import path_chart, worst_age, worst_reaction
+from halpipe.exporters.report.chains import latency_of, path_chart, worst_age, worst_reaction
 from halpipe.exporters.report.chart import (
     BASE_WIDTH,
     GRID,
@@ -354,10 +354,14 @@ def _chains(model: TaskModel, table: ModeSchedule, id: str) -> tuple[ChainRow, .
 
 def _chain(model: TaskModel, table: ModeSchedule, chain: Chain, found: ChainLatency, id: str) -> ChainRow:
     gauges = (
+        _latency("latency", latency_of(chain, table, found), chain.max_latency),
         _latency("reaction time", found.reaction, chain.max_reaction),
         _latency("data age", found.age, chain.max_age),
     )
-    ways = []
+    ways: list[PathChart] = []
+    tasks = {task.name: task for task in model.tasks}
+    if chain.anchor or chain.to or any(tasks[name].let is not None for name in chain.tasks):
+        return ChainRow(chain.name, " → ".join(chain.tasks), gauges, ())  # paths are drawn from starts to ends
     if reaction := worst_reaction(chain, table):
         length = reaction[-1].end - reaction[0].start
         title = f"A stimulus that comes just too late for one job of {chain.tasks[0]}: answered {length} later"

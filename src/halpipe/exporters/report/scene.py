@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from halpipe.core.durations import ZERO
 from halpipe.exporters.common.palette import FILLS, tone
 from halpipe.exporters.common.timeline import Window, resource_steps, unroll
+from halpipe.exporters.report.chains import latency_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -127,14 +128,20 @@ def _delays(task: Task, period: Duration, jobs: Sequence[Job], length: Duration)
 
 
 def _chain(chain: Chain, order: dict[str, int], schedule: Schedule | None) -> Plain:
-    found = [(mode.name, row) for mode in (schedule.modes if schedule else ()) for row in mode.chains]
+    found = [(mode, row) for mode in (schedule.modes if schedule else ()) for row in mode.chains]
     return {
         "name": chain.name,
         "tasks": [order[name] for name in chain.tasks if name in order],
         "max_reaction": _text(chain.max_reaction),
         "max_age": _text(chain.max_age),
+        "max_latency": _text(chain.max_latency),
         "latencies": [
-            {"mode": mode, "reaction": _text(row.reaction), "age": _text(row.age)}
+            {
+                "mode": mode.name,
+                "reaction": _text(row.reaction),
+                "age": _text(row.age),
+                "latency": _text(latency_of(chain, mode, row)),
+            }
             for mode, row in found
             if row.name == chain.name
         ],

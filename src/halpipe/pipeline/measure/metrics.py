@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from halpipe.core.durations import ZERO
 from halpipe.models import ModeSchedule, ResourceLoad, Status, UnitLoad
+from halpipe.pipeline.jobs import expand
 from halpipe.pipeline.measure.cost import cost_terms
 from halpipe.pipeline.measure.latency import chain_latencies
 from halpipe.pipeline.measure.placement import Placement
@@ -14,7 +16,7 @@ from halpipe.pipeline.measure.placement import Placement
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from halpipe.models import Job, TaskModel
+    from halpipe.models import Job, Schedule, TaskModel
     from halpipe.pipeline.jobs import Expansion
 
 
@@ -32,6 +34,15 @@ def mode_report(model: TaskModel, expansion: Expansion, jobs: Iterable[Job], sta
         resource_loads=_resource_loads(model, placement),
         chains=chain_latencies(placement, model.chains),
     )
+
+
+def with_latencies(model: TaskModel, schedule: Schedule) -> Schedule:
+    """Return a schedule of the model with all three figures of every chain, also those that it does not state."""
+    modes = []
+    for table in schedule.modes:
+        placement = Placement.of(expand(model, model.mode(table.name)), table.jobs, model.units)
+        modes.append(replace(table, chains=chain_latencies(placement, model.chains, complete=True)))
+    return replace(schedule, modes=tuple(modes))
 
 
 def _unit_loads(model: TaskModel, placement: Placement) -> tuple[UnitLoad, ...]:
