@@ -29,6 +29,7 @@ class Chained:
     """A chain of drafts in the order of the data, with its limits.
 
     `is_polled`: it begins at the arrivals that its first task polls for, so that its latency is a reaction time.
+    `is_triggered`: it begins at the activations of a task that others trigger.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Chained:
     anchor: Anchor | None = None
     to: Anchor | None = None
     is_polled: bool = False
+    is_triggered: bool = False
 
 
 def read_chains(forest: Forest, entities: Entities) -> list[Chained]:
@@ -234,8 +236,10 @@ class _Reader:
             minimum = item.one("minimum")
             least = None if minimum is None else self.forest.time(minimum)
             known = [chain for chain in chains if chain.item is scope]
-            is_unread = kind not in ("Age", "Reaction") or (kind == "Age" and any(chain.is_polled for chain in known))
-            if scope is None or time is None or not known or is_unread:
+            is_read = kind in ("Age", "Reaction") and not any(
+                chain.is_triggered or (kind == "Age" and chain.is_polled) for chain in known
+            )
+            if scope is None or time is None or not known or not is_read:
                 self.unread.append(item)
                 continue
             if least:
@@ -321,18 +325,14 @@ def _only(drafts: Sequence[Draft]) -> Draft | None:
 def _begun(chain: Chained, anchor: Anchor | None) -> Chained:
     """Return a chain that counts from an instant of its first task: from the activation if that is its release.
 
-    A triggered task is activated by the job before it, so the chain begins there: at its end if that is the trigger,
-    else at its start, which is earlier.
+    The release of a triggered task is no instant of the model, so that limits from there are not imported.
     """
     first = chain.drafts[0]
     if anchor is not Anchor.RELEASE:
         return replace(chain, anchor=anchor)
     if first.release is not None:
         return replace(chain, anchor=Anchor.RELEASE)
-    if first.trigger is None:
-        return replace(chain, is_polled=True)
-    anchor = Anchor.END if first.trigger.is_last else None
-    return replace(chain, drafts=(first.trigger.source, *chain.drafts), anchor=anchor)
+    return replace(chain, is_polled=first.trigger is None, is_triggered=first.trigger is not None)
 
 
 def _within(chain: Chained, limit: Duration | None) -> Chained:

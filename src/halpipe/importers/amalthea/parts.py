@@ -290,8 +290,12 @@ class _Drafting:
         )
 
     def _passing(self, draft: Draft, source: _Source) -> Count:
-        """Return what the counters of a trigger let pass; of sporadic arrivals every one, which is more."""
-        if draft.activation is None or draft.activation.distance is None or source.count.each == 1:
+        """Return what the counters of a trigger let pass; every occurrence where the model cannot say which, but warn.
+
+        A job of the task belongs to that of the source with `each` times its number, so counters pass the first.
+        """
+        is_sporadic = draft.activation is None or draft.activation.distance is not None
+        if source.count.each == 1 or not (is_sporadic or source.count.first % source.count.each):
             return source.count
         self.occurrences.unread[source.cause] = None
         return Count()
@@ -439,9 +443,8 @@ def _triggered(source: Draft, count: Count, stimulus: Item) -> Activation:
     known = source.activation
     assert known is not None
     period = known.period * count.each
-    is_placed = count.each > 1 and known.offset is not None
-    offset = (known.offset + known.period * count.first) % period if is_placed and known.offset is not None else None
-    return Activation(period, offset, stimulus)
+    offset = known.offset if count.each > 1 else None
+    return Activation(period, None if offset is None else offset % period, stimulus)
 
 
 def _reaches(goal: Draft, start: Draft) -> bool:

@@ -80,6 +80,8 @@ class TaskBuilder:
         self._maker = versions
         self._coverage = coverage
         self._untimed: list[Item] = []
+        self._spare: dict[Draft, Duration] = {}
+        """How long after its trigger a task that waits starts."""
         self._parts: Map[Item, Sequence[Part]] = {}
         self._state = _State()
 
@@ -178,16 +180,14 @@ class TaskBuilder:
         if deadline is None:
             chains.append(self._chain(name, whole, draft.task))
             return _Limits(FREE)
-        if draft.trigger is not None:
-            anchor = Anchor.END if draft.trigger.is_last else None
-            tasks = (draft.trigger.source, *whole)
-            chains.append(self._chain(name, tasks, draft.task, max_latency=deadline, anchor=anchor))
-            return _Limits(FREE)
         work = _longest_within(deadline, [[v.wcet or ZERO for v in self._state.versions[d]] for d in whole])
         spare = _MICROSECOND * (max(ZERO, deadline - work) / 2 // _MICROSECOND)
         chains.append(self._chain(name, whole, draft.task, max_age=deadline - spare))
         what = f"{spare} for its start, {deadline - spare} from there to the end of its last part"
         self._coverage.defaulted(f'task "{draft.name}"', "deadline of a task that waits", what, draft.task.at)
+        if draft.trigger is not None:
+            self._spare[draft] = spare
+            return _Limits(FREE)
         return _Limits(min(FREE, spare / draft.activation.period))
 
     def _chain(self, name: str, drafts: Sequence[Draft], item: Item, **limits: Any) -> Chain:
@@ -199,12 +199,7 @@ class TaskBuilder:
     def _precedences(self, drafts: Drafts, timing: Timing) -> dict[Draft, list[Window]]:
         found: dict[Draft, list[Window]] = {draft: [] for draft in drafts.items}
         for draft in drafts.items:
-            found[draft] += [Window(source, draft, cause) for source, cause in draft.after.items()]
-            response = self._response(draft, drafts, timing)
-            if response is not None:
-                found[draft] = [
-                    replace(w, high=response.high) if w.earlier is response.earlier else w for w in found[draft]
-                ] + [response]
+            found[draft] += self._orders(draft, self._response(draft, drafts, timing))
         for window in timing.windows:
             found[window.later].append(window)
         assumed = [window for windows in found.values() for window in windows if window.high is None]
@@ -218,20 +213,38 @@ class TaskBuilder:
             self._coverage.defaulted(f'task "{window.later.name}"', "precedence window", value, window.cause.at)
         return found
 
+    def _orders(self, draft: Draft, response: Window | None) -> list[Window]:
+        """Return the windows after what activates a draft, each job after the one that triggers it where that matters.
+
+        It does where a response time counts from it, and where a counter says which jobs trigger.
+        """
+        windows = [Window(source, draft, cause) for source, cause in draft.after.items()]
+        trigger = draft.trigger
+        if trigger is None or (response is None and trigger.count.each == 1):
+            return windows
+        high = None if response is None else response.high
+        changed = [replace(w, high=high, match=Match.CYCLE) if w.earlier is trigger.source else w for w in windows]
+        return changed if response is None else [*changed, response]
+
     def _response(self, draft: Draft, drafts: Drafts, timing: Timing) -> Window | None:
         """Return the window of a response time that counts from the trigger: to the end, for the job of its cycle."""
         limit, trigger = timing.deadlines.get(draft.task), draft.trigger
-        if limit is None or trigger is None or len(self._whole(draft, drafts)) > 1:
+        is_whole = len(self._whole(draft, drafts)) == 1  # else the rest of the limit is that of a chain
+        if limit is None or trigger is None or (not is_whole and draft not in self._spare):
             return None
         anchor, point = Anchor.END, None
         if not trigger.is_last:
             point = self._maker.earliest(trigger)
             anchor = Anchor.POINT if point else Anchor.START
-        own, source = draft.activation, trigger.source.activation
-        same = own is not None and source is not None and own.period == source.period
-        match = Match.CYCLE if same else Match.WINDOW
         return Window(
-            trigger.source, draft, draft.task, high=limit, anchor=anchor, to_end=True, point=point or None, match=match
+            trigger.source,
+            draft,
+            draft.task,
+            high=limit if is_whole else self._spare[draft],
+            anchor=anchor,
+            to_end=is_whole,
+            point=point or None,
+            match=Match.CYCLE,
         )
 
     def _with(self, version: Version, index: int, draft: Draft, windows: Sequence[Window]) -> Version:

@@ -186,9 +186,21 @@ def test_counters_let_every_nth_occurrence_through(tmp_path, step, calls, counte
     assert triggered(tmp_path, step, calls, counter) == (expected, warnings if "<counter" in calls else [])
 
 
-def test_a_counter_begins_after_its_offset(tmp_path):
+def test_a_counted_task_belongs_to_the_jobs_that_its_counter_lets_through(tmp_path):
+    given = triggered(tmp_path, TRIGGER, "", counting(5, 10), source="p4?type=PeriodicStimulus", more=PLACED)
+    assert given == ([("20ms", "1ms")], [])
+    sw = task("T", ticks(5), TRIGGER) + task("U", ticks(5), stimuli="go?type=InterProcessStimulus")
+    stimuli = PLAIN_STIMULI + stimulus("go", "InterProcessStimulus", counting(5))
+    [window] = read(tmp_path, sw=sw, stimuli=stimuli).model.task("U").versions[0].precedences
+    assert (window.task, str(window.match)) == ("T", "cycle")
+
+
+def test_a_counter_that_begins_between_warns_and_lets_all_through(tmp_path):
     given = triggered(tmp_path, TRIGGER, "", counting(5, 2), source="p4?type=PeriodicStimulus", more=PLACED)
-    assert given == ([("20ms", "9ms")], [])
+    assert given == (
+        [("4ms", "None")],
+        ['1 counters are not followed, so that all occurrences activate: InterProcessTrigger in Task "T"'],
+    )
 
 
 @pytest.mark.parametrize("times", [3, 4])

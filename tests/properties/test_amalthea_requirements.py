@@ -1,0 +1,108 @@
+"""Valid schedules of imported AMALTHEA models keep the requirements of their source, by a simulator of its own.
+
+Schedules are drawn at random, and those that verify calls valid are played in `amalthea_simulation`.
+"""
+
+import random
+from fractions import Fraction
+
+import pytest
+
+from amalthea_simulation import broken, document, random_system
+from halpipe.core.durations import least_common_multiple
+from halpipe.importers.amalthea import FORMAT
+from halpipe.importers.amalthea.options import AmaltheaImportOptions
+from halpipe.models import Job, ModeSchedule, Schedule, Status
+from halpipe.pipeline.verify import verify
+from support import ms
+
+TRIES = 60
+
+
+def imported(folder, system):
+    path = folder / "model.amxmi"
+    path.write_text(document(system), encoding="utf-8")
+    return FORMAT.read([str(path)], AmaltheaImportOptions()).completed().model
+
+
+def millis(duration):
+    return int(duration.fraction / 1_000_000)
+
+
+def draw(rng, model, hyperperiod):
+    """Starts of all jobs: at a release plus something, those that follow others soon after these."""
+    starts = {}
+    for task in model.tasks:
+        [version] = task.versions
+        period = millis(task.period)
+        before = next((p.task for p in version.precedences if p.task in starts), None)
+        phase = rng.randrange(period) if task.offset is None else millis(task.offset) % period
+        spread = rng.choice([0, 0, 2, 6, period])
+        if before is not None and task.offset is None:
+            phase = (starts[before][0] + millis(model.task(before).versions[0].wcet) + rng.randint(0, 3)) % period
+            spread = rng.choice([0, 0, 2])
+        jobs = [
+            phase + index * period + rng.randint(0, min(spread, int(task.slack * period)))
+            for index in range(hyperperiod // period)
+        ]
+        starts[task.name] = [start % hyperperiod for start in jobs]
+    return starts
+
+
+def table(model, starts, hyperperiod):
+    jobs = []
+    for task in model.tasks:
+        [version] = task.versions
+        for index, start in enumerate(starts[task.name]):
+            begin = ms(start)
+            jobs.append(
+                Job(
+                    task=task.name,
+                    index=index,
+                    start=begin,
+                    end=begin + version.wcet,
+                    version=version.name,
+                    units=version.units,
+                )
+            )
+    [mode] = model.modes
+    only = ModeSchedule(name=mode.name, hyperperiod=ms(hyperperiod), status=Status.VALID, jobs=tuple(jobs))
+    return Schedule(model=model.name, model_sha256=model.digest, modes=(only,))
+
+
+def played(rng, folder):
+    """Draw a system and schedules of it; return how many were valid, and what those break."""
+    system = random_system(rng)
+    model = imported(folder, system)
+    hyperperiod = millis(least_common_multiple(task.period for task in model.tasks))
+    valid, found = 0, []
+    for _ in range(TRIES):
+        starts = draw(rng, model, hyperperiod)
+        if any(d.is_error for d in verify(model, table(model, starts, hyperperiod))):
+            continue
+        valid += 1
+        together = {p.name: [] for p in system.processes}
+        for name, begins in starts.items():
+            together[name.partition("@")[0]] += begins
+        found += [(document(system), starts, text) for text in broken(system, together, hyperperiod)]
+        if found:
+            break
+    return valid, found
+
+
+def simulate(count, first, folder):
+    with_schedule = 0
+    for seed in range(first, first + count):
+        valid, found = played(random.Random(seed), folder)
+        assert found == [], f"seed {seed}"
+        with_schedule += bool(valid)
+    return with_schedule
+
+
+def test_valid_schedules_of_imported_models_keep_their_requirements(tmp_path):
+    assert Fraction(simulate(60, 0, tmp_path), 60) > Fraction(1, 4)
+
+
+@pytest.mark.slow  # the same with many more; above, a few tens
+def test_valid_schedules_of_a_thousand_imported_models_keep_their_requirements(tmp_path):
+    assert simulate(1000, 1000, tmp_path) > 250
