@@ -130,7 +130,7 @@ def loose_model():
 
 def test_an_improvement_cut_short_leaves_a_valid_schedule_and_goes_on(halpipe, folder):
     (folder / "loose.xml").write_bytes(format_model(loose_model()))
-    command = ("schedule", "loose.xml", "--optimise", "chains,cost", "-o")
+    command = ("schedule", "loose.xml", "--optimise", "cost,chains", "-o")
     assert halpipe(*command, "straight.xml").returncode == 0
     cut = halpipe(*command, "s.xml", "--time-limit", "0.000001")
     assert cut.returncode == 0, cut.stderr
