@@ -23,11 +23,11 @@ COMMANDS = {
     "help": (["--help"], 55, 160),
     "version": (["--version"], 55, 160),
     "validate": (["validate", "model.xml"], 55, 125),
-    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 126, 122),
+    "schedule": (["schedule", "model.xml", "-o", "made.xml", "-q"], 130, 122),
     "verify": (["verify", "model.xml", "schedule.xml"], 62, 125),
     "show": (["show", "schedule.xml"], 42, 125),
     "diff": (["diff", "schedule.xml", "schedule.xml"], 42, 125),
-    "explain": (["explain", "model.xml"], 132, 130),
+    "explain": (["explain", "model.xml"], 135, 130),
 }
 
 HEAVY = {"numpy", "xmlschema", "jinja2", "graphviz", "rich.console", "yaml", "asyncio", "ortools", "concurrent.futures"}

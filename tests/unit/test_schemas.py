@@ -53,7 +53,7 @@ EDGES = [
     ("period", "1/0s", False, None),
     ("period", "1/00s", False, None),
     ("period", "1m", False, None),
-    ("period", "1 ms", False, None),
+    ("period", "1 ms", True, None),
     ("period", "ms", False, None),
     ("period", ".5ms", False, None),
     ("slack", f"{DIGITS}1", False, None),

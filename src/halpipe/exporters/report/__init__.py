@@ -19,7 +19,7 @@ class ReportOptions(TitledOptions):
     """`import_report`: the file in which the import of the model gave its account; empty: none."""
 
     import_report: str = option(
-        "", "What `halpipe import --report` wrote; shown as a section.", metavar="FILE", is_path=True
+        "", "What `halpipe import FORMAT --report` wrote; shown as a section.", metavar="FILE", is_path=True
     )
 
 
